@@ -1,0 +1,62 @@
+# Everything runs from .venv, which every target builds or refreshes first; nothing outside the checkout changes.
+# Needs: python3 >= 3.11 with pip, make. No venv module, no root, no compiler.
+
+PYTHON ?= python3
+UV     := .tools/bin/uv
+BIN    := .venv/bin
+LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
+ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
+
+# Deaf to settings of the machine that could pick another interpreter or environment.
+export UV_PYTHON_DOWNLOADS := never
+export UV_NO_CONFIG        := 1
+unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup demo test real ablation bench lint lock clean
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
+
+setup: .venv/.stamp  ## build .venv from the hashed locks (does nothing when it is current)
+
+demo: setup  ## show the main job at work; says so in one line when it finds no data
+	$(BIN)/python -m holdfast.demo
+
+test: setup  ## run the tests
+	$(BIN)/python -m pytest $(ARGS)
+
+real: setup  ## train, export and evaluate on the public recordings, into build/real
+	$(BIN)/python -m training.real --out build/real $(ARGS)
+
+ablation: setup  ## what each part of the method is worth, into build/ablation
+	$(BIN)/python -m training.ablation --out build/ablation $(ARGS)
+
+bench: setup  ## time one step on this machine, into build/bench
+	$(BIN)/python -m benchmarks.step --out build/bench $(ARGS)
+
+lint: setup  ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/mypy $(ROOMS)
+
+lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
+	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
+
+clean:  ## remove .venv, .tools, build and caches
+	rm -rf .venv .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# pip is used once, to fetch uv: `--target` works where Debian marks its Python as externally managed.
+.tools/.stamp: tools/uv.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Holdfast needs Python 3.11 or newer; try: make setup PYTHON=python3.11")'
+	rm -rf .tools
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --root-user-action=ignore --no-deps \
+	    --only-binary :all: --target .tools --require-hashes -r tools/uv.txt
+	@touch $@
+
+.venv/.stamp: .tools/.stamp $(LOCKS) pyproject.toml
+	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
+	$(UV) pip sync --quiet --python $(BIN)/python --only-binary :all: --require-hashes $(LOCKS)
+	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
+	@touch $@
