@@ -7,9 +7,11 @@ BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
 
-# Deaf to settings of the machine that could pick another interpreter or environment.
+# Deaf to settings of the machine that could pick another interpreter or environment;
+# and uv trusts the certificates that pip trusts, the machine's own.
 export UV_PYTHON_DOWNLOADS := never
 export UV_NO_CONFIG        := 1
+export UV_SYSTEM_CERTS     := 1
 unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 
 .DEFAULT_GOAL := help

@@ -1,0 +1,176 @@
+"""Sentences about the house itself: who may call whom, what the hand loads, what the locks hold."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# The table of "Rooms and who may call whom": a room, and the rooms it may import.
+MAY_IMPORT = {
+    "edge_runtime": set(),
+    "drivers": {"edge_runtime"},
+    "simulation": {"edge_runtime"},
+    "export": {"edge_runtime"},
+    "training": {"edge_runtime", "export"},
+    "benchmarks": {"edge_runtime", "export", "training", "simulation"},
+    "holdfast": {"edge_runtime", "drivers", "simulation", "export", "training", "benchmarks"},
+}
+HOUSE = {*MAY_IMPORT, "tests", "models", "tools"}
+NOT_ON_THE_HAND = {"scipy", "sklearn", "pandas", "onnx", "usb", "depthai", "matplotlib", "rich"}
+READS_PICKLE = {"pickle", "_pickle", "cPickle", "cloudpickle", "dill", "joblib", "marshal", "shelve"}
+
+
+def calls_by_name(node: ast.AST) -> Iterator[str]:
+    """The module in `import_module("x")` and `__import__("x")`."""
+    if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+        called = getattr(node.func, "attr", getattr(node.func, "id", ""))
+        if called in {"import_module", "__import__"} and isinstance(node.args[0].value, str):
+            yield node.args[0].value
+
+
+def imports_of(source: str, room: str) -> set[str]:
+    """Top-level names imported anywhere in the source, in functions too."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            names.add(room if node.level else node.module or "")
+        else:
+            names.update(calls_by_name(node))
+    return {name.split(".")[0] for name in names}
+
+
+def imports_by_file(room: str) -> dict[str, set[str]]:
+    files = sorted((ROOT / room).rglob("*.py"))
+    return {str(f.relative_to(ROOT)): imports_of(f.read_text("utf-8"), room) for f in files}
+
+
+def wrong_directions(room: str) -> dict[str, set[str]]:
+    allowed = MAY_IMPORT[room] | {room}
+    found = {file: (names & HOUSE) - allowed for file, names in imports_by_file(room).items()}
+    return {file: names for file, names in found.items() if names}
+
+
+@pytest.mark.parametrize("room", MAY_IMPORT)
+def test_a_room_imports_only_the_rooms_it_may(room):
+    assert wrong_directions(room) == {}
+
+
+def test_edge_runtime_imports_no_other_room():
+    assert MAY_IMPORT["edge_runtime"] == set()
+    assert wrong_directions("edge_runtime") == {}
+
+
+def test_nobody_imports_holdfast():
+    importers = [f for room in MAY_IMPORT if room != "holdfast" for f, names in imports_by_file(room).items()
+                 if "holdfast" in names]
+    assert importers == []
+
+
+def test_every_folder_with_code_has_a_place_in_the_table():
+    folders = {p.parent.name for p in ROOT.glob("*/__init__.py")} - {"tests"}
+    assert folders <= set(MAY_IMPORT)
+
+
+def test_the_import_test_sees_every_way_to_import():
+    source = """
+import training.recording as t
+def late():
+    from export import graph
+    import importlib
+    importlib.import_module("simulation.scene")
+    __import__("drivers")
+    from . import neighbour
+"""
+    expected = {"training", "export", "simulation", "drivers", "importlib", "edge_runtime"}
+    assert imports_of(source, "edge_runtime") == expected
+
+
+def test_edge_runtime_and_all_its_modules_load_nothing_that_is_not_on_the_hand():
+    program = """
+import importlib, json, pkgutil, sys
+import edge_runtime
+for m in pkgutil.walk_packages(edge_runtime.__path__, "edge_runtime."):
+    if not m.name.endswith("__main__"):
+        importlib.import_module(m.name)
+print(json.dumps(sorted({name.split(".")[0] for name in sys.modules})))
+"""
+    if not (ROOT / "edge_runtime").is_dir():
+        pytest.skip("edge_runtime is not built yet")
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    loaded = set(re.findall(r'"(\w+)"', done.stdout))
+    assert "edge_runtime" in loaded
+    assert loaded & (NOT_ON_THE_HAND | (set(MAY_IMPORT) - {"edge_runtime"})) == set()
+
+
+@pytest.mark.parametrize("room", ["edge_runtime", "drivers"])
+def test_nothing_on_the_hand_reads_a_pickle(room):
+    readers = {file: names & READS_PICKLE for file, names in imports_by_file(room).items()}
+    assert {file: names for file, names in readers.items() if names} == {}
+    permissive = [str(f.relative_to(ROOT)) for f in (ROOT / room).rglob("*.py")
+                  if re.search(r"allow_pickle\s*=\s*True", f.read_text("utf-8"))]
+    assert permissive == []
+
+
+def lock_files() -> list[Path]:
+    return [ROOT / "tools/uv.txt", *sorted((ROOT / "requirements").glob("*.lock"))]
+
+
+def requirement_names(requirements: list[str]) -> set[str]:
+    return {re.split(r"[^A-Za-z0-9_.-]", r.strip())[0].lower().replace("_", "-") for r in requirements}
+
+
+def locked_names(lock: Path) -> set[str]:
+    return requirement_names([x for x in lock.read_text("utf-8").splitlines() if re.match(r"[A-Za-z0-9]", x)])
+
+
+def test_no_lock_names_an_index_or_a_host():
+    assert len(lock_files()) > 1
+    address = re.compile(r"://|--(extra-)?index|--find-links|\w\.(org|com|net|io|dev)\b", re.I)
+    lines = [f"{lock.name}: {x}" for lock in lock_files() for x in lock.read_text("utf-8").splitlines()
+             if address.search(x)]
+    assert lines == []
+
+
+def test_every_pin_in_every_lock_is_exact_and_hashed():
+    for lock in lock_files():
+        entries = re.split(r"\n(?=[A-Za-z0-9])", lock.read_text("utf-8"))
+        good = re.compile(r"[\w.-]+==\S+ .*--hash=sha256:[0-9a-f]{64}", re.DOTALL)
+        loose = [entry.split()[0] for entry in entries if not good.match(entry)]
+        assert loose == [], lock.name
+
+
+def test_every_declared_dependency_is_locked():
+    about = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    live = requirement_names(about["project"]["dependencies"])
+    extras = requirement_names([r for e in about["project"]["optional-dependencies"].values() for r in e])
+    assert live == {"numpy", "onnxruntime"}
+    assert live <= locked_names(ROOT / "requirements/live.lock")
+    dev = requirement_names(about["dependency-groups"]["dev"])
+    assert live | extras | dev <= locked_names(ROOT / "requirements/dev.lock")
+    build = requirement_names(about["build-system"]["requires"])
+    assert build <= locked_names(ROOT / "requirements/build.lock")
+
+
+def test_the_hand_is_locked_to_the_versions_that_are_tested():
+    pin = re.compile(r"^[A-Za-z0-9]\S+==\S+", re.MULTILINE)
+    live, dev = (set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8")))
+                 for name in ("live", "dev"))
+    assert live
+    assert live <= dev
+
+
+def test_the_version_is_the_same_wherever_it_is_written():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    citation = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert re.findall(r"^version: \"?([^\"\n]+)\"?$", citation, re.MULTILINE) == [version]
