@@ -1,0 +1,146 @@
+"""Every error Holdfast raises on purpose, as one tree::
+
+    HoldfastError                 exit code 1
+    |-- UsageError                2   a word on the command line is not what is allowed there
+    |-- DataError                 3   a recording or a data set cannot be used
+    |   |-- DataNotFound              no such set, folder or file
+    |   |-- EmptyRecording            no rows, or too few to work with
+    |   |-- ColumnError               columns missing, unknown, doubled or out of order
+    |   |-- NotANumber                text where a number belongs
+    |   |-- TimeError                 time stands still, runs backwards, or has gaps
+    |   |-- RateError                 a rate that does not fit the model, or carries no band
+    |   |-- UnitError                 a unit that does not fit the model
+    |   |-- ChannelError              a number of channels that does not fit
+    |   |-- LabelError                what labels need (mass, action, truth) is missing or broken
+    |   |-- ClassMissing              a class without a single window
+    |   `-- TooFewGroups              fewer people (or blocks) than a split needs
+    |-- ModelError                4   a model file cannot be used
+    |   |-- NotAModel                 not an ONNX file of ours (a pickle, text, anything else)
+    |   |-- BrokenSeal                truncated or altered after it was sealed
+    |   |-- GoldenMismatch            this runtime does not reproduce the file's golden sequences
+    |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
+    |   `-- VerificationFailed        the exported file and the reference disagree
+    |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
+    `-- OutputError               5   a result cannot be written
+
+Each message is one line that says what, where, the likely cause and the next step.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class HoldfastError(Exception):
+    """Root of all errors raised on purpose: what happened, where, likely why, and what to do next."""
+
+    exit_code = 1
+
+    def __init__(self, what: str, *, where: str | Path = "", cause: str = "", next_step: str = "") -> None:
+        self.what = what
+        self.where = str(where)
+        self.cause = cause
+        self.next_step = next_step
+        super().__init__(self._line())
+
+    def _line(self) -> str:
+        parts = [f"{self.where}: {self.what}" if self.where else self.what]
+        if self.cause:
+            parts.append(f"likely cause: {self.cause}")
+        if self.next_step:
+            parts.append(f"next: {self.next_step}")
+        return " ".join("; ".join(parts).split())
+
+
+class UsageError(HoldfastError):
+    """A word on the command line is not what is allowed there."""
+
+    exit_code = 2
+
+
+class DataError(HoldfastError):
+    """A recording or a data set cannot be used."""
+
+    exit_code = 3
+
+
+class DataNotFound(DataError):
+    """No such set, folder or file."""
+
+
+class EmptyRecording(DataError):
+    """No rows, or too few to work with."""
+
+
+class ColumnError(DataError):
+    """Columns are missing, unknown, doubled or out of order."""
+
+
+class NotANumber(DataError):
+    """Text where a number belongs."""
+
+
+class TimeError(DataError):
+    """Time stands still, runs backwards, or has gaps."""
+
+
+class RateError(DataError):
+    """A sampling rate that does not fit the model, or carries none of its bands."""
+
+
+class UnitError(DataError):
+    """A unit that does not fit the model."""
+
+
+class ChannelError(DataError):
+    """A number of channels that does not fit the model or is no multiple of three."""
+
+
+class LabelError(DataError):
+    """What labels need (an object's mass, its action, its truth) is missing or broken."""
+
+
+class ClassMissing(DataError):
+    """A class without a single window."""
+
+
+class TooFewGroups(DataError):
+    """Fewer people (or blocks) than a grouped split needs."""
+
+
+class ModelError(HoldfastError):
+    """A model file cannot be used."""
+
+    exit_code = 4
+
+
+class NotAModel(ModelError):
+    """Not an ONNX file sealed by Holdfast."""
+
+
+class BrokenSeal(ModelError):
+    """The file was truncated or altered after it was sealed."""
+
+
+class GoldenMismatch(ModelError):
+    """This runtime does not reproduce the golden sequences stored in the file."""
+
+
+class RuntimeRefused(ModelError):
+    """A version of onnxruntime known to answer wrongly."""
+
+
+class VerificationFailed(ModelError):
+    """The exported file and the reference disagree."""
+
+
+class ArtifactError(HoldfastError):
+    """A training artifact is missing, foreign or unsafe."""
+
+    exit_code = 4
+
+
+class OutputError(HoldfastError):
+    """A result cannot be written."""
+
+    exit_code = 5

@@ -1,0 +1,159 @@
+"""Running a step graph: one sample of B recordings at a time, with explicit state.
+
+The state lives in two buffers that take turns as input and output, so a step copies nothing and
+allocates nothing. B = 1 on the hand; training steps many recordings together through the same file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime as ort
+
+from edge_runtime.contract import BoolArray, FloatArray
+
+_DTYPES: dict[str, npt.DTypeLike] = {
+    "tensor(double)": np.float64,
+    "tensor(float)": np.float32,
+    "tensor(bool)": np.bool_,
+    "tensor(int32)": np.int32,
+    "tensor(int64)": np.int64,
+}
+BATCH = 64
+"""Recordings stepped together: enough to hide the call, few enough for the state to stay in cache."""
+
+Outputs = dict[str, npt.NDArray[Any]]
+
+
+def open_session(model: bytes) -> ort.InferenceSession:
+    """An onnxruntime session for one thread, no spinning: what a small board wants."""
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 3
+    return ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
+class StepGraph:
+    """A step graph bound to buffers for B recordings.
+
+    outputs: which outputs to compute (default: all but the state, which is always kept).
+    """
+
+    def __init__(self, session: ort.InferenceSession, batch: int = 1, outputs: Sequence[str] | None = None):
+        inputs = {i.name: i for i in session.get_inputs()}
+        described = {o.name: o for o in session.get_outputs()}
+        self._session = session
+        self.batch = batch
+        self.sample: FloatArray = np.zeros((batch, inputs["sample"].shape[1]))
+        self.valid: BoolArray = np.ones((batch, inputs["valid"].shape[1]), dtype=np.bool_)
+        self._reset: BoolArray = np.ones(batch, dtype=np.bool_)
+        self._states = [np.zeros((batch, inputs["state"].shape[1])) for _ in range(2)]
+        names = [name for name in described if name != "state_out"] if outputs is None else list(outputs)
+        self.out: Outputs = {name: _buffer(described[name], batch) for name in names}
+        self._bindings = [self._bind(turn) for turn in range(2)]
+        self._turn = 0
+
+    def step(self) -> Outputs:
+        """Advance by the sample now in `sample` and `valid`; returns the output buffers (overwritten next time)."""
+        self._session.run_with_iobinding(self._bindings[self._turn])
+        self._turn = 1 - self._turn
+        if self._reset[0]:
+            self._reset[:] = False
+        return self.out
+
+    def reset(self) -> None:
+        """Forget everything before the next sample."""
+        self._reset[:] = True
+
+    @property
+    def state(self) -> FloatArray:
+        """[B, S] state after the last step."""
+        return self._states[self._turn]
+
+    def _bind(self, turn: int) -> ort.IOBinding:
+        binding = self._session.io_binding()
+        inputs = {"sample": self.sample, "valid": self.valid, "reset": self._reset, "state": self._states[turn]}
+        for name, array in inputs.items():
+            binding.bind_input(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
+        for name, array in {**self.out, "state_out": self._states[1 - turn]}.items():
+            binding.bind_output(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
+        return binding
+
+
+def run_recording(
+    session: ort.InferenceSession, values: FloatArray, valid: BoolArray, outputs: Sequence[str]
+) -> Outputs:
+    """All outputs of one recording: values [T, C], valid [T, C/3] -> each output [T, ...]."""
+    rows = np.arange(len(values))
+    return next(iter(run_recordings(session, [values], [valid], outputs, [rows])))
+
+
+def run_recordings(
+    session: ort.InferenceSession,
+    values: Sequence[FloatArray],
+    valid: Sequence[BoolArray],
+    outputs: Sequence[str],
+    rows: Sequence[npt.NDArray[np.int64]],
+) -> list[Outputs]:
+    """Step many recordings together, each from a fresh state; keep the wanted rows of each.
+
+    values: recordings [T_i, C]. rows: ascending row numbers to keep, per recording. Recordings of like
+    length share a batch; shorter ones are padded at the tail, and nothing of the padding is kept.
+    """
+    results: list[Outputs] = [{} for _ in values]
+    for batch in _batches(values):
+        graph = StepGraph(session, len(batch), outputs)
+        kept = [_Rows(rows[index], graph.out) for index in batch]
+        last_wanted = max((int(rows[index][-1]) for index in batch if len(rows[index])), default=-1)
+        stacked, stacked_valid = _pad(values, valid, batch)
+        for t in range(last_wanted + 1):
+            np.copyto(graph.sample, stacked[t])
+            np.copyto(graph.valid, stacked_valid[t])
+            out = graph.step()
+            for position, keeper in enumerate(kept):
+                keeper.offer(t, position, out)
+        for index, keeper in zip(batch, kept, strict=True):
+            results[index] = keeper.out
+    return results
+
+
+class _Rows:
+    """Collects the wanted rows of one recording."""
+
+    def __init__(self, rows: npt.NDArray[np.int64], buffers: Outputs) -> None:
+        self._rows = rows.tolist()
+        self._next = 0
+        self.out = {k: np.empty((len(rows), *b.shape[1:]), dtype=b.dtype) for k, b in buffers.items()}
+
+    def offer(self, t: int, position: int, out: Outputs) -> None:
+        if self._next < len(self._rows) and self._rows[self._next] == t:
+            for name, array in self.out.items():
+                array[self._next] = out[name][position]
+            self._next += 1
+
+
+def _batches(values: Sequence[FloatArray]) -> Iterator[list[int]]:
+    order = sorted(range(len(values)), key=lambda index: len(values[index]))
+    for start in range(0, len(order), BATCH):
+        yield order[start : start + BATCH]
+
+
+def _pad(values: Sequence[FloatArray], valid: Sequence[BoolArray], batch: list[int]) -> tuple[FloatArray, BoolArray]:
+    """[T, B, C] and [T, B, n], time first so that a step reads one block of memory."""
+    longest = max(len(values[index]) for index in batch)
+    stacked = np.zeros((longest, len(batch), values[batch[0]].shape[1]))
+    stacked_valid = np.zeros((longest, len(batch), valid[batch[0]].shape[1]), dtype=np.bool_)
+    for position, index in enumerate(batch):
+        stacked[: len(values[index]), position] = values[index]
+        stacked_valid[: len(values[index]), position] = valid[index]
+    return stacked, stacked_valid
+
+
+def _buffer(described: Any, batch: int) -> npt.NDArray[Any]:
+    return np.zeros((batch, *described.shape[1:]), dtype=_DTYPES[described.type])

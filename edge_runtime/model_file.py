@@ -1,0 +1,137 @@
+"""The one file that goes onto the hand: its seal, and everything its metadata says.
+
+The SHA-256 in the metadata is that of the file with its own 64 digits zeroed, so it is checked on the
+bytes alone, before any parser sees them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import onnxruntime as ort
+
+from edge_runtime.contract import CLASSES, Unit
+from edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
+from edge_runtime.preparation import Preparation, preparation_from_json
+
+SEAL_KEY = "holdfast.sha256"
+CARD_KEY = "holdfast.card"
+GOLDEN_KEY = "holdfast.golden"
+FORMAT = 1
+DIGITS = 64
+_MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
+"""How the seal's key and the length of its value stand in the file (protobuf: field 2, 64 bytes)."""
+
+WRONG_RUNTIMES = {"1.21.0": "crashes on a Raspberry Pi 4", "1.26.0": "mislabels binary forests"}
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """What the file says about itself. `model_id` is the first 12 digits of its seal."""
+
+    model_id: str
+    rate_hz: float
+    unit: Unit
+    n_channels: int
+    settle_samples: int
+    classes: tuple[str, ...]
+    heads: tuple[str, ...]
+    detectors: tuple[str, ...]
+    preparation: Preparation
+    decision: dict[str, int]
+    min_valid_sensors: int
+    raw: dict[str, Any]
+
+    @property
+    def has_weight(self) -> bool:
+        """Whether the model was trained with light and heavy objects."""
+        return self.classes == CLASSES
+
+
+def read_sealed(path: str | Path) -> bytes:
+    """The bytes of a model file whose seal holds; NotAModel or BrokenSeal otherwise."""
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise DataNotFound("no such model file", where=path, next_step="export one: holdfast export DIR") from None
+    except OSError as error:
+        raise NotAModel(f"cannot be read ({error.strerror})", where=path, next_step="check the path") from None
+    at = data.rfind(_MARKER)
+    if at < 0:
+        raise _foreign(data, path)
+    start = at + len(_MARKER)
+    written = data[start : start + DIGITS]
+    if hashlib.sha256(data[:start] + b"0" * DIGITS + data[start + DIGITS :]).hexdigest().encode() != written:
+        raise BrokenSeal(
+            "the file is not what was sealed",
+            where=path,
+            cause="it was altered, or a copy was cut short",
+            next_step="export it or copy it again",
+        )
+    return data
+
+
+def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
+    if b"holdfast" in data[:64]:
+        return BrokenSeal(
+            "the file ends before its seal",
+            where=path,
+            cause="a copy that was cut short",
+            next_step="export it or copy it again",
+        )
+    kind = "not a sealed Holdfast model"
+    if data[:1] == b"\x80":
+        kind = "a Python pickle, which is never read here"
+    elif data[:2] == b"PK":
+        kind = "a zip archive (skops or numpy), not an ONNX file"
+    elif not data:
+        kind = "an empty file"
+    return NotAModel(
+        kind,
+        where=path,
+        cause="another tool's file, or a training artifact",
+        next_step="make one from an artifact folder: holdfast export DIR",
+    )
+
+
+def check_runtime(version: str = ort.__version__) -> None:
+    """Refuse versions of onnxruntime known to be wrong, by name."""
+    if version in WRONG_RUNTIMES:
+        raise RuntimeRefused(
+            f"onnxruntime {version} {WRONG_RUNTIMES[version]}", next_step="install another version of onnxruntime"
+        )
+
+
+def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
+    """The model card out of an opened file's metadata; NotAModel where something is missing."""
+    try:
+        raw = json.loads(metadata[CARD_KEY])
+        if raw["format"] != FORMAT:
+            raise NotAModel(
+                f"format {raw['format']} of a model file, this version reads {FORMAT}",
+                where=path,
+                next_step="export the model again with this version",
+            )
+        return ModelCard(
+            model_id=metadata[SEAL_KEY][:12],
+            rate_hz=float(raw["spec"]["rate_hz"]),
+            unit=raw["spec"]["unit"],
+            n_channels=3 * int(raw["spec"]["n_sensors"]),
+            settle_samples=int(raw["settle_samples"]),
+            classes=tuple(raw["heads"]["situation"]["classes"]),
+            heads=tuple(name for name in raw["heads"] if name != "situation"),
+            detectors=tuple(raw["detectors"]),
+            preparation=preparation_from_json(raw["preparation"]),
+            decision={key: int(value) for key, value in raw["decision"].items()},
+            min_valid_sensors=int(raw["spec"]["min_valid_sensors"]),
+            raw=raw,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise NotAModel(
+            f"its metadata lack or garble {error}", where=path, next_step="export the model again"
+        ) from None

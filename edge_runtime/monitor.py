@@ -1,0 +1,121 @@
+"""The live path: a sealed model and a stream of samples become one Prediction a sample."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import onnxruntime as ort
+
+from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample, State
+from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from edge_runtime.errors import BrokenSeal, ChannelError
+from edge_runtime.golden import check_golden, golden_answers
+from edge_runtime.graph import Outputs, StepGraph, open_session
+from edge_runtime.model_file import GOLDEN_KEY, ModelCard, check_runtime, read_card, read_sealed
+
+
+class Model:
+    """A model file whose seal holds, whose card is readable and whose golden sequences were reproduced."""
+
+    def __init__(self, path: str | Path) -> None:
+        check_runtime()
+        self.path = Path(path)
+        data = read_sealed(path)
+        try:
+            self.session: ort.InferenceSession = open_session(data)
+        except Exception as error:  # onnxruntime raises several unrelated types of its own
+            raise BrokenSeal(f"onnxruntime cannot open it ({error})", where=path) from None
+        metadata = self.session.get_modelmeta().custom_metadata_map
+        self.card: ModelCard = read_card(metadata, path)
+        self._replay_golden(metadata[GOLDEN_KEY])
+
+    def _replay_golden(self, stored: str) -> None:
+        card = self.card
+        answers = golden_answers(self.session, card.n_channels, card.unit, card.settle_samples)
+        check_golden(json.loads(stored), answers, str(self.path))
+
+
+class GripMonitor:
+    """Feeds prepared samples to a model and turns its outputs into predictions.
+
+    clock_ns: monotonic; injected, so that a replay can run on the recording's own time.
+    """
+
+    def __init__(self, model: Model, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.card = model.card
+        self._graph = StepGraph(model.session, 1, self._outputs())
+        self._rules = DecisionRules(**self.card.decision)
+        self._decision = DecisionState()
+        self._clock_ns = clock_ns
+
+    def feed(self, sample: Sample, *, opening: bool = False, override: bool = False) -> Prediction:
+        """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's unit."""
+        if sample.values.shape != (self.card.n_channels,):
+            raise ChannelError(
+                f"a sample of {sample.values.size} channels, the model wants {self.card.n_channels}",
+                next_step="use a model made for this source",
+            )
+        np.copyto(self._graph.sample[0], sample.values)
+        np.copyto(self._graph.valid[0], sample.valid)
+        out = self._graph.step()
+        return self._predict(sample, out, opening, override)
+
+    def reset(self) -> None:
+        """Forget the stream; the next sample starts afresh and unsettled."""
+        self._graph.reset()
+        self._decision = DecisionState()
+
+    def _outputs(self) -> list[str]:
+        weight = ["p_class", "heavy"] if self.card.has_weight else []
+        flags = ["detectors", "settled", "unknown", "usable_sensors"]
+        return ["votes", "situation", "p_situation", *weight, *self.card.heads, *flags]
+
+    def _predict(self, sample: Sample, out: Outputs, opening: bool, override: bool) -> Prediction:
+        unknown = bool(out["unknown"][0])
+        label = UNKNOWN if unknown else int(out["situation"][0])
+        permille = _risky_permille(out["votes"][0])
+        self._decision = decide(self._rules, self._decision, label, permille, opening=opening, override=override)
+        state: State = "unknown" if unknown else _STATES[label]
+        p_situation = _named(SITUATIONS, out["p_situation"][0])
+        decided = self._clock_ns()
+        return Prediction(
+            sequence=sample.sequence,
+            t_acquired_ns=sample.t_ns,
+            t_decided_ns=decided,
+            latency_us=(decided - sample.t_ns) / 1000.0,
+            state=state,
+            p_situation=p_situation,
+            p_risky=p_situation["risky_slip"],
+            p_class=_named(CLASSES, out["p_class"][0]) if self.card.has_weight else None,
+            weight=self._weight(state, out),
+            extra={name: float(out[name][0]) for name in self.card.heads},
+            detectors={n: bool(f) for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)},
+            arm=self._decision.arm,
+            act=self._decision.act,
+            degraded=not unknown and int(out["usable_sensors"][0]) < self.card.n_channels // 3,
+            settled=bool(out["settled"][0]),
+            model_id=self.card.model_id,
+        )
+
+    def _weight(self, state: State, out: Outputs) -> Literal["light", "heavy"] | None:
+        if not self.card.has_weight or state in ("unknown", "nothing"):
+            return None
+        return "heavy" if out["heavy"][0] else "light"
+
+
+_STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
+
+
+def _risky_permille(votes: Any) -> int:
+    """Risky share of the integer votes in thousandths (of eight classes, the last two are risky)."""
+    risky = votes[len(votes) * 3 // 4 :].sum()
+    return int(1000 * int(risky) // int(votes.sum()))
+
+
+def _named(names: tuple[str, ...], values: Any) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True)}

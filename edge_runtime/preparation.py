@@ -1,0 +1,59 @@
+"""What happens to raw channels before the step graph sees them: sign of the magnet, then bias.
+
+The same object is used by training, replay and the live path, and its three parameters travel in
+the model's metadata, so that what a model saw in training is what it sees on the hand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from edge_runtime.contract import NORMAL_AXIS, FloatArray
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """How a stream is tared from its first, unloaded rows.
+
+    bias_rows: how many rows the bias is taken from (0: the stream is already tared).
+    statistic: mean or median over these rows, each channel on its own; non-finite rows do not count.
+    flip_negative_normal: turn z round where its first value is negative (a magnet mounted upside down).
+    """
+
+    bias_rows: int = 0
+    statistic: Literal["mean", "median"] = "median"
+    flip_negative_normal: bool = False
+
+    def apply(self, raw: FloatArray) -> FloatArray:
+        """[T, C] raw -> [T, C] prepared, same unit. Only the first `bias_rows` rows decide how."""
+        turned = raw * self._sign(raw) if self.flip_negative_normal else raw
+        return turned - self._bias(turned)
+
+    def _sign(self, raw: FloatArray) -> FloatArray:
+        sign = np.ones(raw.shape[1])
+        first = raw[: max(1, self.bias_rows)]
+        for channel in range(NORMAL_AXIS, raw.shape[1], 3):
+            finite = first[np.isfinite(first[:, channel]), channel]
+            sign[channel] = -1.0 if finite.size and finite[0] < 0.0 else 1.0
+        return sign
+
+    def _bias(self, turned: FloatArray) -> FloatArray:
+        first = turned[: self.bias_rows]
+        middle = np.mean if self.statistic == "mean" else np.median
+        bias = np.zeros(turned.shape[1])
+        for channel in range(turned.shape[1]):
+            finite = first[np.isfinite(first[:, channel]), channel]
+            bias[channel] = middle(finite) if finite.size else 0.0
+        return bias
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object, for the metadata."""
+        return asdict(self)
+
+
+def preparation_from_json(value: dict[str, Any]) -> Preparation:
+    """The inverse of `to_json`."""
+    return Preparation(**value)

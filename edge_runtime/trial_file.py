@@ -1,0 +1,187 @@
+"""One trial as a CSV file: `Time` in seconds first, then X1,Y1,Z1 .. Xn,Yn,Zn.
+
+A recording of ours adds columns of its own (host_ns, device_us, sequence, valid1 .. validn); any
+other column is an error, because a column nobody knows is a column somebody forgot.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from edge_runtime.contract import BoolArray, FloatArray, channel_names
+from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, TimeError
+
+TIME_COLUMN = "Time"
+RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
+MIN_ROWS = 2
+GAP_STEPS = 5.0
+"""A step longer than this many median steps is a gap, not jitter."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial file as read: t_s [T] from zero, raw [T, C] in the file's unit, valid [T, C/3]."""
+
+    path: Path
+    t_s: FloatArray
+    raw: FloatArray
+    valid: BoolArray
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate: one over the median time step."""
+        return 1.0 / float(np.median(np.diff(self.t_s)))
+
+
+def read_trial(path: str | Path) -> Trial:
+    """Read and check one trial file.
+
+    Raises DataNotFound, EmptyRecording, ColumnError, NotANumber or TimeError; each names the place.
+    """
+    path = Path(path)
+    header = _header(path)
+    n_sensors = _check_columns(header, path)
+    table = _table(path, header)
+    t_s = _check_time(table[:, 0], path)
+    channels = 3 * n_sensors
+    return Trial(path, t_s, table[:, 1 : 1 + channels], _valid(table, header, n_sensors))
+
+
+def _header(path: Path) -> list[str]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as lines:
+            header = next(csv.reader(lines), [])
+    except FileNotFoundError:
+        raise DataNotFound("no such file", where=path, next_step="check the path") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise NotANumber(
+            f"cannot be read as a CSV text file ({type(error).__name__})",
+            where=path,
+            cause="a binary file or a folder where a trial belongs",
+            next_step="give a CSV file in the layout Time,X1,Y1,Z1,..",
+        ) from None
+    if not header:
+        raise EmptyRecording(
+            "the file is empty", where=path, cause="an interrupted copy", next_step="record or copy it again"
+        )
+    return [name.strip() for name in header]
+
+
+def _check_columns(header: list[str], path: Path) -> int:
+    """Number of sensors, or a ColumnError that names the columns."""
+    fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
+    if header[0] != TIME_COLUMN:
+        raise ColumnError(f"the first column is {header[0]!r}, not {TIME_COLUMN!r}", where=path, next_step=fix)
+    doubled = sorted({name for name in header if header.count(name) > 1})
+    if doubled:
+        raise ColumnError(f"columns occur twice: {', '.join(doubled)}", where=path, next_step=fix)
+    n_sensors = max((int(name[1:]) for name in header if _is_channel(name)), default=0)
+    expected = channel_names(n_sensors)
+    missing = [name for name in expected if name not in header] if n_sensors else ["X1", "Y1", "Z1", ".."]
+    if missing:
+        raise ColumnError(f"columns missing: {', '.join(missing)}", where=path, next_step=fix)
+    known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *(f"valid{k}" for k in range(1, n_sensors + 1))}
+    unknown = [name for name in header if name not in known]
+    if unknown:
+        raise ColumnError(f"unknown columns: {', '.join(unknown)}", where=path, next_step=f"remove them; {fix}")
+    if tuple(header[1 : 1 + len(expected)]) != expected:
+        raise ColumnError("channels are out of order", where=path, next_step=fix)
+    return n_sensors
+
+
+def _is_channel(name: str) -> bool:
+    return len(name) > 1 and name[0] in "XYZ" and name[1:].isdecimal() and name[1:].isascii() and len(name) < 5
+
+
+def _table(path: Path, header: list[str]) -> FloatArray:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, comments=None, encoding="utf-8-sig")
+    except (ValueError, UnicodeDecodeError):
+        raise _first_bad_cell(path, header) from None
+    if table.size and table.shape[1] != len(header):
+        raise _first_bad_cell(path, header)
+    if len(table) < MIN_ROWS:
+        raise EmptyRecording(
+            f"{len(table)} rows of data",
+            where=path,
+            cause="a recording that stopped at once",
+            next_step="record it again",
+        )
+    return table
+
+
+def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
+        rows = csv.reader(lines)
+        next(rows, None)
+        for number, row in enumerate(rows, start=2):
+            if row and len(row) != len(header):
+                return ColumnError(
+                    f"line {number} has {len(row)} cells, the header has {len(header)}",
+                    where=path,
+                    cause="a line cut off while it was written",
+                    next_step="remove that line",
+                )
+            for name, cell in zip(header, row, strict=False):
+                if not _is_number(cell):
+                    return NotANumber(
+                        f"line {number}, column {name}: {cell!r} is no number",
+                        where=path,
+                        cause="text or an empty cell in the data",
+                        next_step="write nan for a value that was lost",
+                    )
+    return NotANumber("the table cannot be read", where=path, next_step="write plain decimal numbers")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
+    """Time from zero, or a TimeError that names the line."""
+    if not np.all(np.isfinite(time_s)):
+        line = int(np.flatnonzero(~np.isfinite(time_s))[0]) + 2
+        raise TimeError(f"line {line}: time is not finite", where=path, next_step="remove that line")
+    steps = np.diff(time_s)
+    if np.any(steps <= 0.0):
+        at = int(np.flatnonzero(steps <= 0.0)[0])
+        word = "stands still" if steps[at] == 0.0 else f"runs backwards by {-steps[at]:.6g} s"
+        raise TimeError(
+            f"line {at + 3}: time {word}",
+            where=path,
+            cause="a clock that was set, or two recordings in one file",
+            next_step="split the file there",
+        )
+    median = float(np.median(steps))
+    if steps.max() > GAP_STEPS * median:
+        at = int(np.argmax(steps))
+        raise TimeError(
+            f"line {at + 3}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
+            where=path,
+            cause="samples were lost",
+            next_step="split the file there, or fill lost rows with nan at the usual step",
+        )
+    if not math.isfinite(1.0 / median):
+        raise TimeError("time steps are too small for any rate", where=path, next_step="time is in seconds")
+    return time_s - time_s[0]
+
+
+def _valid(table: FloatArray, header: list[str], n_sensors: int) -> BoolArray:
+    valid = np.ones((len(table), n_sensors), dtype=np.bool_)
+    for k in range(n_sensors):
+        name = f"valid{k + 1}"
+        if name in header:
+            valid[:, k] = table[:, header.index(name)] != 0.0
+    return valid

@@ -1,0 +1,34 @@
+"""Results appear whole or not at all: written under a temporary name beside the target, then renamed."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from edge_runtime.errors import OutputError
+
+
+def write_whole(path: str | Path, data: bytes | str) -> Path:
+    """Write a file so that nobody ever sees half of it; OutputError where that cannot be done."""
+    path = Path(path)
+    content = data.encode() if isinstance(data, str) else data
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as error:
+        raise OutputError(
+            f"cannot write ({error.strerror})",
+            where=path,
+            cause="no permission, a full disk, or a file where a folder belongs",
+            next_step="choose another place with --out",
+        ) from None
+    return path

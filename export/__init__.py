@@ -1,0 +1,4 @@
+"""Everything ONNX: builds the step graph, joins the forest to it, verifies, seals.
+
+Reads an artifact folder (a forest as skops, the rest as JSON and plain arrays); never imports training.
+"""

@@ -1,0 +1,144 @@
+"""The folder between training and export: forests as skops, the rest as JSON and plain arrays.
+
+artifact.json lists everything, the types inside the skops files too; a type that is not on our own
+short list is never loaded. rows.npz holds the feature rows an export must be verified on.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skops.io
+
+from edge_runtime.errors import ArtifactError
+from edge_runtime.preparation import Preparation, preparation_from_json
+from edge_runtime.writing import write_whole
+from export.forest import Forest
+from export.heads import Calibration, Head
+from export.reference import FloatRows
+from export.spec import StepSpec
+
+FORMAT = 1
+INDEX = "artifact.json"
+ROWS = "rows.npz"
+ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
+"""The only type beyond skops' own defaults that a forest needs."""
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """What training hands to export.
+
+    rows: [N, F] float32 feature rows to verify on. decision: integer parameters of decision.py.
+    training: what the model card says of its origin (data, seed, versions, caveat).
+    """
+
+    spec: StepSpec
+    preparation: Preparation
+    decision: dict[str, int]
+    heads: list[Head]
+    rows: FloatRows
+    training: dict[str, Any]
+
+
+def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
+    """Write the folder; the index comes last, so a folder without one is unfinished."""
+    folder = Path(folder)
+    heads = {}
+    for head in artifact.heads:
+        name = f"{head.name}.skops"
+        write_whole(folder / name, skops.io.dumps(head.forest))
+        heads[head.name] = {
+            "classes": list(head.classes),
+            "forest": name,
+            "calibration": {
+                "weights": head.calibration.weights.tolist(),
+                "bias": head.calibration.bias.tolist(),
+            },
+        }
+    buffer = io.BytesIO()
+    np.savez(buffer, rows=artifact.rows)
+    write_whole(folder / ROWS, buffer.getvalue())
+    index = {
+        "format": FORMAT,
+        "spec": artifact.spec.to_json(),
+        "preparation": artifact.preparation.to_json(),
+        "decision": artifact.decision,
+        "heads": heads,
+        "skops_types": list(ALLOWED_TYPES),
+        "training": artifact.training,
+    }
+    return write_whole(folder / INDEX, json.dumps(index, indent=2) + "\n")
+
+
+def read_artifact(folder: str | Path) -> Artifact:
+    """Read the folder back; ArtifactError where it is missing, foreign, of another format, or unsafe."""
+    folder = Path(folder)
+    index = _read_index(folder)
+    try:
+        heads = [_read_head(folder, name, entry) for name, entry in index["heads"].items()]
+        with np.load(folder / ROWS, allow_pickle=False) as arrays:
+            rows = arrays["rows"]
+        return Artifact(
+            spec=StepSpec.from_json(index["spec"]),
+            preparation=preparation_from_json(index["preparation"]),
+            decision=index["decision"],
+            heads=heads,
+            rows=rows,
+            training=index["training"],
+        )
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise ArtifactError(
+            f"the artifact is damaged ({error})", where=folder, next_step="train again into an empty folder"
+        ) from None
+
+
+def _read_index(folder: Path) -> Mapping[str, Any]:
+    try:
+        index = json.loads((folder / INDEX).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise ArtifactError(
+            f"no readable {INDEX}",
+            where=folder,
+            cause="nothing was trained into this folder, or training did not finish",
+            next_step=f"python training/train.py --out {folder}",
+        ) from None
+    if not isinstance(index, dict) or index.get("format") != FORMAT:
+        raise ArtifactError(
+            "another format of artifact", where=folder / INDEX, next_step="train again with this version"
+        )
+    return index
+
+
+def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
+    calibration = Calibration(np.array(entry["calibration"]["weights"]), np.array(entry["calibration"]["bias"]))
+    return Head(name, tuple(entry["classes"]), _load_forest(folder / entry["forest"]), calibration)
+
+
+def _load_forest(path: Path) -> Forest:
+    try:
+        types = skops.io.get_untrusted_types(file=path)
+        foreign = sorted(set(types) - set(ALLOWED_TYPES))
+        if foreign:
+            raise ArtifactError(
+                f"it holds types that do not belong in a forest: {', '.join(foreign)}",
+                where=path,
+                cause="a file from elsewhere",
+                next_step="train again; never load such a file",
+            )
+        forest = skops.io.load(path, trusted=list(ALLOWED_TYPES))
+    except ArtifactError:
+        raise
+    except Exception as error:  # zipfile, json and skops errors have no common root
+        raise ArtifactError(
+            f"not a readable skops file ({type(error).__name__})", where=path, next_step="train again"
+        ) from None
+    if not isinstance(forest, Forest):
+        raise ArtifactError(f"a {type(forest).__name__} where a forest belongs", where=path, next_step="train again")
+    return forest

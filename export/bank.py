@@ -1,0 +1,101 @@
+"""The band-pass bank of Engeberg and Meek as one stable linear state-space step.
+
+Per shear signal, in parallel for every band (f_n = 10, 15 .. 55 Hz, w_n = 2 pi f_n)::
+
+    H(s) = s * [w_n^2 / (s^2 + 2 z w_n s + w_n^2)]^2 * [w_l / (s + w_l)],   z = 0.1, w_l = 2 pi 75 Hz
+
+The differentiator alone has a pole on the unit circle after the bilinear transform. Cancelled by hand
+against the low-pass' zero, both together are one stable section, which here is driven by the difference
+of two samples, so that a large offset never enters the filter::
+
+    u[t] = (K w_l d[t] - (w_l - K) u[t-1]) / (K + w_l),   K = 2 fs,   d[t] = x[t] - x[t-1]
+
+Each resonator is prewarped to the frequency it is named after. A signal's whole bank has one shared
+state and four a band; stepping it is one product [1 + states] x [1 + states, states + bands].
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+import numpy.typing as npt
+
+BANDS_HZ = tuple(float(f) for f in range(10, 60, 5))
+DAMPING = 0.1
+LOW_PASS_HZ = 75.0
+STATES_PER_BAND = 4
+
+Array = npt.NDArray[np.float64]
+
+
+class BandsLeftOut(UserWarning):
+    """Some bands lie at or above half the sampling rate and are not part of the bank."""
+
+
+def bands_for(rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ) -> tuple[float, ...]:
+    """The bands a sampling rate can carry (below half of it); warns where some are left out."""
+    carried = tuple(f for f in bands_hz if f < 0.5 * rate_hz)
+    if len(carried) < len(bands_hz):
+        lost = ", ".join(f"{f:g}" for f in bands_hz if f not in carried)
+        warnings.warn(f"bands left out at {rate_hz:g} Hz: {lost} Hz", BandsLeftOut, stacklevel=2)
+    return carried
+
+
+def sections(rate_hz: float, band_hz: float) -> Array:
+    """Second-order sections [3, 6] of one band in scipy's form: differentiator with low-pass, resonator twice."""
+    gain, feedback = _first_section(rate_hz)
+    b, a = _resonator(rate_hz, band_hz)
+    first = [gain, -gain, 0.0, 1.0, feedback, 0.0]
+    return np.array([first, [*b, *a], [*b, *a]])
+
+
+def step_matrix(rate_hz: float, bands_hz: tuple[float, ...]) -> Array:
+    """[1 + S, S + bands] matrix of one step: (d, state) -> (next state, outputs), S = 1 + 4 bands."""
+    size = 1 + STATES_PER_BAND * len(bands_hz)
+    identity = np.eye(1 + size)
+    return np.array([_step(row[0], row[1:], rate_hz, bands_hz) for row in identity])
+
+
+def noise_gain(rate_hz: float, bands_hz: tuple[float, ...], seconds: float = 3.0) -> float:
+    """RMS output of the loudest band for white noise of RMS 1 at the input, in 1/s."""
+    matrix = step_matrix(rate_hz, bands_hz)
+    size = matrix.shape[0] - 1
+    state, response = np.zeros(size), []
+    for difference in [1.0, -1.0] + [0.0] * math.ceil(seconds * rate_hz):
+        out = np.concatenate([[difference], state]) @ matrix
+        state = out[:size]
+        response.append(out[size:])
+    return float(np.sqrt((np.array(response) ** 2).sum(axis=0)).max())
+
+
+def _first_section(rate_hz: float) -> tuple[float, float]:
+    k, low = 2.0 * rate_hz, 2.0 * math.pi * LOW_PASS_HZ
+    return k * low / (k + low), (low - k) / (k + low)
+
+
+def _resonator(rate_hz: float, band_hz: float) -> tuple[Array, Array]:
+    """b and a of w^2 / (s^2 + 2 z w s + w^2), bilinear, prewarped so that the band sits where its name says."""
+    warped = math.tan(math.pi * band_hz / rate_hz)
+    denominator = 1.0 + 2.0 * DAMPING * warped + warped**2
+    b = warped**2 * np.array([1.0, 2.0, 1.0]) / denominator
+    a = np.array([denominator, 2.0 * (warped**2 - 1.0), 1.0 - 2.0 * DAMPING * warped + warped**2])
+    return b, a / denominator
+
+
+def _step(difference: float, state: Array, rate_hz: float, bands_hz: tuple[float, ...]) -> Array:
+    """One step in the plain form the matrix is read off from (transposed direct form II)."""
+    gain, feedback = _first_section(rate_hz)
+    u = gain * difference - feedback * state[0]
+    following, outputs = [u], []
+    for index, band_hz in enumerate(bands_hz):
+        b, a = _resonator(rate_hz, band_hz)
+        signal = u
+        start = 1 + STATES_PER_BAND * index
+        for s1, s2 in (state[start : start + 2], state[start + 2 : start + 4]):
+            out = b[0] * signal + s1
+            following += [b[1] * signal - a[1] * out + s2, b[2] * signal - a[2] * out]
+            signal = out
+        outputs.append(signal)
+    return np.array(following + outputs)

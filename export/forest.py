@@ -1,0 +1,104 @@
+"""A random forest as integer votes: sums that are exact in any order, one declared rule for ties.
+
+Leaf probabilities are quantised to integers that sum to 2^k in every leaf, with trees x 2^k < 2^24, so
+that float32 adds them exactly and a batch equals a single row. skl2onnx converts the trees (it lowers
+float64 thresholds to float32 correctly); only the leaves' weights are ours. Ties go to the riskier class:
+classes are ordered by risk, and the last of equals wins.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from onnx import helper
+from skl2onnx import convert_sklearn
+from skl2onnx.common.data_types import FloatTensorType
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+
+from export.builder import GraphBuilder
+
+EXACT_FLOAT32 = 2**24
+NODE_ATTRIBUTES = (
+    "nodes_treeids",
+    "nodes_nodeids",
+    "nodes_modes",
+    "nodes_featureids",
+    "nodes_values",
+    "nodes_truenodeids",
+    "nodes_falsenodeids",
+)
+
+Forest = RandomForestClassifier | ExtraTreesClassifier
+IntArray = npt.NDArray[np.int64]
+
+
+def vote_bits(n_trees: int) -> int:
+    """Largest k with trees x 2^k < 2^24, at most 16."""
+    return min(16, math.ceil(math.log2(EXACT_FLOAT32 / n_trees)) - 1)
+
+
+def leaf_votes(forest: Forest, n_classes: int) -> list[IntArray]:
+    """Integer votes [nodes, n_classes] of every tree; each leaf's sum to 2^k (largest remainder).
+
+    The forest's classes_ are columns of the n_classes; a class it never saw has no votes.
+    """
+    scale = 1 << vote_bits(len(forest.estimators_))
+    columns = np.asarray(forest.classes_, dtype=np.int64)
+    votes = []
+    for tree in forest.estimators_:
+        wide = np.zeros((tree.tree_.node_count, n_classes), dtype=np.int64)
+        wide[:, columns] = _quantise(tree.tree_.value[:, 0, :], scale)
+        votes.append(wide)
+    return votes
+
+
+def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
+    """Rows of non-negative weights -> integers that sum to `scale`, by the largest remainders."""
+    share = values / values.sum(axis=1, keepdims=True) * scale
+    whole = np.floor(share).astype(np.int64)
+    missing = scale - whole.sum(axis=1)
+    rank = np.argsort(np.argsort(-(share - whole), axis=1, kind="stable"), axis=1, kind="stable")
+    return whole + (rank < missing[:, None])
+
+
+def add_forest(graph: GraphBuilder, forest: Forest, features: str, n_classes: int, out: str) -> str:
+    """Add the trees; returns votes [B, n_classes] float32 that hold exact integers."""
+    attributes = _tree_attributes(forest)
+    votes = leaf_votes(forest, n_classes)
+    leaf = np.array([mode == b"LEAF" for mode in attributes["nodes_modes"]])
+    trees, nodes = np.array(attributes["nodes_treeids"]), np.array(attributes["nodes_nodeids"])
+    stacked = np.concatenate(votes)
+    rows, targets = np.nonzero(stacked * leaf[:, None])
+    return graph.node(
+        "TreeEnsembleRegressor",
+        features,
+        out=out,
+        domain="ai.onnx.ml",
+        n_targets=n_classes,
+        aggregate_function="SUM",
+        post_transform="NONE",
+        target_ids=targets.tolist(),
+        target_treeids=trees[rows].tolist(),
+        target_nodeids=nodes[rows].tolist(),
+        target_weights=stacked[rows, targets].astype(float).tolist(),
+        **attributes,
+    )
+
+
+def _tree_attributes(forest: Forest) -> dict[str, Any]:
+    """The trees as skl2onnx writes them; node ids are scikit-learn's own, which is checked."""
+    model = convert_sklearn(
+        forest,
+        initial_types=[("X", FloatTensorType([None, forest.n_features_in_]))],
+        options={id(forest): {"zipmap": False}},
+        target_opset={"": 20, "ai.onnx.ml": 3},
+    )
+    (node,) = [node for node in model.graph.node if node.op_type == "TreeEnsembleClassifier"]
+    found = {a.name: helper.get_attribute_value(a) for a in node.attribute}
+    expected = np.concatenate([np.arange(tree.tree_.node_count) for tree in forest.estimators_])
+    if not np.array_equal(expected, found["nodes_nodeids"]):
+        raise AssertionError("skl2onnx no longer numbers nodes as scikit-learn does")
+    return {name: list(found[name]) for name in NODE_ATTRIBUTES}

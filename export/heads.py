@@ -1,0 +1,89 @@
+"""What a forest says, joined to the step graph: votes, labels, calibrated probabilities, weight.
+
+The main head is called "situation" and votes for four situations or for eight classes; every further
+head votes no or yes on a question of its own (p_risky_250ms) and publishes the probability of yes.
+Labels come from the integer votes. Calibration comes after them and cannot change a label: vote shares
+go through one affine map and a softmax (multinomial logistic calibration, fitted on held-out votes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from onnx import TensorProto
+
+from edge_runtime.contract import CLASSES, SITUATIONS
+from export.builder import GraphBuilder
+from export.forest import Forest, add_forest, vote_bits
+
+MAIN_HEAD = "situation"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """p = softmax(share @ weights + bias) of vote shares [B, K]; weights [K, K], bias [K]."""
+
+    weights: npt.NDArray[np.float64]
+    bias: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Head:
+    """A trained forest, the names of what it votes for, and the calibration of its votes."""
+
+    name: str
+    classes: tuple[str, ...]
+    forest: Forest
+    calibration: Calibration
+
+
+def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
+    """Join every head to the features; publishes what architecture.md's interface names."""
+    for head in heads:
+        out = "votes" if head.name == MAIN_HEAD else f"votes_{head.name}"
+        votes = add_forest(graph, head.forest, features, len(head.classes), out)
+        graph.output(out, TensorProto.FLOAT, len(head.classes))
+        if head.name != MAIN_HEAD:
+            _publish_extra(graph, head, votes)
+        elif head.classes == CLASSES:
+            _publish_classes(graph, head, votes)
+        else:
+            _publish_label(graph, votes)
+            _calibrated(graph, head, votes, "p_situation")
+            graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
+
+
+def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
+    """[B, K] float32 probabilities. The division into shares is folded into the weights."""
+    n_trees = len(head.forest.estimators_)
+    weights = head.calibration.weights / (n_trees << vote_bits(n_trees))
+    product = graph.node("MatMul", votes, graph.constant(weights, np.float32))
+    logits = graph.node("Add", product, graph.constant(head.calibration.bias, np.float32))
+    return graph.node("Softmax", logits, out=out, axis=1)
+
+
+def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
+    yes = graph.constant(1, np.int64)
+    graph.node("Gather", _calibrated(graph, head, votes), yes, out=head.name, axis=1)
+    graph.output(head.name, TensorProto.FLOAT)
+
+
+def _publish_label(graph: GraphBuilder, situation_votes: str) -> None:
+    graph.node("ArgMax", situation_votes, out="situation", axis=1, keepdims=0, select_last_index=1)
+    graph.output("situation", TensorProto.INT64)
+
+
+def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
+    _calibrated(graph, head, votes, "p_class")
+    graph.output("p_class", TensorProto.FLOAT, len(CLASSES))
+    pairs = graph.constant(np.kron(np.eye(len(SITUATIONS)), np.ones((2, 1))), np.float32)
+    graph.node("MatMul", "p_class", pairs, out="p_situation")
+    graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
+    _publish_label(graph, graph.node("MatMul", votes, pairs))
+    # "nothing" has no weight, so its two classes do not vote on it; a tie is heavy, the riskier one
+    heavier = graph.constant([0, 0] + [-1, 1] * 3, np.float32)
+    difference = graph.node("ReduceSum", graph.node("Mul", votes, heavier), graph.ints(1), keepdims=0)
+    graph.node("GreaterOrEqual", difference, graph.constant(0.0, np.float32), out="heavy")
+    graph.output("heavy", TensorProto.BOOL)

@@ -1,0 +1,31 @@
+"""What the exported file must answer: scikit-learn's own trees, quantised leaves, riskier class on ties."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.contract import SITUATIONS
+from export.forest import Forest, IntArray, leaf_votes
+
+FloatRows = npt.NDArray[np.float32]
+
+
+def reference_votes(forest: Forest, features: FloatRows, n_classes: int) -> IntArray:
+    """Exact integer votes [N, n_classes] of float32 rows [N, F]."""
+    leaves = forest.apply(features)
+    total = np.zeros((len(features), n_classes), dtype=np.int64)
+    for tree, votes in enumerate(leaf_votes(forest, n_classes)):
+        total += votes[leaves[:, tree]]
+    return total
+
+
+def riskier_argmax(votes: IntArray) -> IntArray:
+    """[N, K] votes -> [N] label: the largest, and of equal ones the riskier (the last)."""
+    k = votes.shape[1]
+    return np.asarray(k - 1 - np.argmax(votes[:, ::-1], axis=1), dtype=np.int64)
+
+
+def situation_votes(votes: IntArray) -> IntArray:
+    """Votes for the four situations; of eight classes, light and heavy are added up."""
+    return votes if votes.shape[1] == len(SITUATIONS) else votes.reshape(len(votes), -1, 2).sum(axis=2)

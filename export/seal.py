@@ -1,0 +1,68 @@
+"""Closing a model file: the card, the golden sequences and the SHA-256 go into its metadata."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+import onnx
+
+from edge_runtime.golden import golden_answers, golden_to_json
+from edge_runtime.graph import open_session
+from edge_runtime.model_file import CARD_KEY, DIGITS, FORMAT, GOLDEN_KEY, SEAL_KEY
+from export.artifact import Artifact
+from export.detectors import detector_names
+from export.forest import vote_bits
+from export.spec import StepSpec
+
+TIE_RULE = "the riskier class wins"
+
+
+def model_card(artifact: Artifact) -> dict[str, Any]:
+    """Everything a consumer of the file needs to know, as one JSON object."""
+    spec = artifact.spec
+    carried = spec.carried_bands()
+    return {
+        "format": FORMAT,
+        "spec": spec.to_json(),
+        "window_samples": spec.window_samples,
+        "history_samples": spec.history_samples,
+        "settle_samples": spec.settle_samples,
+        "gap_samples": spec.gap_samples,
+        "bands_hz": list(carried),
+        "bands_left_out_hz": [band for band in spec.bands_hz if band not in carried],
+        "detectors": list(detector_names(spec)),
+        "heads": {head.name: _head_card(head) for head in artifact.heads},
+        "tie_rule": TIE_RULE,
+        "preparation": artifact.preparation.to_json(),
+        "decision": artifact.decision,
+        "training": artifact.training,
+    }
+
+
+def _head_card(head: Any) -> dict[str, Any]:
+    trees = head.forest.estimators_
+    return {
+        "classes": list(head.classes),
+        "trees": len(trees),
+        "nodes": int(sum(tree.tree_.node_count for tree in trees)),
+        "vote_bits": vote_bits(len(trees)),
+        "kind": type(head.forest).__name__,
+    }
+
+
+def seal(model: onnx.ModelProto, card: dict[str, Any], spec: StepSpec) -> bytes:
+    """Serialised model with card, golden sequences and its own hash."""
+    session = open_session(model.SerializeToString())
+    golden = golden_to_json(golden_answers(session, spec.n_channels, spec.unit, spec.settle_samples))
+    metadata = {
+        CARD_KEY: json.dumps(card, separators=(",", ":")),
+        GOLDEN_KEY: json.dumps(golden, separators=(",", ":")),
+        SEAL_KEY: "0" * DIGITS,
+    }
+    onnx.helper.set_model_props(model, metadata)
+    open_bytes = model.SerializeToString()
+    digest = hashlib.sha256(open_bytes).hexdigest()
+    at = open_bytes.rfind(SEAL_KEY.encode()) + len(SEAL_KEY) + 2
+    return open_bytes[:at] + digest.encode() + open_bytes[at + DIGITS :]

@@ -1,0 +1,120 @@
+"""Everything that is fixed when a step graph is built, as one JSON-able object."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from edge_runtime.contract import UNITS, Unit
+from edge_runtime.errors import ChannelError, RateError, UnitError
+from export.bank import BANDS_HZ, bands_for
+
+WINDOW_S = 0.10
+HISTORY_S = 0.50
+GAP_S = 0.020
+"""A sensor lost for longer than this must settle again; a shorter gap is bridged."""
+
+RANGE_LIMIT: dict[Unit, float] = {"N": 500.0, "uT": 1.0e5, "count": 1.0e6}
+"""No sensor of ours can read more; a reading at or above it is a fault, not a force."""
+
+NOISE_RMS: dict[Unit, float] = {"N": 0.02, "uT": 22.0, "count": 4.0}
+"""RMS noise of one quiet channel: below what it makes of the bank, nothing is called a vibration."""
+
+
+@dataclass(frozen=True)
+class DetectorSpec:
+    """Thresholds of the causal detectors; one setting for all objects.
+
+    band_ratio: fires above this multiple of the channel's own noise floor. floor_tau_s: its memory.
+    floor_clip: the floor follows no more than this multiple of itself. firing_rate: while firing the
+    floor moves this much more slowly (never quite frozen, so that lasting noise cannot lock an alarm on).
+    quiet_s: a critical point needs so much quiet before it. friction, min_normal_n: the cone, unit N only.
+    """
+
+    band_ratio: float = 6.0
+    floor_tau_s: float = 2.0
+    floor_clip: float = 3.0
+    firing_rate: float = 1.0 / 16.0
+    quiet_s: float = 0.3
+    friction: float = 0.8
+    min_normal_n: float = 0.5
+
+
+@dataclass(frozen=True)
+class StepSpec:
+    """What one step graph is built for: channels, rate, unit, features, guard and detectors.
+
+    rate_hz: constants are for this rate. groups: feature groups by name (export/features.py).
+    min_valid_sensors: fewer usable sensors than this make the state unknown.
+    """
+
+    n_sensors: int
+    rate_hz: float
+    unit: Unit
+    groups: tuple[str, ...]
+    min_valid_sensors: int = 0
+    bands_hz: tuple[float, ...] = BANDS_HZ
+    detectors: DetectorSpec = field(default_factory=DetectorSpec)
+
+    def __post_init__(self) -> None:
+        if self.n_sensors < 1:
+            raise ChannelError(f"{self.n_sensors} sensors", next_step="give at least one 3-axis sensor")
+        if self.unit not in UNITS:
+            raise UnitError(f"unit {self.unit!r} is not one of {', '.join(UNITS)}")
+        if not math.isfinite(self.rate_hz) or self.rate_hz <= 0:
+            raise RateError(f"a rate of {self.rate_hz} Hz", next_step="check the time stamps")
+        if not self.min_valid_sensors:
+            object.__setattr__(self, "min_valid_sensors", self.n_sensors)
+
+    @property
+    def n_channels(self) -> int:
+        """Channels C = 3 x sensors."""
+        return 3 * self.n_sensors
+
+    @property
+    def window_samples(self) -> int:
+        """Samples in the raw window: max(2, floor(0.10 s x rate) + 1)."""
+        return max(2, math.floor(WINDOW_S * self.rate_hz + 1e-9) + 1)
+
+    @property
+    def history_samples(self) -> int:
+        """Past samples kept, so that nothing older than 0.5 s can reach a feature."""
+        return max(self.window_samples - 1, math.floor(HISTORY_S * self.rate_hz + 1e-9))
+
+    @property
+    def settle_samples(self) -> int:
+        """Good samples a sensor must have delivered before its history is its own."""
+        return self.history_samples + 1
+
+    @property
+    def gap_samples(self) -> int:
+        """Longest run of lost samples that is bridged (20 ms)."""
+        return math.floor(GAP_S * self.rate_hz + 1e-9)
+
+    def lag(self, seconds: float) -> int:
+        """A lag in samples: at least 1, at most the history."""
+        return min(max(1, round(seconds * self.rate_hz)), self.history_samples)
+
+    def carried_bands(self) -> tuple[float, ...]:
+        """The bands this rate carries; raises RateError if there is none."""
+        bands = bands_for(self.rate_hz, self.bands_hz)
+        if not bands:
+            lowest = min(self.bands_hz)
+            raise RateError(
+                f"{self.rate_hz:g} Hz carries none of the bands",
+                cause=f"the lowest band is {lowest:g} Hz and needs more than {2 * lowest:g} Hz",
+                next_step="record faster",
+            )
+        return bands
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object, for the artifact and the metadata."""
+        return asdict(self)
+
+    @staticmethod
+    def from_json(value: dict[str, Any]) -> StepSpec:
+        """The inverse of `to_json`."""
+        detectors = DetectorSpec(**value["detectors"])
+        spec = StepSpec(**{**value, "detectors": detectors})
+        return replace(spec, groups=tuple(value["groups"]), bands_hz=tuple(value["bands_hz"]))
