@@ -1,0 +1,113 @@
+"""Data sets by name or folder: `load` finds the folder, recognises its format and reads it.
+
+A format is recognised by the files in the folder, whatever the folder is called. Each reader has
+`recognises(root)` and `load(root, ..)` and is imported when it is needed.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.errors import ChannelError, DataNotFound, TooFewGroups, UsageError
+from training.recording import DataSet, LabelledRows
+
+PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
+THESIS_LAYOUT = "thesis"
+FOLDER_VARIABLE = "HOLDFAST_DATA"
+BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+def load(name_or_path: str | Path, *, channels: int | None = None, groups: int | None = None, seed: int = 0) -> DataSet:
+    """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
+
+    channels: which of the set's channel choices, None for its usual 18. groups: keep only so many
+    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice.
+
+    Raises DataNotFound, ChannelError, TooFewGroups, UsageError, or what the reader says about its files.
+    """
+    root = find(name_or_path)
+    data = _read(root, channels, seed)
+    return data if groups is None else keep_groups(data, groups, seed=seed)
+
+
+def data_folder() -> Path:
+    """Where public sets are looked up by name."""
+    return Path(os.environ.get(FOLDER_VARIABLE) or BESIDE_THE_CHECKOUT)
+
+
+def find(name_or_path: str | Path) -> Path:
+    """Folder of a set. Raises DataNotFound with the likely cause."""
+    named = str(name_or_path) in PUBLIC_SETS
+    places = ([data_folder() / name_or_path] if named else []) + [Path(name_or_path)]
+    for place in places:
+        if place.is_dir():
+            return place
+    if named:
+        told = os.environ.get(FOLDER_VARIABLE)
+        raise DataNotFound(
+            f"data set {name_or_path} is not there", where=places[0],
+            cause=f"{FOLDER_VARIABLE} points elsewhere" if told else f"{FOLDER_VARIABLE} is not set",
+            next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
+        )  # fmt: skip
+    raise DataNotFound(
+        "a file where a folder belongs" if places[0].exists() else "no such data set or folder",
+        where=places[0], cause="a name misspelt, or a path from another folder",
+        next_step=f"give a folder, or one of {', '.join(PUBLIC_SETS)}",
+    )  # fmt: skip
+
+
+def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
+    """The part of a set that n_groups people (or blocks), chosen by seed, recorded.
+
+    Raises UsageError for less than one, TooFewGroups for more than there are.
+    """
+    names = data.groups()
+    if n_groups < 1:
+        raise UsageError(f"groups={n_groups} keeps nobody", next_step=f"keep 1 to {len(names)}")
+    if n_groups > len(names):
+        raise TooFewGroups(
+            f"{len(names)} groups (people, blocks), {n_groups} asked for", next_step=f"keep 1 to {len(names)}"
+        )
+    kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
+    index = [k for k, recording in enumerate(data.recordings) if recording.group in kept]
+    recordings = [data.recordings[k] for k in index]
+    return replace(
+        data,
+        recordings=recordings,
+        tasks={name: _of_trials(rows, index) for name, rows in data.tasks.items()},
+        rate_hz=float(np.median([recording.rate_hz for recording in recordings])),
+        notes={**data.notes, "kept_groups": sorted(kept)},
+    )
+
+
+def _of_trials(rows: LabelledRows, index: list[int]) -> LabelledRows:
+    """The windows of the recordings at these (ascending) places, numbered anew."""
+    kept = rows.take(np.isin(rows.trial, index))
+    return replace(kept, trial=np.searchsorted(index, kept.trial).astype(np.int64))
+
+
+def _read(root: Path, channels: int | None, seed: int) -> DataSet:
+    choice: dict[str, Any] = {} if channels is None else {"channels": channels}
+    for name in PUBLIC_SETS:
+        reader = import_module(f"training.datasets.{name}")
+        if reader.recognises(root):
+            public: DataSet = reader.load(root, **choice)
+            return public
+    reader = import_module(f"training.datasets.{THESIS_LAYOUT}")
+    if not reader.recognises(root):
+        raise DataNotFound(
+            "no known data set in this folder", where=root, cause="a level too high or too low, or an empty copy",
+            next_step="give the folder of a public set, or one laid out as <object>/<action>/trial_<n>.csv",
+        )  # fmt: skip
+    thesis: DataSet = reader.load(root, seed=seed)
+    if channels is not None and channels != 3 * thesis.n_sensors:
+        raise ChannelError(
+            f"{3 * thesis.n_sensors} channels, {channels} asked for", where=root, next_step="leave channels out"
+        )
+    return thesis

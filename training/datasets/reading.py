@@ -1,0 +1,129 @@
+"""Checked reading of the two file kinds public data sets come in: npz archives and csv tables.
+
+Nothing here knows a data set; every fault is a typed error that names the file and the place.
+"""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber
+
+Shape = tuple[int | None, ...]
+COPY_AGAIN = "copy the data set again from its source"
+
+
+def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArray[Any]]:
+    """The named arrays of an npz archive; a None in a shape stands for any length.
+
+    Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or NotANumber.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            missing = sorted(set(shapes) - set(archive.files))
+            if missing:
+                raise ColumnError(f"arrays missing: {', '.join(missing)}", where=path, next_step=COPY_AGAIN)
+            arrays = {name: archive[name] for name in shapes}
+    except FileNotFoundError:
+        raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
+    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise NotANumber(
+            f"cannot be read as an npz archive of numbers ({type(error).__name__})", where=path,
+            cause="a copy cut short, or pickled objects, which are never read", next_step=COPY_AGAIN,
+        ) from None  # fmt: skip
+    for name, shape in shapes.items():
+        _check_array(arrays[name], name, shape, path)
+    return arrays
+
+
+def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -> None:
+    if array.dtype.kind not in "iuf":
+        raise NotANumber(f"array {name} holds {array.dtype}, not numbers", where=path, next_step=COPY_AGAIN)
+    if array.ndim != len(shape) or any(
+        want not in (None, got) for want, got in zip(shape, array.shape, strict=True)
+    ):
+        wanted = " x ".join("any" if want is None else str(want) for want in shape)
+        got = " x ".join(map(str, array.shape))
+        raise ColumnError(f"array {name} is {got}, not {wanted}", where=path, next_step=COPY_AGAIN)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A csv table, cells still text: columns by name, line numbers counted from the header as line 1."""
+
+    path: Path
+    columns: dict[str, list[str]]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def text(self, name: str) -> list[str]:
+        """One column as it stands. Raises ColumnError where it is missing."""
+        self.require([name])
+        return self.columns[name]
+
+    def require(self, names: Sequence[str]) -> None:
+        """Raise ColumnError unless all these columns are there."""
+        missing = [name for name in names if name not in self.columns]
+        if missing:
+            raise ColumnError(f"columns missing: {', '.join(missing)}", where=self.path, next_step=COPY_AGAIN)
+
+    def numbers(self, name: str, *, finite: bool = True) -> FloatArray:
+        """One column as float64. Raises ColumnError, or NotANumber with its line (nan too, if `finite`)."""
+        cells = self.text(name)
+        values = np.array([_number(cell) for cell in cells], dtype=object)
+        bad = [k for k, value in enumerate(values) if value is None or (finite and not np.isfinite(value))]
+        if bad:
+            raise NotANumber(
+                f"line {bad[0] + 2}, column {name}: {cells[bad[0]]!r} is no number", where=self.path,
+                cause="text or an empty cell in the data", next_step="correct or remove that line",
+            )  # fmt: skip
+        return values.astype(np.float64)
+
+    def whole_numbers(self, name: str) -> npt.NDArray[np.int64]:
+        """One column of whole numbers, also where they are written as 12.0."""
+        values = self.numbers(name)
+        if np.any(values != np.round(values)):
+            line = int(np.flatnonzero(values != np.round(values))[0]) + 2
+            raise NotANumber(
+                f"line {line}, column {name}: not a whole number", where=self.path,
+                next_step="correct that line",
+            )  # fmt: skip
+        return values.astype(np.int64)
+
+
+def read_table(path: Path) -> Table:
+    """A csv file with a header. Raises DataNotFound, NotANumber, EmptyRecording or ColumnError."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as lines:
+            rows = [row for row in csv.reader(lines) if row]
+    except FileNotFoundError:
+        raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise NotANumber(
+            f"cannot be read as a csv text file ({type(error).__name__})", where=path, next_step=COPY_AGAIN
+        ) from None
+    if len(rows) < 2:
+        raise EmptyRecording("no rows of data", where=path, cause="a copy cut short", next_step=COPY_AGAIN)
+    header = [name.strip() for name in rows[0]]
+    ragged = [k for k, row in enumerate(rows) if len(row) != len(header)]
+    if ragged or len(set(header)) < len(header):
+        what = f"line {ragged[0] + 1} has another number of cells" if ragged else "a column occurs twice"
+        raise ColumnError(what, where=path, cause="a copy cut short", next_step=COPY_AGAIN)
+    return Table(path, {name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(header)})
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return None if "_" in cell else float(cell)
+    except ValueError:
+        return None

@@ -1,0 +1,159 @@
+"""How good the answers are, with intervals over people: F1 of the situations, AUC and average precision.
+
+Windows of one person are not independent, hence the intervals resample people (groups), not windows:
+B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "An Introduction to the Bootstrap",
+1993, chapter 13). With one group there is nothing to resample, and intervals are None.
+
+What is absent is said, not guessed: the F1 of a class found neither in truth nor in prediction is None;
+the macro F1 averages the classes present in truth (for a class that is predicted but absent the mistakes
+already cost precision elsewhere); AUC and average precision are None with one class only. Draws in which
+a figure is undefined do not count towards its interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.metrics import average_precision_score, roc_auc_score
+
+from edge_runtime.contract import SITUATIONS, FloatArray
+from training.recording import DataSet
+
+N_DRAWS = 1000
+INTERVAL_PERCENT = (2.5, 97.5)
+Labels = npt.NDArray[np.integer[Any]]
+
+
+def report(
+    data: DataSet,
+    predicted: Labels,
+    risky_score: FloatArray | None = None,
+    *,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """All figures for answers at every window of a set, as one JSON object.
+
+    predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at each
+    window of the task "predict_250ms"; None where the model has no such head.
+    """
+    values: dict[str, Any] = {"n_trials": len(data.recordings), "n_groups": len(data.groups())}
+    truth, groups = data.tasks["situations"].label, data.group_of("situations")
+    values["situations"] = situation_scores(truth, predicted, groups, n_draws=n_draws, seed=seed)
+    if risky_score is not None:
+        truth, groups = data.tasks["predict_250ms"].label, data.group_of("predict_250ms")
+        values["predict_250ms"] = prediction_scores(truth, risky_score, groups, n_draws=n_draws, seed=seed)
+    return values
+
+
+def situation_scores(
+    truth: Labels,
+    predicted: Labels,
+    groups: npt.ArrayLike,
+    *,
+    classes: tuple[str, ...] = SITUATIONS,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """macro_f1, f1 by class and their intervals, from labels [M], [M] and groups [M]."""
+    n, code = len(classes), _codes(groups)
+    cells = (code * n + np.asarray(truth)) * n + np.asarray(predicted)
+    by_group = np.bincount(cells, minlength=(code.max() + 1) * n * n).reshape(-1, n, n)
+    total = by_group.sum(axis=0)[None]
+    draws = np.einsum("bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group)
+    f1, f1_draws = _f1(total)[0], _f1(draws)
+    return {
+        "macro_f1": _value(_macro(total, _f1(total))[0]),
+        "macro_f1_ci": _interval(_macro(draws, f1_draws)),
+        "f1": {name: _value(f1[k]) for k, name in enumerate(classes)},
+        "f1_ci": {name: _interval(f1_draws[:, k]) for k, name in enumerate(classes)},
+    }
+
+
+def prediction_scores(
+    truth: Labels, score: FloatArray, groups: npt.ArrayLike, *, n_draws: int = N_DRAWS, seed: int = 0
+) -> dict[str, Any]:
+    """auc, average_precision and their intervals, from labels 0/1 [M], scores [M] and groups [M]."""
+    truth, code = np.asarray(truth), _codes(groups)
+    both = len(np.unique(truth)) == 2
+    ranking = rank(truth, score)
+    draws = draw_groups(int(code.max()) + 1, n_draws, seed)
+    figures = np.array([ranking.auc_and_precision(draw[code]) for draw in draws]).reshape(-1, 2)
+    return {
+        "auc": float(roc_auc_score(truth, score)) if both else None,
+        "auc_ci": _interval(figures[:, 0]),
+        "average_precision": float(average_precision_score(truth, score)) if both else None,
+        "average_precision_ci": _interval(figures[:, 1]),
+    }
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Scores sorted once, best first, so that each reweighting costs one pass.
+
+    order [M] sorts rows; first [K] starts each run of equal scores in that order; positive [M] sorted.
+    """
+
+    order: npt.NDArray[np.int64]
+    first: npt.NDArray[np.int64]
+    positive: npt.NDArray[np.bool_]
+
+    def auc_and_precision(self, weight: FloatArray) -> tuple[float, float]:
+        """AUC and average precision with row weights [M]; nan with only one class left.
+
+        Equal to scikit-learn's on rows repeated `weight` times: ties count half, and precision steps
+        at distinct scores.
+        """
+        sorted_weight = weight[self.order]
+        hit = np.add.reduceat(np.where(self.positive, sorted_weight, 0.0), self.first)
+        miss = np.add.reduceat(np.where(self.positive, 0.0, sorted_weight), self.first)
+        hits, misses = np.cumsum(hit), np.cumsum(miss)
+        if hits[-1] == 0.0 or misses[-1] == 0.0:
+            return np.nan, np.nan
+        auc = np.sum(hit * (misses[-1] - misses + 0.5 * miss)) / (hits[-1] * misses[-1])
+        precision = np.divide(hits, hits + misses, out=np.zeros_like(hits), where=hit > 0.0)
+        return float(auc), float(np.sum(hit * precision) / hits[-1])
+
+
+def rank(truth: Labels, score: FloatArray) -> Ranking:
+    """Sort rows by falling score [M], once for all weightings."""
+    order = np.argsort(-np.asarray(score), kind="stable")
+    falling = np.asarray(score)[order]
+    first = np.flatnonzero(np.concatenate([[True], falling[1:] != falling[:-1]]))
+    return Ranking(order, first, np.asarray(truth)[order] == 1)
+
+
+def draw_groups(n_groups: int, n_draws: int, seed: int) -> FloatArray:
+    """[B, G] how often each group is drawn, G draws with replacement a row; no rows for one group."""
+    rng = np.random.default_rng(seed)
+    even = np.full(n_groups, 1.0 / n_groups)
+    return rng.multinomial(n_groups, even, size=n_draws if n_groups > 1 else 0).astype(np.float64)
+
+
+def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    return np.unique(np.asarray(groups, dtype=str), return_inverse=True)[1].astype(np.int64)
+
+
+def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
+    """[.., n, n] counts (truth, predicted) -> [.., n] F1; nan for a class in neither."""
+    both = confusion.sum(axis=-1) + confusion.sum(axis=-2)
+    right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
+    return np.divide(right, both, out=np.full(both.shape, np.nan), where=both > 0)
+
+
+def _macro(confusion: npt.NDArray[Any], f1: FloatArray) -> FloatArray:
+    """[.., n, n] and [.., n] -> [..] mean F1 over the classes present in truth."""
+    present = confusion.sum(axis=-1) > 0
+    return np.where(present, f1, 0.0).sum(axis=-1) / present.sum(axis=-1)
+
+
+def _value(figure: float) -> float | None:
+    return float(figure) if np.isfinite(figure) else None
+
+
+def _interval(draws: FloatArray) -> list[float] | None:
+    defined = draws[np.isfinite(draws)]
+    return [float(edge) for edge in np.percentile(defined, INTERVAL_PERCENT)] if defined.size else None
