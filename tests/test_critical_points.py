@@ -1,0 +1,233 @@
+"""Offline critical points: the laws of the filter bank, the friction cone, and the rules in seconds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import freqz_sos, sosfilt
+
+import export.bank
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import RateError
+from training.critical_points import (
+    BANDS_HZ,
+    DAMPING,
+    band_pass_envelope,
+    band_pass_rows,
+    bank_sections,
+    friction_rows,
+    offline_critical_points,
+)
+from training.recording import Recording
+
+RATES_HZ = (50.0, 100.0, 150.0, 300.0)
+GRASP_S, SLIP_S = 3.0, 6.0
+
+
+def held_object(rate_hz: float = 50.0, seed: int = 0, slip_s: float = SLIP_S) -> FloatArray:
+    """[T, 6]: two sensors close on something at 3 s, feel it shake and shift at `slip_s`; 9 s in all."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(round(9.0 * rate_hz)) / rate_hz
+    grip = 2.0 * np.clip((t_s - GRASP_S) / 0.1, 0.0, 1.0)
+    shift = 0.8 * np.clip((t_s - slip_s) / 0.1, 0.0, 1.0)
+    burst = ((t_s >= slip_s) & (t_s < slip_s + 0.2)) * 0.5 * np.sin(2 * np.pi * 15.0 * (t_s - slip_s))
+    x = 0.4 * grip + shift + burst
+    clean = np.stack([x, 0.2 * x, grip, 0.5 * x, -x, 1.2 * grip], axis=1)
+    return clean + rng.normal(0.0, 0.005, clean.shape)
+
+
+def recording(samples: FloatArray, rate_hz: float = 50.0) -> Recording:
+    valid = np.ones((len(samples), samples.shape[1] // 3), dtype=np.bool_)
+    return Recording("trial", "trial", samples, valid, rate_hz, "N")
+
+
+def rows(samples: FloatArray, rate_hz: float = 50.0) -> list[int]:
+    return [point.row for point in offline_critical_points(recording(samples, rate_hz))]
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_the_bank_here_is_the_bank_of_the_graph(rate_hz: float) -> None:
+    ours = bank_sections(rate_hz)
+    assert len(ours) == sum(band < rate_hz / 2 for band in BANDS_HZ)
+    for band_hz, sections in zip(BANDS_HZ, ours, strict=False):
+        np.testing.assert_allclose(sections, export.bank.sections(rate_hz, band_hz), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_each_resonator_sits_at_the_frequency_it_is_named_after(rate_hz: float) -> None:
+    for band_hz, sections in zip(BANDS_HZ, bank_sections(rate_hz), strict=False):
+        _, response = freqz_sos(sections[1:], worN=[band_hz], fs=rate_hz)
+        assert abs(response[0]) == pytest.approx((1 / (2 * DAMPING)) ** 2, rel=1e-9)
+
+
+def test_bands_at_or_above_half_the_rate_are_left_out() -> None:
+    assert len(bank_sections(50.0)) == 3, "10, 15 and 20 Hz; 25 Hz is half of 50"
+    assert len(bank_sections(51.0)) == 4
+
+
+def test_a_rate_without_any_band_is_refused() -> None:
+    with pytest.raises(RateError, match="more than 20 Hz"):
+        bank_sections(20.0)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_the_differentiator_does_not_ring_on(rate_hz: float) -> None:
+    n = round(rate_hz)
+    nyquist = np.concatenate([np.resize([1.0, -1.0], n), np.zeros(5 * n)])
+    for sections in bank_sections(rate_hz):
+        output = sosfilt(sections, nyquist)
+        assert np.abs(output[-n:]).max() < 1e-3 * np.abs(output).max()
+
+
+def test_the_output_is_rectified_after_the_filter_and_never_fed_back() -> None:
+    samples = held_object()
+    envelope = band_pass_envelope(samples, 50.0)
+    np.testing.assert_array_equal(band_pass_envelope(-samples, 50.0), envelope)
+    np.testing.assert_allclose(band_pass_envelope(3.0 * samples, 50.0), 3.0 * envelope, rtol=1e-12)
+
+
+def test_each_channel_starts_settled_at_its_first_value() -> None:
+    assert not band_pass_envelope(np.full((200, 6), 3.0), 50.0).any()
+
+
+def test_no_state_leaks_from_one_sensor_to_the_next() -> None:
+    samples = held_object()
+    quiet = samples.copy()
+    quiet[:, :3] = 0.0
+    both, alone = band_pass_envelope(samples, 50.0), band_pass_envelope(quiet, 50.0)
+    np.testing.assert_array_equal(both[:, 2:], alone[:, 2:])
+
+
+def test_no_state_leaks_from_one_trial_to_the_next() -> None:
+    first = rows(held_object(seed=1))
+    rows(1e6 * held_object(seed=2))
+    assert rows(held_object(seed=1)) == first
+
+
+def test_one_threshold_serves_every_object() -> None:
+    trial = recording(held_object())
+    light = replace(trial, object_name="soft-ball", action="pass")
+    heavy = replace(trial, object_name="full-bottle", action="fall")
+    assert offline_critical_points(light) == offline_critical_points(heavy) == offline_critical_points(trial)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_the_grasp_and_the_slip_are_found_at_every_rate_and_nothing_else(rate_hz: float) -> None:
+    points = offline_critical_points(recording(held_object(rate_hz), rate_hz))
+    assert [point.t_s for point in points] == pytest.approx([GRASP_S, SLIP_S], abs=0.12)
+    assert all(point.t_s == point.row / rate_hz for point in points)
+
+
+def test_a_point_names_the_methods_that_found_it() -> None:
+    t_s = np.arange(450) / 50.0
+    samples = held_object()
+    grasp, slip = offline_critical_points(recording(samples))
+    assert (grasp.source, slip.source) == ("friction", "both"), "closing shifts the force but hardly shakes"
+    samples[:, 0] += 0.1 * np.sin(2 * np.pi * 15.0 * t_s) * (abs(t_s - 4.5) < 0.1)
+    _, hum, _ = offline_critical_points(recording(samples))
+    assert hum.source == "band-pass", "a shake that moves nothing"
+
+
+@given(offset=st.lists(st.floats(-50.0, 50.0), min_size=6, max_size=6), seed=st.integers(0, 50))
+@settings(max_examples=30, deadline=None)
+def test_a_constant_offset_changes_nothing(offset: list[float], seed: int) -> None:
+    samples = held_object(seed=seed)
+    assert rows(samples + np.array(offset)) == rows(samples)
+
+
+@given(factor=st.floats(1e-3, 1e3), seed=st.integers(0, 50))
+@settings(max_examples=30, deadline=None)
+def test_the_unit_of_the_channels_changes_nothing(factor: float, seed: int) -> None:
+    samples = held_object(seed=seed)
+    assert rows(factor * samples) == rows(samples)
+
+
+@given(order=st.permutations(range(4)), seed=st.integers(0, 50))
+@settings(max_examples=20, deadline=None)
+def test_the_order_of_the_sensors_changes_nothing(order: list[int], seed: int) -> None:
+    samples = np.hstack([held_object(seed=seed), held_object(seed=seed + 1, slip_s=7.0)])
+    shuffled = samples.reshape(len(samples), 4, 3)[:, order].reshape(len(samples), -1)
+    assert rows(shuffled) == rows(samples)
+
+
+@given(mirror=st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4), seed=st.integers(0, 50))
+@settings(max_examples=20, deadline=None)
+def test_the_sign_of_a_shear_axis_changes_nothing(mirror: list[float], seed: int) -> None:
+    samples = held_object(seed=seed)
+    signs = np.array([*mirror[:2], 1.0, *mirror[2:], 1.0])
+    assert rows(samples * signs) == rows(samples)
+
+
+@given(seed=st.integers(0, 1000), rate_hz=st.sampled_from(RATES_HZ), slip_s=st.floats(0.0, 9.0))
+@settings(max_examples=30, deadline=None)
+def test_points_keep_off_both_ends_and_apart_from_each_other(seed: int, rate_hz: float, slip_s: float) -> None:
+    points = offline_critical_points(recording(held_object(rate_hz, seed, slip_s), rate_hz))
+    times = np.array([point.t_s for point in points])
+    assert np.all((times >= 1.0) & (times < 8.0))
+    assert np.all(np.diff(times) > 0.5)
+
+
+def test_excursions_that_follow_within_three_tenths_of_a_second_are_one() -> None:
+    t_s = np.arange(1500) / 150.0
+    samples = np.random.default_rng(0).normal(0.0, 0.002, (1500, 3))
+    for start_s in (4.0, 4.9, 5.8):  # the bank rings on: less than 0.3 s of quiet between them
+        samples[:, 0] += ((t_s >= start_s) & (t_s < start_s + 0.6)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
+    assert band_pass_rows(samples, 150.0) == pytest.approx([600], abs=15)
+    samples[:, 0] += ((t_s >= 7.6) & (t_s < 8.0)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
+    assert band_pass_rows(samples, 150.0) == pytest.approx([600, 1140], abs=15)
+
+
+def test_a_normal_force_that_crosses_zero_makes_no_friction_point() -> None:
+    rng = np.random.default_rng(0)
+    t_s = np.arange(500) / 50.0
+    samples = rng.normal(0.0, 0.01, (500, 3))
+    samples[:, 0] += 1.0  # steady shear; the quotient x / z has a pole wherever z passes through zero
+    samples[:, 2] += np.sin(2 * np.pi * 0.3 * t_s)
+    assert not friction_rows(samples, 50.0).size
+
+
+def test_a_friction_mark_sits_on_the_jump_and_not_where_it_was_foreseen() -> None:
+    assert friction_rows(held_object(), 50.0) == pytest.approx([50 * GRASP_S, 50 * SLIP_S], abs=6)
+
+
+def test_of_two_jumps_within_half_a_second_the_larger_is_kept() -> None:
+    t_s = np.arange(500) / 50.0
+    samples = np.random.default_rng(0).normal(0.0, 0.002, (500, 3))
+    samples[:, 2] += 2.0 * (t_s >= 2.0)
+    for jump_s, size in ((5.0, 0.5), (5.3, 1.0), (7.0, 1.0), (7.3, 0.5)):
+        samples[:, 0] += size * (t_s >= jump_s)
+    assert friction_rows(samples, 50.0)[-2:] == pytest.approx([265, 350], abs=1)
+
+
+def test_a_sudden_loss_of_grip_under_steady_shear_is_a_friction_point() -> None:
+    t_s = np.arange(500) / 50.0
+    samples = np.random.default_rng(0).normal(0.0, 0.002, (500, 3))
+    samples[:, 0] += 1.0 * (t_s >= 2.0)
+    samples[:, 2] += 2.0 * (t_s >= 2.0) - 1.4 * (t_s >= 6.0)
+    assert friction_rows(samples, 50.0)[-1] == pytest.approx(300, abs=1)
+
+
+def test_a_dead_or_silent_recording_has_no_points() -> None:
+    assert rows(np.zeros((500, 6))) == []
+    assert rows(np.full((500, 6), np.nan)) == []
+
+
+def test_lost_values_poison_nothing() -> None:
+    samples = held_object()
+    expected = rows(samples)
+    samples[[0, 20, 21, 200, 201], :3] = [[np.nan], [np.inf], [-np.inf], [np.nan], [1e30]]
+    trial = recording(samples)
+    trial.valid[201, 0] = False
+    assert [point.row for point in offline_critical_points(trial)] == expected
+
+
+def test_an_invalid_sensor_is_not_believed() -> None:
+    trial = recording(held_object())
+    trial.samples[250:255, :3] += 100.0
+    assert any(240 <= point.row < 260 for point in offline_critical_points(trial))
+    trial.valid[250:255, 0] = False
+    assert not any(240 <= point.row < 260 for point in offline_critical_points(trial))

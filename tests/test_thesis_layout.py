@@ -1,0 +1,327 @@
+"""The thesis' folders: what is recognised, how it is prepared, whom its labels believe, what is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, channel_names
+from edge_runtime.errors import (
+    ChannelError,
+    ClassMissing,
+    DataError,
+    DataNotFound,
+    LabelError,
+    RateError,
+    UnitError,
+)
+from edge_runtime.trial_file import Trial, read_trial
+from training.datasets import thesis
+from training.fixture import KIND, UPSIDE_DOWN, write_fixture
+from training.objects import mass_g, object_name
+from training.recording import DataSet
+from training.timeline import contact, read_truth, scripted, truth_path
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    write_fixture(folder, trials_per_cell=2)
+    return folder
+
+
+@pytest.fixture
+def copied(made: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(made, tmp_path / "set")
+
+
+@pytest.fixture(scope="module")
+def data(made: Path) -> DataSet:
+    return thesis.load(made)
+
+
+def test_the_layout_is_recognised_and_others_are_not(made: Path, tmp_path: Path) -> None:
+    assert thesis.recognises(made)
+    assert not thesis.recognises(tmp_path)
+    assert not thesis.recognises(tmp_path / "nowhere")
+    (tmp_path / "photos" / "summer").mkdir(parents=True)
+    (tmp_path / "photos" / "summer" / "trial_1.csv").touch()
+    assert not thesis.recognises(tmp_path)
+
+
+def test_every_trial_and_the_empty_hand_become_recordings(data: DataSet) -> None:
+    assert len(data.recordings) == 5 * 3 * 2 + 1
+    trial = next(recording for recording in data.recordings if recording.trial_id == "full-bottle/fall/trial_2")
+    assert (trial.object_name, trial.action, trial.group) == ("full-bottle", "fall", trial.trial_id)
+    assert (data.rate_hz, data.unit, data.n_sensors) == (50.0, "N", 6)
+    empty = next(recording for recording in data.recordings if recording.object_name is None)
+    assert (empty.trial_id, empty.action) == ("nothing/trial_1", None)
+
+
+def test_magnets_are_turned_round_and_the_offset_is_taken_off(made: Path, data: DataSet) -> None:
+    recording = data.recordings[0]
+    raw = read_trial(made / f"{recording.trial_id}.csv").raw
+    held = slice(round(4.5 * 50), round(6.5 * 50))
+    for sensor in range(6):
+        z = 3 * sensor + 2
+        assert (raw[0, z] < 0) == (sensor in UPSIDE_DOWN)
+        assert recording.samples[held, z].mean() > 0.3
+    np.testing.assert_allclose(recording.samples[:5].mean(axis=0), 0.0, atol=1e-12)
+
+
+def test_objects_are_sorted_by_name_and_trials_by_number(copied: Path) -> None:
+    first = copied / "soft-ball" / "pass" / "trial_1.csv"
+    for path in (first, truth_path(first)):
+        path.rename(path.with_name(path.name.replace("trial_1", "trial_10")))
+    names = [recording.trial_id for recording in thesis.load(copied).recordings]
+    assert names.index("soft-ball/pass/trial_2") + 1 == names.index("soft-ball/pass/trial_10")
+    assert [name.split("/")[0] for name in names] == sorted(name.split("/")[0] for name in names)
+
+
+def test_both_spellings_of_the_folders_are_read(copied: Path) -> None:
+    (copied / "soft-ball").rename(copied / "softball")
+    (copied / "full-bottle").rename(copied / "colabottle")
+    (copied / "colabottle" / "put-down").rename(copied / "colabottle" / "putdown")
+    objects = {recording.object_name for recording in thesis.load(copied).recordings}
+    assert {"soft-ball", "full-bottle"} <= objects
+
+
+def test_the_empty_hand_may_be_a_single_file(copied: Path) -> None:
+    (copied / "nothing" / "trial_1.csv").rename(copied / "nothing.csv")
+    shutil.rmtree(copied / "nothing")
+    assert thesis.load(copied).recordings[-1].trial_id == "nothing"
+
+
+def test_notes_tell_the_natural_and_the_balanced_counts(data: DataSet) -> None:
+    assert sum(data.notes["windows_balanced"].values()) == len(data.tasks["classes"])
+    assert sum(data.notes["windows_natural"].values()) > len(data.tasks["classes"])
+    assert data.notes["samples"]["grasp_light"] > data.notes["samples"]["risky_slip_light"] > 0
+    assert "friction" in data.notes["table_natural"]
+    json.dumps(data.notes)
+
+
+def test_kind_and_licence_come_from_meta_and_are_careful_without_it(copied: Path, data: DataSet) -> None:
+    assert (data.kind, data.redistributable) == (KIND, True)
+    (copied / "meta.json").unlink()
+    bare = thesis.load(copied)
+    assert (bare.kind, bare.redistributable, bare.unit) == ("recorded", False, "N")
+
+
+def test_the_truth_beside_a_trial_is_believed_before_the_script(copied: Path) -> None:
+    """The same trials with their truth turned into a script's: other labels come out."""
+    told = thesis.load(copied).notes["samples"]
+    for path in copied.glob("*/*/*.truth.json"):
+        path.write_text(json.dumps({"phases": [{"t0_s": 0, "t1_s": 2, "label": "nothing"}]}))
+        break
+    assert thesis.load(copied).notes["samples"] != told
+
+
+def test_without_truth_the_labels_follow_the_script(made: Path) -> None:
+    def situations(name: str) -> list[int]:
+        return [phase.situation for phase in follow(made / name)]
+
+    assert situations("soft-ball/pass/trial_1.csv") == [NOTHING, GRASP, SAFE_SLIP, NOTHING]
+    assert situations("soft-ball/pull/trial_1.csv") == [NOTHING, GRASP, RISKY_SLIP, NOTHING]
+    two_steps = [NOTHING, GRASP, SAFE_SLIP, GRASP, SAFE_SLIP, NOTHING]
+    assert situations("soft-ball/put-down/trial_1.csv") == two_steps
+    assert situations("full-bottle/pass/trial_1.csv") == two_steps
+    starts = [phase.first / 50.0 for phase in follow(made / "hard-ball/put-down/trial_1.csv")]
+    assert starts[2:5] == [7.0, 9.0, 10.0]
+
+
+def follow(path: Path) -> tuple:
+    trial = read_trial(path)
+    return scripted(trial, thesis.PREPARATION.apply(trial.raw), path.parent.name, path.parent.parent.name)
+
+
+def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(made: Path) -> None:
+    for path in made.glob("*/p*/trial_*.csv"):
+        trial = read_trial(path)
+        truth = read_truth(truth_path(path), trial.t_s)
+        onset, empty = contact(trial.t_s, thesis.PREPARATION.apply(trial.raw))
+        assert abs(onset - truth[1].first) < 0.4 * 50
+        assert abs(empty - truth[-1].first) < 0.4 * 50
+
+
+def test_a_set_without_any_truth_loads_with_all_classes(copied: Path) -> None:
+    for path in copied.glob("*/*/*.truth.json"):
+        path.unlink()
+    assert min(thesis.load(copied).notes["windows_balanced"].values()) > 0
+
+
+def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
+    trial = read_trial(made / "soft-ball/pass/trial_1.csv")
+    shifted = Trial(trial.path, trial.t_s, np.roll(trial.raw, 400, axis=0), trial.valid)
+    with pytest.raises(LabelError, match=r"trial_1\.csv"):
+        scripted(shifted, thesis.PREPARATION.apply(shifted.raw), "pass", "soft-ball")
+
+
+def test_the_rate_is_the_median_and_a_microsecond_costs_no_sample(copied: Path) -> None:
+    for path in copied.glob("*/*/trial_*.csv"):
+        retime(path, lambda t_s: np.round(t_s * 1.00005, 6))
+    assert thesis.load(copied).rate_hz == 50.0
+
+
+def retime(path: Path, clock: Callable[[np.ndarray], np.ndarray]) -> None:
+    trial = read_trial(path)
+    write_trial(path, clock(trial.t_s), trial.raw)
+
+
+def write_trial(path: Path, t_s: np.ndarray, raw: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    header = ",".join(["Time", *channel_names(raw.shape[1] // 3)])
+    np.savetxt(path, np.column_stack([t_s, raw]), delimiter=",", header=header, comments="", fmt="%.6f")
+
+
+TRIAL = "hard-ball/pass/trial_1.csv"
+
+
+def as_object_nobody_weighed(root: Path) -> None:
+    (root / "hard-ball").rename(root / "brick")
+
+
+def with_a_mass_that_is_none(root: Path) -> None:
+    (root / "hard-ball" / "meta.json").write_text('{"mass_g": "heavy"}')
+
+
+def with_an_action_nobody_knows(root: Path) -> None:
+    (root / "hard-ball" / "pass").rename(root / "hard-ball" / "juggle")
+
+
+def with_meta_that_is_no_json(root: Path) -> None:
+    (root / "meta.json").write_text("{")
+
+
+def with_meta_that_is_a_list(root: Path) -> None:
+    (root / "meta.json").write_text("[]")
+
+
+def with_a_unit_nobody_knows(root: Path) -> None:
+    (root / "meta.json").write_text('{"unit": "lbf"}')
+
+
+def with_a_trial_at_another_rate(root: Path) -> None:
+    retime(root / TRIAL, lambda t_s: t_s * 1.2)
+
+
+def with_a_trial_of_fewer_sensors(root: Path) -> None:
+    trial = read_trial(root / TRIAL)
+    write_trial(root / TRIAL, trial.t_s, trial.raw[:, :15])
+
+
+def with_a_phase_nobody_knows(root: Path) -> None:
+    phase = {"t0_s": 0, "t1_s": 9, "label": "hovering"}
+    truth_path(root / TRIAL).write_text(json.dumps({"phases": [phase]}))
+
+
+def with_a_phase_that_ends_before_it_begins(root: Path) -> None:
+    phase = {"t0_s": 9, "t1_s": 0, "label": "grasp"}
+    truth_path(root / TRIAL).write_text(json.dumps({"phases": [phase]}))
+
+
+def with_phases_that_overlap(root: Path) -> None:
+    both = [{"t0_s": 0, "t1_s": 9, "label": "grasp"}, {"t0_s": 5, "t1_s": 9, "label": "nothing"}]
+    truth_path(root / TRIAL).write_text(json.dumps({"phases": both}))
+
+
+def with_a_truth_without_phases(root: Path) -> None:
+    truth_path(root / TRIAL).write_text("{}")
+
+
+def without_any_trial(root: Path) -> None:
+    shutil.rmtree(root)
+
+
+def without_heavy_objects(root: Path) -> None:
+    shutil.rmtree(root / "hard-ball")
+    shutil.rmtree(root / "full-bottle")
+
+
+def slowed_down_until_no_band_is_left(root: Path) -> None:
+    for path in root.glob("**/trial_*.csv"):
+        retime(path, lambda t_s: 3.0 * t_s)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "names"),
+    [
+        (as_object_nobody_weighed, LabelError, "brick/meta.json"),
+        (with_a_mass_that_is_none, LabelError, "'heavy'"),
+        (with_an_action_nobody_knows, LabelError, "juggle"),
+        (with_meta_that_is_no_json, LabelError, "meta.json"),
+        (with_meta_that_is_a_list, LabelError, "meta.json"),
+        (with_a_unit_nobody_knows, UnitError, "lbf"),
+        (with_a_trial_at_another_rate, RateError, "hard-ball/pass/trial_1"),
+        (with_a_trial_of_fewer_sensors, ChannelError, "hard-ball/pass/trial_1"),
+        (with_a_phase_nobody_knows, LabelError, "hovering"),
+        (with_a_phase_that_ends_before_it_begins, LabelError, "trial_1.truth.json"),
+        (with_phases_that_overlap, LabelError, "trial_1.truth.json"),
+        (with_a_truth_without_phases, LabelError, "trial_1.truth.json"),
+        (without_any_trial, DataNotFound, "no trials"),
+        (without_heavy_objects, ClassMissing, "grasp_heavy"),
+        (slowed_down_until_no_band_is_left, RateError, "more than 20 Hz"),
+    ],
+)  # fmt: skip
+def test_a_set_is_refused_in_one_line_that_names_the_fault(
+    copied: Path, spoil: Callable[[Path], None], error: type[DataError], names: str
+) -> None:
+    spoil(copied)
+    with pytest.raises(error) as caught:
+        thesis.load(copied)
+    assert type(caught.value) is error
+    assert names in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mass_beside_the_recordings_is_believed_before_the_table(tmp_path: Path) -> None:
+    half_full = tmp_path / "full-bottle"
+    half_full.mkdir()
+    assert mass_g(half_full) == 517.3
+    (half_full / "meta.json").write_text('{"mass_g": 120}')
+    assert mass_g(half_full) == 120.0
+
+
+def test_an_unknown_object_keeps_its_own_name() -> None:
+    assert object_name("Soft_Ball") == "soft-ball"
+    assert object_name("My Mug") == "My Mug"
+
+
+def test_a_weighed_object_is_read_like_the_known_ones(copied: Path) -> None:
+    as_object_nobody_weighed(copied)
+    (copied / "brick" / "meta.json").write_text('{"mass_g": 900}')
+    data = thesis.load(copied)
+    brick = [index for index, recording in enumerate(data.recordings) if recording.object_name == "brick"]
+    task = data.tasks["classes"]
+    assert (task.label[np.isin(task.trial, brick)] % 2 == 1).all()
+
+
+def test_lost_values_in_a_trial_are_marked_and_do_not_stop_it(copied: Path) -> None:
+    trial = read_trial(copied / TRIAL)
+    trial.raw[100:103, 4] = np.nan
+    write_trial(copied / TRIAL, trial.t_s, trial.raw)
+    recording = next(r for r in thesis.load(copied).recordings if f"{r.trial_id}.csv" == TRIAL)
+    assert np.flatnonzero(~recording.valid[:, 1]).tolist() == [100, 101, 102]
+    assert recording.valid[:, [0, 2, 3, 4, 5]].all()
+
+
+def test_the_fixture_writes_the_same_bytes_for_the_same_seed(made: Path, tmp_path: Path) -> None:
+    write_fixture(tmp_path / "same", trials_per_cell=2)
+    write_fixture(tmp_path / "other", trials_per_cell=2, seed=1)
+    paths = sorted(path.relative_to(made) for path in made.rglob("*.*"))
+    assert len(paths) == 2 * (30 + 1) + 1
+    for path in paths:
+        assert (tmp_path / "same" / path).read_bytes() == (made / path).read_bytes()
+    assert (tmp_path / "other" / TRIAL).read_bytes() != (made / TRIAL).read_bytes()
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 150.0, 300.0])
+def test_the_fixture_serves_every_rate_with_all_classes(tmp_path: Path, rate_hz: float) -> None:
+    write_fixture(tmp_path, trials_per_cell=2, rate_hz=rate_hz)
+    data = thesis.load(tmp_path)
+    assert data.rate_hz == rate_hz
+    assert min(data.notes["windows_balanced"].values()) >= 3

@@ -1,0 +1,243 @@
+"""Labelled windows and their balance, and the faults of the thesis that must not come back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.model_selection import GroupKFold
+
+from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from edge_runtime.errors import ClassMissing
+from export.spec import StepSpec
+from training.datasets import thesis
+from training.fixture import write_fixture
+from training.objects import OBJECTS, is_heavy
+from training.recording import DataSet, Recording
+from training.timeline import Phase, whole
+from training.windows import (
+    COLUMNS,
+    STRATA,
+    TimedTrial,
+    balance,
+    class_counts,
+    counts_table,
+    labelled_rows,
+    natural_windows,
+    sample_counts,
+    window_rows,
+)
+
+RATE_HZ = 50.0
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
+    folder = tmp_path_factory.mktemp("fixture")
+    write_fixture(folder)
+    return thesis.load(folder)
+
+
+def shaken(*times_s: float, lasts_s: float = 12.0) -> Recording:
+    """A recording of one sensor that is shaken at these times."""
+    t_s = np.arange(round(lasts_s * RATE_HZ)) / RATE_HZ
+    samples = np.random.default_rng(0).normal(0.0, 0.002, (len(t_s), 3))
+    for time_s in times_s:
+        on = (t_s >= time_s) & (t_s < time_s + 0.1)
+        samples[:, 0] += on * np.sin(2 * np.pi * 15.0 * (t_s - time_s))
+    valid = np.ones((len(t_s), 1), dtype=np.bool_)
+    return Recording("a", "a", samples, valid, RATE_HZ, "N", "soft-ball", "pass")
+
+
+def phases(*marks: tuple[float, int], stop_s: float = 12.0) -> tuple[Phase, ...]:
+    stops = [start_s for start_s, _ in marks[1:]] + [stop_s]
+    return tuple(
+        Phase(round(start_s * RATE_HZ), round(end_s * RATE_HZ), situation)
+        for (start_s, situation), end_s in zip(marks, stops, strict=True)
+    )
+
+
+def slips(windows: pd.DataFrame) -> list[tuple[int, int]]:
+    """(row, label) of the windows that come from critical points."""
+    critical = windows[~windows["source"].isin(["keep", "nothing"])]
+    return list(zip(critical["row"].tolist(), critical["label"].tolist(), strict=True))
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> pd.DataFrame:
+    """A table of windows with every class, of any imbalance."""
+    cell = st.tuples(
+        st.sampled_from(["a", "b", "c"]), st.sampled_from(["pass", "pull"]), st.sampled_from(["keep", "both"])
+    )
+    lines: list[tuple[int | str, ...]] = []
+    for label in range(len(CLASSES)):
+        for cell_of_window in draw(st.lists(cell, min_size=1, max_size=25)):
+            lines.append((len(lines) % 7, len(lines), label, *cell_of_window))
+    return pd.DataFrame(lines, columns=list(COLUMNS))
+
+
+@given(windows=tables(), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, seed: int) -> None:
+    balanced = balance(windows, seed)
+    assert set(class_counts(balanced).values()) == {min(class_counts(windows).values())}
+    assert not balanced.duplicated().any()
+    assert len(balanced.merge(windows, how="inner")) == len(balanced), "nothing is made up"
+
+
+@given(windows=tables(), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_the_cells_of_a_class_give_as_equally_as_they_can(windows: pd.DataFrame, seed: int) -> None:
+    keys = ["label", *STRATA]
+    had = windows.groupby(keys).size()
+    gave = balance(windows, seed).groupby(keys).size().reindex(had.index, fill_value=0)
+    for label in range(len(CLASSES)):
+        most = gave[label].max()
+        unspent = gave[label][gave[label] < had[label]]
+        assert (unspent >= most - 1).all(), "a cell gave less than another although it had more"
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(seed: int) -> None:
+    windows = pd.DataFrame([(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=list(COLUMNS))
+    np.random.seed(1)
+    first = balance(windows, seed)
+    np.random.seed(2)
+    pd.testing.assert_frame_equal(balance(windows, seed), first)
+
+
+def test_another_seed_draws_other_windows() -> None:
+    windows = pd.DataFrame([(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)], columns=list(COLUMNS))
+    assert not balance(windows, 0).equals(balance(windows, 1))
+
+
+def test_a_class_without_a_window_is_named() -> None:
+    windows = pd.DataFrame([(0, k, k % 7, "a", "b", "c") for k in range(70)], columns=list(COLUMNS))
+    with pytest.raises(ClassMissing, match="risky_slip_heavy") as caught:
+        balance(windows, 0)
+    assert "\n" not in str(caught.value)
+    assert "risky_slip_light" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("rate_hz", "rows"), [(50.0, 6), (58.9, 6), (150.0, 16), (300.0, 31), (8.0, 2)])
+def test_a_window_spans_a_tenth_of_a_second_at_every_rate(rate_hz: float, rows: int) -> None:
+    assert window_rows(rate_hz) == rows == StepSpec(6, rate_hz, "N", ()).window_samples
+
+
+def test_a_point_bears_the_situation_of_the_phase_it_falls_in() -> None:
+    trial = TimedTrial(
+        shaken(3.2, 7.3, 9.5), phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (8, NOTHING)), heavy=True
+    )
+    assert [label for _, label in slips(natural_windows([trial]))] == [3, 7]
+
+
+def test_at_an_edge_the_higher_situation_takes_the_points_within_one_window() -> None:
+    times = phases((0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, NOTHING))
+    found = slips(natural_windows([TimedTrial(shaken(2.92, 6.92, 8.02), times, heavy=False)]))
+    assert [label for _, label in found] == [2, 4, 4]
+    early = slips(natural_windows([TimedTrial(shaken(2.6, 6.6, 8.4), times, heavy=False)]))
+    assert [label for _, label in early] == [2], "before contact and after the release a point is no window"
+
+
+def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
+    times = phases((0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, GRASP), (10, SAFE_SLIP), (11, NOTHING))
+    quiet, disturbed = (natural_windows([TimedTrial(shaken(*at), times, heavy=False)]) for at in ((7.2,), (5.1, 7.2)))
+    keep = quiet[quiet["source"] == "keep"]
+    assert (keep["label"] == 2).all()
+    assert keep["row"].tolist() == [250, 334, 450, 484]
+    assert disturbed[disturbed["source"] == "keep"]["row"].tolist() == [334, 450, 484]
+
+
+def test_a_hold_too_short_to_be_steady_gives_no_keep_window() -> None:
+    times = phases((0, NOTHING), (3, GRASP), (3.6, SAFE_SLIP), (4.5, NOTHING))
+    windows = natural_windows([TimedTrial(shaken(), times, heavy=False)])
+    assert "keep" not in set(windows["source"])
+
+
+def test_nothing_windows_stand_at_both_ends_and_bear_the_weight_of_the_object() -> None:
+    times = phases((0, NOTHING), (3, GRASP), (8, NOTHING))
+    for heavy in (False, True):
+        windows = natural_windows([TimedTrial(shaken(3.1), times, heavy)])
+        nothing = windows[windows["source"] == "nothing"]
+        assert set(nothing["label"]) == {int(heavy)}
+        assert (nothing["row"] < 150).any()
+        assert (nothing["row"] > 400).any()
+
+
+def test_windows_of_the_empty_hand_bear_both_weights_alternately() -> None:
+    trial = TimedTrial(shaken(), whole(600, NOTHING), heavy=None)
+    assert natural_windows([trial])["label"].tolist() == [0, 1] * 11 + [0]
+
+
+def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(data: DataSet) -> None:
+    task = data.tasks["classes"]
+    lengths = np.array([len(recording.samples) for recording in data.recordings])
+    assert (task.row >= window_rows(data.rate_hz) - 1).all()
+    assert (task.row < lengths[task.trial]).all()
+    assert len(set(zip(task.trial.tolist(), task.row.tolist(), strict=True))) == len(task)
+
+
+def test_classes_that_were_402_250_760_580_634_433_282_291_in_the_thesis_are_equal_here(
+    data: DataSet,
+) -> None:
+    natural, balanced = data.notes["windows_natural"], data.notes["windows_balanced"]
+    assert len(set(natural.values())) > 1, "the fixture would prove nothing if it were balanced already"
+    assert set(balanced.values()) == {min(natural.values())}
+    assert np.bincount(data.tasks["classes"].label).tolist() == list(balanced.values())
+
+
+def test_no_soft_ball_is_ever_labelled_heavy_nor_any_other_object_against_its_mass(data: DataSet) -> None:
+    task = data.tasks["classes"]
+    for trial, label in zip(task.trial, task.label, strict=True):
+        name = data.recordings[trial].object_name
+        if name is not None:
+            assert label % 2 == is_heavy(OBJECTS[name].mass_g)
+
+
+def test_grasping_a_soft_ball_before_its_release_is_a_grasp_and_not_a_risky_slip(data: DataSet) -> None:
+    task = data.tasks["classes"]
+    for trial, label in zip(task.trial, task.label, strict=True):
+        if data.recordings[trial].action in ("pass", "put-down"):
+            assert label // 2 != RISKY_SLIP
+
+
+def test_test_windows_never_come_from_a_trial_that_was_trained_on(data: DataSet) -> None:
+    task, groups = data.tasks["classes"], data.group_of("classes")
+    assert len(data.groups()) == len(data.recordings)
+    for train, test in GroupKFold(5).split(task.row, task.label, groups):
+        assert not set(task.trial[train]) & set(task.trial[test])
+
+
+def test_loading_twice_with_one_seed_gives_one_table_and_another_seed_another(data: DataSet, tmp_path: Path) -> None:
+    write_fixture(tmp_path)
+    again, other = thesis.load(tmp_path).tasks["classes"], thesis.load(tmp_path, seed=1).tasks["classes"]
+    for name in ("trial", "row", "label"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(data.tasks["classes"], name))
+    assert again.row.tolist() != other.row.tolist()
+
+
+def test_the_counts_table_names_classes_objects_actions_sources_and_totals() -> None:
+    lines = [(0, 5, 2, "apple", "pass", "keep"), (0, 9, 7, "brick", "fall", "both"), (1, 9, 7, "brick", "fall", "both")]
+    cells, sources = counts_table(pd.DataFrame(lines, columns=list(COLUMNS))).split("\n\n")
+    brick = next(line for line in cells.splitlines() if "brick" in line)
+    assert brick.split() == ["risky_slip_heavy", "brick", "2", "0", "2"], "fall, pass, all"
+    assert sources.splitlines()[-1].split() == ["all", "2", "1", "3"], "both, keep, all"
+
+
+def test_samples_are_counted_over_the_whole_time_line() -> None:
+    times = phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (7.5, NOTHING))
+    empty = TimedTrial(shaken(), whole(600, NOTHING), heavy=None)
+    counts = sample_counts([TimedTrial(shaken(), times, heavy=True), empty])
+    assert counts["nothing_heavy"] == 150 + 225
+    assert (counts["grasp_heavy"], counts["risky_slip_heavy"]) == (200, 25)
+    assert sum(counts.values()) == 600, "the empty hand has no weight to be counted under"
+
+
+def test_the_task_names_its_eight_classes(data: DataSet) -> None:
+    task = labelled_rows(natural_windows([TimedTrial(shaken(), whole(600, NOTHING), heavy=None)]))
+    assert task.classes == data.tasks["classes"].classes == CLASSES

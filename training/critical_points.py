@@ -1,0 +1,206 @@
+"""Critical points for labelling, found OFFLINE: these functions look ahead and use the whole recording.
+
+Nothing here may run on a hand. The detectors that do are causal, live in `export`, and bear another
+name. Two methods look for the moment at which a grip changes:
+
+band-pass  slip rings. Engeberg and Meek's bank, H(s) = s [wn^2 / (s^2 + 2 z wn s + wn^2)]^2 [wl / (s + wl)],
+           ten bands on every shear channel; the largest rectified band against the recording's own noise.
+friction   the ratio of shear to normal force jumps, and the force itself has moved a moment later.
+
+Every rule is in seconds and every threshold is relative to the recording itself, so that one setting
+serves all objects, rates and units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import sosfilt
+
+from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
+from edge_runtime.errors import RateError
+from training.recording import Recording
+
+Source = Literal["band-pass", "friction", "both"]
+Rows = npt.NDArray[np.int64]
+
+BANDS_HZ = tuple(float(band) for band in range(10, 56, 5))
+DAMPING = 0.1
+LOW_PASS_HZ = 75.0
+
+NOISE_TIMES = 6.0  # a point stands this far above the median of its signal
+LEAST_SHARE = 0.02  # and above this share of the recording's largest swing (a recording without noise)
+REST_S = 0.1  # unloaded start, the zero of all forces
+EDGE_S = 1.0  # ignored at both ends: filters settle, hands come and go
+RECOVERY_S = 0.3  # quiet between two excursions of one signal
+BAND_PASS_APART_S = 0.6
+STEP_S = 0.02  # the ratio's jump is taken over this time
+LEAST_JUMP = 0.1  # of the friction ratio, dimensionless
+NORMAL_JUMP = 5.0  # times stricter where only the normal force moved
+SHEAR_AHEAD_S = 0.3
+NORMAL_AHEAD_S = 0.1  # to both sides: 0.2 s in all
+FRICTION_APART_S = 0.5
+FUSED_APART_S = 0.5
+
+
+@dataclass(frozen=True)
+class CriticalPoint:
+    """row: index into the recording; t_s: row / rate; source: the method (or both) that found it."""
+
+    row: int
+    t_s: float
+    source: Source
+
+
+def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
+    """Both methods or-ed, in order of time: the first of any 0.5 s, none within 1 s of either end.
+
+    Raises RateError where the rate carries no band.
+    """
+    rate_hz = recording.rate_hz
+    samples = _at_rest_zero(_held(recording.samples, recording.valid), rate_hz)
+    by_band, by_friction = band_pass_rows(samples, rate_hz), friction_rows(samples, rate_hz)
+    apart = _rows(FUSED_APART_S, rate_hz)
+    fused = _first_of_any(np.union1d(by_band, by_friction), apart)
+    return [CriticalPoint(row, row / rate_hz, _source(row, by_band, by_friction, apart)) for row in fused.tolist()]
+
+
+def carried_bands(rate_hz: float) -> list[float]:
+    """The bands below half the rate, Hz."""
+    return [band for band in BANDS_HZ if band < rate_hz / 2]
+
+
+def bank_sections(rate_hz: float) -> list[FloatArray]:
+    """Second-order sections [3, 6] of every band the rate carries, for `scipy.signal.sosfilt`.
+
+    The first section is differentiator and low-pass in one: the differentiator's pole at q = -1 (it would
+    ring for ever) meets the low-pass's zero there and is cancelled by hand. The resonators follow twice,
+    each prewarped to the frequency it is named after. Raises RateError where no band is left.
+    """
+    bands = carried_bands(rate_hz)
+    if not bands:
+        raise RateError(
+            f"{rate_hz:.4g} Hz carries none of the bands from {BANDS_HZ[0]:g} Hz",
+            cause="too slow a recording",
+            next_step=f"record at more than {2 * BANDS_HZ[0]:g} Hz",
+        )
+    k, wl = 2.0 * rate_hz, 2 * np.pi * LOW_PASS_HZ
+    change = np.array([k * wl, -k * wl, 0.0, k + wl, wl - k, 0.0]) / (k + wl)
+    return [np.stack([change, *2 * [_resonator(band, rate_hz)]]) for band in bands]
+
+
+def _resonator(band_hz: float, rate_hz: float) -> FloatArray:
+    w = 2 * np.pi * band_hz
+    k = w / np.tan(w / (2 * rate_hz))
+    low, high = k * k - 2 * DAMPING * w * k + w * w, k * k + 2 * DAMPING * w * k + w * w
+    return np.array([w * w, 2 * w * w, w * w, high, 2 * (w * w - k * k), low]) / high
+
+
+def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
+    """[T, C] -> [T, 2 C / 3]: per shear channel the largest |output| over the bands, unit per second.
+
+    Each channel has a state of its own, settled at its first value, and starts afresh with every call.
+    """
+    shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
+    outputs = [sosfilt(sections, shear - shear[0], axis=0) for sections in bank_sections(rate_hz)]
+    return np.abs(outputs).max(axis=0)
+
+
+def band_pass_rows(samples: FloatArray, rate_hz: float) -> Rows:
+    """Rising edges of the excursions of any shear channel over its noise: rows, the first of any 0.6 s."""
+    envelope = band_pass_envelope(samples, rate_hz)
+    threshold = np.maximum(NOISE_TIMES * np.median(envelope, axis=0), LEAST_SHARE * envelope.max())
+    above = envelope > threshold
+    edges = [_fresh_edges(above[:, channel], _rows(RECOVERY_S, rate_hz)) for channel in range(above.shape[1])]
+    return _first_of_any(
+        _inside(np.unique(np.concatenate(edges)), len(samples), rate_hz), _rows(BAND_PASS_APART_S, rate_hz)
+    )
+
+
+def _fresh_edges(above: BoolArray, quiet: int) -> Rows:
+    """First rows of the excursions that begin at least `quiet` rows after the one before ended."""
+    change = np.diff(above.astype(np.int8), prepend=0, append=0)
+    starts, stops = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    fresh = np.ones(len(starts), dtype=np.bool_)
+    fresh[1:] = starts[1:] - stops[:-1] >= quiet
+    return starts[fresh]
+
+
+def friction_rows(samples: FloatArray, rate_hz: float) -> Rows:
+    """Jumps of a sensor's shear-to-normal ratio, confirmed by what the force does next: rows.
+
+    Each sensor has a cone of its own in its own fixed axes: no component whose sign or scale depends on
+    the trial. The normal force under the fraction bar never falls below a tenth of what the recording's
+    most loaded sensor carries, so the ratio is bounded where contact is light and has no pole.
+    Of marks within 0.5 s the largest jump is kept.
+    """
+    forces = samples.reshape(len(samples), -1, 3)
+    shear, normal = forces[..., :NORMAL_AXIS], forces[..., NORMAL_AXIS:]
+    noise = np.median(np.abs(np.diff(forces, axis=0)), axis=0).max()
+    least = max(0.1 * np.quantile(np.abs(normal), 0.95, axis=0).max(), NOISE_TIMES * noise)
+    if least == 0.0:
+        return np.empty(0, dtype=np.int64)
+    ratio = shear / np.maximum(normal, least)
+    jump = _moved(ratio, _rows(STEP_S, rate_hz), 0)
+    size = np.maximum(LEAST_JUMP, NOISE_TIMES * np.median(jump, axis=0))
+    ahead, around = _rows(SHEAR_AHEAD_S, rate_hz), _rows(NORMAL_AHEAD_S, rate_hz)
+    shear_moved = np.maximum(_moved(shear, ahead, ahead), _moved(shear, 0, ahead)) > least
+    normal_moved = _moved(normal, around, around) > least
+    marked = (jump > size) & shear_moved | (jump > NORMAL_JUMP * size) & normal_moved
+    strength = np.where(marked, jump, 0.0).max(axis=1)
+    rows = _inside(np.flatnonzero(strength), len(samples), rate_hz)
+    return _largest_of_any(rows, strength[rows], _rows(FRICTION_APART_S, rate_hz))
+
+
+def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
+    """[T, S, A] -> [T, S]: how far x[t + ahead] is from x[t - back]; clamped at the ends."""
+    rows = np.arange(len(x))
+    change = x[np.minimum(rows + ahead, len(x) - 1)] - x[np.maximum(rows - back, 0)]
+    return np.sqrt(np.square(change).sum(axis=2))
+
+
+def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
+    """Lost values replaced by the last good one (by the first good one before that, by zero without any)."""
+    good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
+    rows = np.where(good, np.arange(len(samples))[:, None], -1)
+    last = np.maximum.accumulate(rows, axis=0)
+    last = np.where(last < 0, good.argmax(axis=0), last)
+    return np.where(good.any(axis=0), np.take_along_axis(samples, last, axis=0), 0.0)
+
+
+def _at_rest_zero(samples: FloatArray, rate_hz: float) -> FloatArray:
+    return samples - np.median(samples[: _rows(REST_S, rate_hz)], axis=0)
+
+
+def _rows(seconds: float, rate_hz: float) -> int:
+    return max(1, round(seconds * rate_hz))
+
+
+def _inside(rows: Rows, n_rows: int, rate_hz: float) -> Rows:
+    edge = _rows(EDGE_S, rate_hz)
+    return rows[(rows >= edge) & (rows < n_rows - edge)]
+
+
+def _first_of_any(rows: Rows, apart: int) -> Rows:
+    kept: list[int] = []
+    for row in rows:
+        if not kept or row - kept[-1] > apart:
+            kept.append(int(row))
+    return np.array(kept, dtype=np.int64)
+
+
+def _largest_of_any(rows: Rows, size: FloatArray, apart: int) -> Rows:
+    kept: list[int] = []
+    for row in rows[np.argsort(-size, kind="stable")]:
+        if all(abs(row - other) > apart for other in kept):
+            kept.append(int(row))
+    return np.array(sorted(kept), dtype=np.int64)
+
+
+def _source(row: int, by_band: Rows, by_friction: Rows, apart: int) -> Source:
+    """Which methods have a point in the time that one fused point stands for."""
+    band, friction = (np.any((rows >= row) & (rows - row <= apart)) for rows in (by_band, by_friction))
+    return "both" if band and friction else "band-pass" if band else "friction"

@@ -1,0 +1,190 @@
+"""Reader of the thesis' layout: `<root>/<object>/<action>/trial_<n>.csv`.
+
+Beside the objects there may be the hand alone, `nothing/trial_<n>.csv` or `nothing.csv`; in the root a
+`meta.json` {"unit", "kind", "name", "recordings by", "redistributable"}; in an object's folder a `meta.json`
+{"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which is believed before the script.
+The preparation is the thesis': magnets turned the right way round, the mean of five rows taken off,
+time from zero. Its moving average is not, because it smooths away what the band-pass bank looks for.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS
+from edge_runtime.errors import ChannelError, DataNotFound, LabelError, RateError, UnitError
+from edge_runtime.preparation import Preparation
+from edge_runtime.trial_file import Trial, read_trial
+from training.critical_points import carried_bands
+from training.datasets.rows import finite_sensors
+from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
+from training.recording import DataSet, Recording
+from training.timeline import ACTIONS, Phase, read_truth, scripted, truth_path, whole
+from training.windows import (
+    TimedTrial,
+    balance,
+    class_counts,
+    counts_table,
+    labelled_rows,
+    natural_windows,
+    sample_counts,
+)
+
+PREPARATION = Preparation(bias_rows=5, statistic="mean", flip_negative_normal=True)
+EMPTY_HAND = "nothing"
+TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
+CAVEAT = (
+    "Light and heavy differ only by object, and in 'nothing' by no signal at all: windows without contact "
+    "bear the weight of an object that is not there. Where a trial has no truth file its labels follow the "
+    "script (action from 7 s), not a measurement."
+)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a trial lies; `object_folder` and `action` are None for the hand alone."""
+
+    path: Path
+    object_folder: Path | None = None
+    action: str | None = None
+
+
+def recognises(root: Path) -> bool:
+    """Whether a folder holds at least one `<object>/<action>/trial_<n>.csv` with an action of the thesis."""
+    return any(_action(path.parent) for path in root.glob("*/*/trial_*.csv") if TRIAL_NAME.fullmatch(path.name))
+
+
+def load(root: Path, *, seed: int = 0) -> DataSet:
+    """All trials of a folder, with the balanced task "classes" (labels 0..7).
+
+    seed: draws the balanced windows. Every trial is a group of its own. `notes` has the counts of samples,
+    of all windows and of the balanced ones, and both tables as text. rate_hz is the median over the trials to
+    three digits, so that a clock that is a microsecond off does not cost the window a sample.
+    Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the place.
+    """
+    meta = _meta(root)
+    trials = [_timed(place, root, meta["unit"]) for place in _places(root)]
+    if not trials:
+        raise DataNotFound(
+            "no trials", where=root, next_step="give a folder with <object>/<action>/trial_<n>.csv in it"
+        )
+    rate_hz = _common_rate([trial.recording for trial in trials])
+    natural = natural_windows(trials)
+    balanced = balance(natural, seed)
+    return DataSet(
+        name=str(meta.get("name", root.resolve().name)),
+        recordings=[trial.recording for trial in trials],
+        tasks={"classes": labelled_rows(balanced)},
+        rate_hz=rate_hz,
+        unit=meta["unit"],
+        preparation=PREPARATION,
+        kind=str(meta["kind"]),
+        redistributable=meta.get("redistributable") is True,
+        caveat=CAVEAT,
+        notes={
+            "layout": "thesis",
+            "recordings_by": str(meta.get("recordings by", "not stated")),
+            "seed": seed,
+            "bands_hz": carried_bands(rate_hz),
+            "samples": sample_counts(trials),
+            "windows_natural": class_counts(natural),
+            "windows_balanced": class_counts(balanced),
+            "table_natural": counts_table(natural),
+            "table_balanced": counts_table(balanced),
+        },
+    )
+
+
+def _meta(root: Path) -> dict[str, Any]:
+    meta = {"unit": "N", "kind": "recorded"} | read_json(root / "meta.json")
+    if meta["unit"] not in UNITS:
+        raise UnitError(
+            f"unit {meta['unit']!r} is not one of {', '.join(UNITS)}",
+            where=root / "meta.json",
+            next_step="write the unit the channels are in",
+        )
+    return meta
+
+
+def _places(root: Path) -> Iterator[_Place]:
+    """Every trial of the folder, objects and actions by name, trials by number."""
+    for folder in sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else ():
+        if plain_word(folder.name) == EMPTY_HAND:
+            yield from (_Place(path) for path in _numbered(folder))
+            continue
+        for actions in sorted(path for path in folder.iterdir() if path.is_dir()):
+            for path in _numbered(actions):
+                yield _Place(path, folder, _known_action(actions))
+    if (root / f"{EMPTY_HAND}.csv").is_file():
+        yield _Place(root / f"{EMPTY_HAND}.csv")
+
+
+def _numbered(folder: Path) -> list[Path]:
+    matches = ((TRIAL_NAME.fullmatch(path.name), path) for path in folder.iterdir())
+    return [path for _, path in sorted((int(match[1]), path) for match, path in matches if match)]
+
+
+def _action(folder: Path) -> str | None:
+    return next((action for action in ACTIONS if plain_word(action) == plain_word(folder.name)), None)
+
+
+def _known_action(folder: Path) -> str:
+    action = _action(folder)
+    if action is None:
+        raise LabelError(
+            f"{folder.name!r} is no action",
+            where=folder,
+            next_step=f"name the folder one of {', '.join(ACTIONS)}, or move it out of the data set",
+        )
+    return action
+
+
+def _timed(place: _Place, root: Path, unit: Any) -> TimedTrial:
+    trial = read_trial(place.path)
+    trial_id = place.path.relative_to(root).with_suffix("").as_posix()
+    recording = Recording(
+        trial_id=trial_id,
+        group=trial_id,
+        samples=PREPARATION.apply(trial.raw),
+        valid=trial.valid & finite_sensors(trial.raw),
+        rate_hz=trial.rate_hz,
+        unit=unit,
+        object_name=object_name(place.object_folder.name) if place.object_folder else None,
+        action=place.action,
+    )
+    heavy = is_heavy(mass_g(place.object_folder)) if place.object_folder else None
+    return TimedTrial(recording, _phases(trial, recording), heavy)
+
+
+def _phases(trial: Trial, recording: Recording) -> tuple[Phase, ...]:
+    if recording.object_name is None or recording.action is None:
+        return whole(len(trial.t_s), NOTHING)
+    truth = truth_path(trial.path)
+    if truth.exists():
+        return read_truth(truth, trial.t_s)
+    return scripted(trial, recording.samples, recording.action, recording.object_name)
+
+
+def _common_rate(recordings: list[Recording]) -> float:
+    rate_hz = float(f"{np.median([recording.rate_hz for recording in recordings]):.3g}")
+    for recording in recordings:
+        if abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
+            raise RateError(
+                f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
+                where=recording.trial_id,
+                cause="recorded with other settings",
+                next_step="move it to a set of its own",
+            )
+        if recording.n_sensors != recordings[0].n_sensors:
+            raise ChannelError(
+                f"has {recording.n_sensors} sensors, {recordings[0].trial_id} has {recordings[0].n_sensors}",
+                where=recording.trial_id,
+                next_step="move it to a set of its own",
+            )
+    return rate_hz

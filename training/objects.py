@@ -1,0 +1,88 @@
+"""The objects of the thesis, and what makes one light or heavy.
+
+An object nobody has weighed has no weight class, and guessing one would put wrong labels on every
+window of it: the mass comes from the table below or from `meta.json` beside the recordings.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.contract import LIGHT_BELOW_G
+from edge_runtime.errors import LabelError
+
+
+@dataclass(frozen=True)
+class KnownObject:
+    """One object: mass_g, widths_mm where a hand closes on it (largest first), height_mm if it differs."""
+
+    mass_g: float
+    widths_mm: tuple[float, ...]
+    height_mm: float | None = None
+
+
+OBJECTS = {
+    "soft-ball": KnownObject(15.1, (69.0,)),
+    "empty-bottle": KnownObject(21.2, (63.0,), 230.0),
+    "basket-ball": KnownObject(83.1, (60.0,)),
+    "hard-ball": KnownObject(197.9, (60.0,)),
+    "full-bottle": KnownObject(517.3, (63.0,), 230.0),
+    "apple": KnownObject(20.3, (77.0, 56.0), 86.5),
+}
+ALIASES = {"colabottle": "full-bottle"}
+
+
+def object_name(folder_name: str) -> str:
+    """The table's name of a folder: `softball`, `Soft_Ball` and `soft-ball` are one object."""
+    plain = plain_word(folder_name)
+    known = {plain_word(name): name for name in OBJECTS} | ALIASES
+    return known.get(plain, folder_name)
+
+
+def plain_word(name: str) -> str:
+    """Lower case, letters and digits only."""
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def is_heavy(mass_g: float) -> bool:
+    """Heavy is 150 g and more."""
+    return mass_g >= LIGHT_BELOW_G
+
+
+def mass_g(folder: Path) -> float:
+    """Mass of the object a folder is named after, g: from its `meta.json`, else from the table.
+
+    Raises LabelError where neither knows it, or where the mass is no positive number.
+    """
+    name = object_name(folder.name)
+    told = read_json(folder / "meta.json").get("mass_g")
+    if told is None and name in OBJECTS:
+        return OBJECTS[name].mass_g
+    if told is None:
+        raise LabelError(
+            f"nobody knows how heavy {folder.name!r} is",
+            where=folder,
+            cause="an object that is not in the table of training/objects.py",
+            next_step=f'weigh it and write {{"mass_g": ..}} to {folder.name}/meta.json',
+        )
+    if isinstance(told, bool) or not isinstance(told, int | float) or not 0.0 < told < float("inf"):
+        raise LabelError(f"mass_g is {told!r}", where=folder / "meta.json", next_step="write the mass in gram")
+    return float(told)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object from a file beside the recordings, empty without such a file. Raises LabelError."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise LabelError(
+            f"cannot be read as JSON ({type(error).__name__})", where=path, next_step="mend or remove it"
+        ) from None
+    if not isinstance(value, dict):
+        raise LabelError("holds no JSON object", where=path, next_step="write {..} with the keys by name")
+    return value

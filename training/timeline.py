@@ -1,0 +1,124 @@
+"""What happens when in a trial: from the truth beside it, else from the script it followed.
+
+The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of the full
+bottle, act in [7, 10) and release from 10. Then nothing. A script knows no contact: when the hand closes
+and when it is empty again is read from the normal forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from edge_runtime.contract import (
+    GRASP,
+    NORMAL_AXIS,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    FloatArray,
+)
+from edge_runtime.errors import LabelError
+from edge_runtime.trial_file import Trial
+from training.objects import read_json
+
+ACTIONS = {"pass": SAFE_SLIP, "pull": RISKY_SLIP, "fall": RISKY_SLIP, "put-down": SAFE_SLIP}
+ACTION_S = 7.0
+HOLD_AGAIN_S = 9.0
+"""The script does not say when a put-down's second hold begins; its last second before the release is one."""
+RELEASE_S = 10.0
+CONTACT_SHARE = 0.1
+CONTACT_SMOOTH_S = 0.1
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Rows [first, stop) of a trial in one situation (0..3)."""
+
+    first: int
+    stop: int
+    situation: int
+
+
+def whole(n_rows: int, situation: int) -> tuple[Phase, ...]:
+    """One phase from end to end."""
+    return (Phase(0, n_rows, situation),)
+
+
+def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -> tuple[Phase, ...]:
+    """Phases of a trial that followed the script; samples [T, C] are the trial's, prepared.
+
+    Raises LabelError where the hand is not closed when the action should begin.
+    """
+    t_s = trial.t_s
+    onset, empty = contact(t_s, samples)
+    acts = int(np.searchsorted(t_s, ACTION_S))
+    if not onset < acts < empty:
+        raise LabelError(
+            f"in contact from {t_s[onset]:.2f} to {t_s[empty - 1]:.2f} s, yet to act at {ACTION_S:g} s",
+            where=trial.path,
+            cause="a trial that did not follow the script",
+            next_step="remove it, or write its phases to trial_<n>.truth.json",
+        )
+    marks = [(0, NOTHING), (onset, GRASP), (acts, ACTIONS[action])]
+    if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
+        again, release = np.searchsorted(t_s, [HOLD_AGAIN_S, RELEASE_S])
+        marks += [(int(again), GRASP), (int(release), ACTIONS[action])]
+    return _phases([mark for mark in marks if mark[0] < empty] + [(empty, NOTHING)], len(t_s))
+
+
+def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
+    """First row with the hand closed on something, and first row after the last such.
+
+    Closed: the normal forces, summed and averaged over 0.1 s, exceed a tenth of their 95th percentile.
+    """
+    load = np.abs(np.nan_to_num(samples[:, NORMAL_AXIS::3])).sum(axis=1)
+    smooth = uniform_filter1d(load, max(1, round(CONTACT_SMOOTH_S / float(np.median(np.diff(t_s))))))
+    closed = np.flatnonzero(smooth >= CONTACT_SHARE * np.quantile(smooth, 0.95))
+    return int(closed[0]), int(closed[-1]) + 1
+
+
+def _phases(marks: list[tuple[int, int]], n_rows: int) -> tuple[Phase, ...]:
+    stops = [first for first, _ in marks[1:]] + [n_rows]
+    pairs = zip(marks, stops, strict=True)
+    return tuple(Phase(first, stop, situation) for (first, situation), stop in pairs if first < stop)
+
+
+def truth_path(trial: Path) -> Path:
+    """`trial_3.csv` -> `trial_3.truth.json`."""
+    return trial.with_suffix(".truth.json")
+
+
+def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
+    """Phases from `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`, times from the first sample.
+
+    They follow each other without overlap; rows in no phase have no label. Raises LabelError.
+    """
+    told = read_json(path).get("phases")
+    if not isinstance(told, list) or not told:
+        raise LabelError("holds no list of phases", where=path, next_step="mend or remove it")
+    phases = tuple(_phase(entry, t_s, path) for entry in told)
+    if any(one.stop > other.first for one, other in pairwise(phases)):
+        raise LabelError("phases overlap or are out of order", where=path, next_step="mend or remove it")
+    return tuple(phase for phase in phases if phase.first < phase.stop)
+
+
+def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:
+    try:
+        t0_s, t1_s = float(entry["t0_s"]), float(entry["t1_s"])
+        if not t0_s <= t1_s:  # also true of nan
+            raise ValueError("a phase that ends before it begins")
+        first, stop = np.searchsorted(t_s, [t0_s, t1_s])
+        return Phase(int(first), int(stop), SITUATIONS.index(entry["label"]))
+    except (KeyError, TypeError, ValueError):
+        raise LabelError(
+            f"{entry!r} is no phase",
+            where=path,
+            next_step=f"write t0_s and t1_s in seconds and a label of {', '.join(SITUATIONS)}",
+        ) from None

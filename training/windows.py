@@ -1,0 +1,166 @@
+"""Labelled windows of the eight classes, and their balance.
+
+A window is the N samples that end at its row. Four kinds of row are used:
+
+critical points  labelled by the phase they fall in. At an edge between phases both claim the points within
+                 0.10 s of it, one window, and the higher situation wins, as in every tie: the grasp point
+                 is the contact onset, a slip begins with its first sign and ends when the object is gone
+keep             steady holding: in the middle of each hold and just before what ends it, with no critical
+                 point near (critical points alone would never show a forest a hand that simply holds)
+nothing          the same in each phase without contact, at the start and at the end of a trial; they bear
+                 the weight of the trial's object
+nothing, without an object at all: every half second, light and heavy alternately
+
+The natural table is far from balanced. Balanced, all classes have the same count and, within a class, every
+cell of object x action x source gives as equally as it can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from edge_runtime.contract import CLASSES, GRASP, NOTHING, class_id
+from edge_runtime.errors import ClassMissing
+from export.spec import WINDOW_S
+from training.critical_points import CriticalPoint, offline_critical_points
+from training.recording import LabelledRows, Recording
+from training.timeline import Phase
+
+EDGE_S = WINDOW_S
+STEADY_MARGIN_S = 0.3
+"""A steady window keeps this far from the end of its phase and from every critical point."""
+EMPTY_HAND_EVERY_S = 0.5
+NO_OBJECT = "-"
+COLUMNS = ("trial", "row", "label", "object", "action", "source")
+STRATA = ["object", "action", "source"]
+
+
+@dataclass(frozen=True)
+class TimedTrial:
+    """A recording, what happens in it, and whether its object is heavy (None: there is no object)."""
+
+    recording: Recording
+    phases: tuple[Phase, ...]
+    heavy: bool | None
+
+
+@dataclass(frozen=True)
+class _Spot:
+    row: int
+    label: int
+    source: str
+
+
+def window_rows(rate_hz: float) -> int:
+    """Samples in a window of 0.10 s, both ends included: 6 at 50 Hz, 16 at 150 Hz, never fewer than 2."""
+    return max(2, math.floor(WINDOW_S * rate_hz + 1e-9) + 1)
+
+
+def natural_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
+    """Every window there is, one line each: trial (index), row (the window's last), label (0..7), object,
+    action and source (band-pass, friction, both, keep, nothing)."""
+    lines = [
+        (index, spot.row, spot.label, trial.recording.object_name or NO_OBJECT,
+         trial.recording.action or NO_OBJECT, spot.source)
+        for index, trial in enumerate(trials)
+        for spot in _spots(trial)
+    ]  # fmt: skip
+    return pd.DataFrame(lines, columns=list(COLUMNS))
+
+
+def balance(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """As many windows of each class as the rarest has, drawn evenly from the cells of a class.
+
+    Cells are dealt from in turn until the class is full, so a small cell gives all it has and large ones
+    share the rest. The same seed draws the same windows; order is by trial and row. Raises ClassMissing.
+    """
+    counts = class_counts(windows)
+    missing = [name for name, count in counts.items() if not count]
+    if missing:
+        raise ClassMissing(
+            f"no window of {', '.join(missing)}",
+            cause="no trial with such an object and action, or no critical point found in them",
+            next_step="record light and heavy objects, each with a safe and a risky action",
+        )
+    shuffled = windows.assign(_draw=np.random.default_rng(seed).permutation(len(windows)))
+    turn = shuffled.groupby(["label", *STRATA])["_draw"].rank()
+    dealt = shuffled.assign(_turn=turn).sort_values(["_turn", "_draw"])
+    kept = dealt.groupby("label").head(min(counts.values()))
+    return kept.sort_values(["trial", "row"])[list(COLUMNS)].reset_index(drop=True)
+
+
+def labelled_rows(windows: pd.DataFrame) -> LabelledRows:
+    """The task "classes" of a table of windows."""
+    trial, row, label = (windows[name].to_numpy(dtype=np.int64) for name in COLUMNS[:3])
+    return LabelledRows(trial, row, label, CLASSES)
+
+
+def class_counts(windows: pd.DataFrame) -> dict[str, int]:
+    """Windows per class, by name, zeros included."""
+    return _by_class(np.bincount(windows["label"].to_numpy(dtype=np.int64), minlength=len(CLASSES)))
+
+
+def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
+    """Samples per class over the whole time lines: the prevalence a hand would meet (objects only)."""
+    counts = np.zeros(len(CLASSES), dtype=np.int64)
+    for trial in trials:
+        for phase in trial.phases if trial.heavy is not None else ():
+            counts[class_id(phase.situation, heavy=bool(trial.heavy))] += phase.stop - phase.first
+    return _by_class(counts)
+
+
+def counts_table(windows: pd.DataFrame) -> str:
+    """Two tables to print: class x object against action, and class against source."""
+    names = pd.Categorical.from_codes(windows["label"].to_numpy(), categories=list(CLASSES))
+    named = windows.assign(**{"class": names})
+    index = [named["class"], named["object"]]
+    cells = pd.crosstab(index, named["action"], margins=True, margins_name="all")
+    sources = pd.crosstab(named["class"], named["source"], margins=True, margins_name="all")
+    return f"{cells.to_string()}\n\n{sources.to_string()}"
+
+
+def _by_class(counts: Any) -> dict[str, int]:
+    return {name: int(count) for name, count in zip(CLASSES, counts, strict=True)}
+
+
+def _spots(trial: TimedTrial) -> list[_Spot]:
+    """All windows of a trial, each row once, in order of time."""
+    if trial.heavy is None:
+        return _empty_hand(trial)
+    points = offline_critical_points(trial.recording)
+    spots = [*_critical(trial, points, trial.heavy), *_steady(trial, points, trial.heavy)]
+    return sorted(spots, key=lambda spot: spot.row)
+
+
+def _critical(trial: TimedTrial, points: list[CriticalPoint], heavy: bool) -> Iterator[_Spot]:
+    near = round(EDGE_S * trial.recording.rate_hz)
+    for point in points:
+        claims = [p.situation for p in trial.phases if p.first - near <= point.row < p.stop + near]
+        situation = max(claims, default=NOTHING)
+        if situation != NOTHING:
+            yield _Spot(point.row, class_id(situation, heavy=heavy), point.source)
+
+
+def _steady(trial: TimedTrial, points: list[CriticalPoint], heavy: bool) -> Iterator[_Spot]:
+    rate_hz = trial.recording.rate_hz
+    margin, n = round(STEADY_MARGIN_S * rate_hz), window_rows(rate_hz)
+    for phase in trial.phases:
+        middle, late = (phase.first + phase.stop) // 2, phase.stop - 1 - margin
+        if phase.situation not in (NOTHING, GRASP) or late - middle < n:
+            continue
+        source = "nothing" if phase.situation == NOTHING else "keep"
+        for row in (middle, late):
+            if all(abs(point.row - row) > margin for point in points):
+                yield _Spot(row, class_id(phase.situation, heavy=heavy), source)
+
+
+def _empty_hand(trial: TimedTrial) -> list[_Spot]:
+    every = round(EMPTY_HAND_EVERY_S * trial.recording.rate_hz)
+    rows = range(every, len(trial.recording.samples), every)
+    return [_Spot(row, class_id(NOTHING, heavy=bool(k % 2)), "nothing") for k, row in enumerate(rows)]
