@@ -30,7 +30,8 @@ UNLABELLED = -1
 
 def contact_force_n(prepared: FloatArray) -> FloatArray:
     """[T, 48] prepared -> z [T], the summed normal force in N."""
-    return prepared[:, NORMAL_AXIS::3].sum(axis=1)
+    with np.errstate(invalid="ignore"):  # inf - inf: not finite, hence no label, and no reason to warn
+        return prepared[:, NORMAL_AXIS::3].sum(axis=1)
 
 
 def middle_angle_deg(quaternion: npt.NDArray[np.floating]) -> FloatArray:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotAN
 
 Shape = tuple[int | None, ...]
 COPY_AGAIN = "copy the data set again from its source"
+NOT_AN_ARCHIVE = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
+"""What numpy raises for files cut short, damaged, pickled, or no archive at all."""
 
 
 def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArray[Any]]:
@@ -28,14 +31,14 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArra
     Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or NotANumber.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             missing = sorted(set(shapes) - set(archive.files))
             if missing:
                 raise ColumnError(f"arrays missing: {', '.join(missing)}", where=path, next_step=COPY_AGAIN)
             arrays = {name: archive[name] for name in shapes}
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
-    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except NOT_AN_ARCHIVE as error:
         raise NotANumber(
             f"cannot be read as an npz archive of numbers ({type(error).__name__})", where=path,
             cause="a copy cut short, or pickled objects, which are never read", next_step=COPY_AGAIN,
@@ -48,9 +51,7 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArra
 def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -> None:
     if array.dtype.kind not in "iuf":
         raise NotANumber(f"array {name} holds {array.dtype}, not numbers", where=path, next_step=COPY_AGAIN)
-    if array.ndim != len(shape) or any(
-        want not in (None, got) for want, got in zip(shape, array.shape, strict=True)
-    ):
+    if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True)):
         wanted = " x ".join("any" if want is None else str(want) for want in shape)
         got = " x ".join(map(str, array.shape))
         raise ColumnError(f"array {name} is {got}, not {wanted}", where=path, next_step=COPY_AGAIN)

@@ -1,0 +1,242 @@
+"""Data sets by name or folder, groups kept, and the two sets with a licence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from edge_runtime.errors import (
+    ChannelError,
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    LabelError,
+    NotANumber,
+    TooFewGroups,
+    UsageError,
+)
+from training.datasets import eflesh_slip, load
+from training.datasets.proactive_slip_uskin import situations
+
+PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
+TAXELS = ",".join(f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz")
+
+
+def write_eflesh(root: Path, n_trials: int = 20) -> Path:
+    """Every second trial is tugged from row 150 on."""
+    tugged = np.arange(n_trials) % 2
+    field = np.random.default_rng(1).standard_normal((n_trials, 300, 30)) + 500.0
+    field[tugged == 1, 150:] += 400.0
+    np.savez(root / "eflesh_slip.npz", X=field.astype(np.float32), y=tugged.astype(np.int8))
+    return root
+
+
+def write_pads(root: Path, slip: str, fail: str) -> Path:
+    """One trial under data_set; slip and fail as strings of 0 and 1, a row each."""
+    folder = root / "data_set" / "data_sample_1"
+    folder.mkdir(parents=True)
+    rows = np.arange(len(slip))[:, None] + 10.0 * np.arange(48)
+    for name in PADS:
+        np.savetxt(folder / name, rows, "%.1f", ",", header=TAXELS, comments="")
+    labels = "\n".join(f"{a}.0,{b}.0" for a, b in zip(slip, fail, strict=True))
+    (folder / "slip_label.csv").write_text(f"slip,fail\n{labels}\n")
+    (folder / "meta_data.csv").write_text("dropped,frequency_hz\n0,59.5\n")
+    return folder
+
+
+def test_a_set_is_found_by_name_in_the_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path))
+    (tmp_path / "eflesh_slip").mkdir()
+    write_eflesh(tmp_path / "eflesh_slip")
+    assert load("eflesh_slip").name == "eflesh_slip"
+
+
+def test_a_format_is_recognised_whatever_the_folder_is_called(tmp_path: Path) -> None:
+    other_name = tmp_path / "human_slip_uskin"
+    other_name.mkdir()
+    assert load(write_eflesh(other_name)).name == "eflesh_slip"
+
+
+def test_a_set_that_is_not_there_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(DataNotFound, match=r"points elsewhere; next: set HOLDFAST_DATA to .* eflesh_slip/"):
+        load("eflesh_slip")
+    with pytest.raises(DataNotFound, match="no such data set or folder"):
+        load("eflesh_slop")
+    with pytest.raises(DataNotFound, match="no known data set in this folder"):
+        load(tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(DataNotFound, match="a file where a folder belongs"):
+        load(tmp_path / "file")
+
+
+def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> None:
+    whole = load(write_eflesh(tmp_path))
+    part = load(tmp_path, groups=2, seed=3)
+    assert part.groups() == part.notes["kept_groups"] == load(tmp_path, groups=2, seed=3).groups()
+    kept = np.isin(whole.group_of("situations"), part.groups())
+    rows, expected = part.tasks["situations"], whole.tasks["situations"].take(kept)
+    np.testing.assert_array_equal(rows.label, expected.label)
+    for new, old in zip(rows.trial, expected.trial, strict=True):
+        assert part.recordings[new].trial_id == whole.recordings[old].trial_id
+
+
+def test_groups_are_chosen_by_the_seed(tmp_path: Path) -> None:
+    write_eflesh(tmp_path)
+    assert len({tuple(load(tmp_path, groups=2, seed=seed).groups()) for seed in range(10)}) > 1
+
+
+def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
+    write_eflesh(tmp_path)
+    with pytest.raises(TooFewGroups, match="4 groups"):
+        load(tmp_path, groups=5)
+    with pytest.raises(UsageError, match="keeps nobody"):
+        load(tmp_path, groups=0)
+
+
+def test_channels_a_set_does_not_have_are_refused(tmp_path: Path) -> None:
+    write_eflesh(tmp_path)
+    assert load(tmp_path, channels=30).n_sensors == 10
+    with pytest.raises(ChannelError, match="ask for 18 or 30"):
+        load(tmp_path, channels=48)
+
+
+def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
+    data = load(write_eflesh(tmp_path))
+    rows = data.tasks["situations"]
+    assert set(rows.row[rows.trial == 0]) == set(range(205, 300, 6))
+    assert set(rows.label[rows.trial == 0]) == {GRASP}
+    assert set(rows.label[rows.trial == 1]) == {RISKY_SLIP}
+    assert data.recordings[5].group == "block_00"
+    assert data.recordings[6].group == "block_01"
+    assert data.unit == "uT"
+
+
+def test_one_threshold_separates_what_amplitude_separates(tmp_path: Path) -> None:
+    figures = eflesh_slip.threshold_baseline(load(write_eflesh(tmp_path)), n_folds=4)
+    assert figures == {"trial_accuracy": 1.0, "trial_accuracy_in_sample": 1.0, "window_accuracy": 1.0}
+
+
+def test_a_threshold_lies_in_the_middle_of_the_widest_of_the_best_gaps() -> None:
+    value = np.array([1.0, 2.0, 4.0, 3.0])
+    assert eflesh_slip.fit_threshold(value, np.array([False, False, True, True])) == 2.5
+    assert eflesh_slip.fit_threshold(value, np.array([False, False, True, False])) == 3.5
+    assert eflesh_slip.fit_threshold(value, np.ones(4, bool)) < 1.0
+    assert eflesh_slip.fit_threshold(value, np.zeros(4, bool)) >= 4.0
+
+
+def test_delay_is_counted_from_the_departure_of_the_field(tmp_path: Path) -> None:
+    held, tugged = load(write_eflesh(tmp_path)).recordings[:2]
+    alarm = np.arange(300) >= 162
+    assert eflesh_slip.departure_row(tugged.samples) == 150
+    assert eflesh_slip.detection_delay_s(tugged, alarm) == pytest.approx(0.12)
+    assert eflesh_slip.detection_delay_s(tugged, np.zeros(300, bool)) is None
+    assert eflesh_slip.detection_delay_s(held, alarm) is None
+
+
+def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "eflesh_slip.npz", X=np.zeros((2, 300, 30)), y=np.array([0, 2]))
+    with pytest.raises(LabelError, match="not one 0 or 1"):
+        load(tmp_path)
+
+
+def test_a_slip_is_named_by_how_it_ends() -> None:
+    slip, fail = (np.array([int(c) for c in word], bool) for word in ("001100110011", "000000001100"))
+    assert situations(slip, fail).tolist() == [1, 1, 2, 2, 1, 1, 3, 3, 3, 3, -1, -1]
+
+
+def test_pads_give_three_taxels_each_and_every_row_from_30_on(tmp_path: Path) -> None:
+    folder = write_pads(tmp_path, slip="0" * 35 + "111" + "00", fail="0" * 40)
+    data = load(tmp_path)
+    rows = data.tasks["situations"]
+    assert (data.n_sensors, data.unit, data.rate_hz) == (6, "count", 59.5)
+    assert rows.row.tolist() == list(range(30, 40))
+    assert rows.label.tolist() == [GRASP] * 5 + [SAFE_SLIP] * 3 + [GRASP] * 2
+    assert data.recordings[0].samples[:, 0].tolist() == list(range(40))  # row 0 is the bias
+    assert load(folder.parent).groups() == [folder.name]
+
+
+def spoil_length(folder: Path) -> None:
+    (folder / "slip_label.csv").write_text("slip,fail\n0,0\n")
+
+
+def spoil_column(folder: Path) -> None:
+    path = folder / PADS[1]
+    path.write_text(path.read_text().replace("txl7_z", "other"))
+
+
+def spoil_cell(folder: Path) -> None:
+    path = folder / PADS[0]
+    path.write_text(path.read_text().replace("\n3.0,", "\nthree,"))
+
+
+def spoil_tail(folder: Path) -> None:
+    path = folder / PADS[0]
+    path.write_text(path.read_text()[:-20] + "\n")
+
+
+def spoil_meta(folder: Path) -> None:
+    (folder / "meta_data.csv").write_text("dropped,frequency_hz\n")
+
+
+def spoil_pad(folder: Path) -> None:
+    path = folder / PADS[1]
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
+
+
+def lose_pad(folder: Path) -> None:
+    (folder / PADS[1]).unlink()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "says"),
+    [
+        (spoil_length, ColumnError, "1 labels for 40 rows"),
+        (spoil_column, ColumnError, "columns missing: txl7_z"),
+        (spoil_cell, NotANumber, "line 5, column txl1_x: 'three'"),
+        (spoil_tail, ColumnError, "line 41 has another number of cells"),
+        (spoil_meta, EmptyRecording, "no rows of data"),
+        (spoil_pad, ColumnError, "differ in length"),
+        (lose_pad, DataNotFound, "xela_sensor2.csv: no such file"),
+    ],
+)
+def test_a_spoilt_trial_gets_one_clear_line(
+    tmp_path: Path, spoil: Callable[[Path], None], error: type[Exception], says: str
+) -> None:
+    spoil(write_pads(tmp_path, slip="0" * 40, fail="0" * 40))
+    with pytest.raises(error, match=says) as caught:
+        load(tmp_path)
+    assert "\n" not in str(caught.value)
+    assert "next:" in str(caught.value)
+
+
+def test_the_real_eflesh_set_falls_to_one_threshold(real_set: Callable[[str], Path]) -> None:
+    data = load(real_set("eflesh_slip"))
+    assert len(data.recordings) == 137
+    tugged = [recording for recording in data.recordings if recording.action == "tug"]
+    assert len(tugged) == 103
+    figures = eflesh_slip.threshold_baseline(data)
+    assert figures["trial_accuracy_in_sample"] == pytest.approx(0.993, abs=5e-4)
+    departed_s = [(eflesh_slip.departure_row(recording.samples) or 0) / 100.0 for recording in tugged]
+    assert np.percentile(departed_s, [5, 50, 95]) == pytest.approx([0.7, 1.17, 1.55], abs=0.01)
+
+
+def test_the_real_pads_slip_in_three_of_seven_trials(real_set: Callable[[str], Path]) -> None:
+    data = load(real_set("proactive_slip_uskin"))
+    rows = data.tasks["situations"]
+    found = {
+        recording.trial_id[-11:]: sorted(set(rows.label[rows.trial == k].tolist()))
+        for k, recording in enumerate(data.recordings)
+    }
+    assert {day: labels for day, labels in found.items() if len(labels) > 1} == {
+        "22-08-10-01": [GRASP, RISKY_SLIP],
+        "22-11-23-11": [GRASP, SAFE_SLIP],
+        "22-15-15-00": [GRASP, RISKY_SLIP],
+    }
+    assert (len(data.recordings), sum(len(recording.samples) for recording in data.recordings)) == (7, 2195)
+    assert all(59.7 <= recording.rate_hz <= 60.0 for recording in data.recordings)

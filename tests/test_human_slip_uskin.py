@@ -1,0 +1,313 @@
+"""human_slip_uskin: the labeller against a slow loop of its definition, the known counts, bad folders."""
+
+from __future__ import annotations
+
+import csv
+import io
+import pickle
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from edge_runtime.contract import SITUATIONS
+from edge_runtime.errors import ChannelError, ColumnError, DataNotFound, EmptyRecording, NotANumber
+from training.datasets import human_slip_uskin as human
+from training.datasets import load
+from training.datasets.human_slip_labels import middle_angle_deg
+from training.recording import DataSet
+
+Arrays = dict[str, Any]
+Lines = list[dict[str, Any]]
+LENGTHS = (320, 291, 400, 350)
+
+
+def made_trial(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Tactile rows with a grasp from row 90, and an IMU that turns from row 150 on."""
+    force = np.clip((np.arange(n) - 90) / 20.0, 0.0, 1.0)
+    xela = 3.0 + 0.02 * rng.standard_normal((n, 48)) + force[:, None] * rng.uniform(0.0, 0.4, 48)
+    turn = np.radians(np.clip(np.arange(n) - 150.0, 0.0, 40.0) * rng.uniform(0.3, 0.8))
+    imu = np.zeros((n, 7))
+    imu[:, [0, 2]] = np.round(np.column_stack([np.cos(turn / 2.0 + 0.4), np.sin(turn / 2.0 + 0.4)]), 2)
+    return xela, imu
+
+
+def made_parts() -> tuple[Arrays, Lines]:
+    rng = np.random.default_rng(7)
+    trials = [made_trial(rng, n) for n in LENGTHS]
+    offset = np.concatenate([[0], np.cumsum(LENGTHS)])
+    arrays = {
+        "xela": np.concatenate([xela for xela, _ in trials]).astype(np.float32),
+        "object_imu": np.concatenate([imu for _, imu in trials]).astype(np.float32),
+        "offset": offset,
+    }
+    lines: Lines = [
+        {
+            "subject": 1 + k // 2, "stage": "baseline", "sample": f"sample_{k}", "n": n, "offset": offset[k],
+            "frequency_hz": 58.0 + k, "start_index": 150, "middle_index": 0, "end_index": 200 + 30 * k,
+            "task_completion_time": 1.0,
+        }
+        for k, n in enumerate(LENGTHS)
+    ]  # fmt: skip
+    return arrays, lines
+
+
+def write(root: Path, arrays: Arrays, lines: Lines) -> Path:
+    np.savez(root / "signals.npz", **arrays)
+    with (root / "trials.csv").open("w", newline="") as file:
+        table = csv.DictWriter(file, list(lines[0]))
+        table.writeheader()
+        table.writerows(lines)
+    return root
+
+
+def brute_force(xela: np.ndarray, imu: np.ndarray, s: int, t: int) -> tuple[list[Any], list[Any]]:
+    """The README's labeller, one row at a time, with scipy's own angles."""
+    n = len(xela)
+    xb = xela.astype(np.float64) - np.median(xela[:60].astype(np.float64), axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # gimbal lock: the middle angle is right all the same
+        e = [Rotation.from_quat(q[[1, 2, 3, 0]]).as_euler("xyx", degrees=True)[1] for q in imu[:, :4]]
+    r = np.median(e[max(0, s - 30) : s - 3])
+    z = [sum(row[2::3]) for row in xb]
+    d = [abs(angle - r) for angle in e]
+    situations, predictions = [], []
+    b = 60
+    while b + 6 <= min(n, t + 60):
+        f = b + 5
+        label = 0 if z[f] < 1 else 1 if d[f] < 5 else 2 if d[f] < 15 else 3
+        situations.append((f, label))
+        b += 6
+    b = max(60, s - 60)
+    while b + 6 <= min(t, n):
+        f = b + 5
+        if z[f] >= 1 and d[f] < 5 and d[f + 1 : f + 16]:
+            predictions.append((f, int(max(d[f + 1 : f + 16]) > 15)))
+        b += 3
+    return situations, predictions
+
+
+def assert_equals_brute_force(data: DataSet, root: Path, trials: list[int]) -> None:
+    arrays = np.load(root / "signals.npz", allow_pickle=False)
+    xela, imu, offset = (arrays[name] for name in ("xela", "object_imu", "offset"))
+    with (root / "trials.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    for k in trials:
+        rows = slice(offset[k], offset[k + 1])
+        s, t = int(lines[k]["start_index"]), int(lines[k]["end_index"])
+        expected = brute_force(xela[rows], imu[rows], s, t)
+        for task, pairs in zip(("situations", "predict_250ms"), expected, strict=True):
+            here = data.tasks[task].take(data.tasks[task].trial == k)
+            assert list(zip(here.row.tolist(), here.label.tolist(), strict=True)) == pairs
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write(tmp_path, *made_parts())
+
+
+def test_the_labeller_equals_a_loop_over_its_definition(folder: Path) -> None:
+    data = load(folder)
+    assert_equals_brute_force(data, folder, [0, 1, 2, 3])
+    assert set(data.tasks["situations"].label) == {0, 1, 2, 3}
+    assert set(data.tasks["predict_250ms"].label) == {0, 1}
+
+
+def test_the_closed_angle_equals_scipys_for_any_quaternion() -> None:
+    q = np.random.default_rng(0).standard_normal((1000, 4))
+    expected = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_euler("xyx", degrees=True)[:, 1]
+    np.testing.assert_allclose(middle_angle_deg(q), expected, atol=1e-10)
+
+
+def test_channels_change_the_samples_and_never_the_labels(folder: Path) -> None:
+    six, all_taxels = load(folder), load(folder, channels=48)
+    assert (six.n_sensors, all_taxels.n_sensors) == (6, 16)
+    for task, rows in six.tasks.items():
+        np.testing.assert_array_equal(rows.label, all_taxels.tasks[task].label)
+    # txl5 is the fifth taxel: channels 12, 13, 14; txl13 comes last.
+    np.testing.assert_array_equal(six.recordings[1].samples[:, :3], all_taxels.recordings[1].samples[:, 12:15])
+    np.testing.assert_array_equal(six.recordings[1].samples[:, 15:], all_taxels.recordings[1].samples[:, 36:39])
+
+
+def test_a_set_says_what_it_is(folder: Path) -> None:
+    data = load(folder)
+    assert data.tasks["situations"].classes == SITUATIONS
+    assert data.rate_hz == 59.5
+    assert data.unit == "N"
+    assert not data.redistributable
+    assert data.groups() == ["1", "2"]
+    assert "wrist" in data.caveat
+    assert "scripted" in data.caveat
+    np.testing.assert_allclose(np.median(data.recordings[0].samples[:60], axis=0), 0.0, atol=1e-12)
+
+
+def test_the_clock_counts_from_the_last_rise_through_one_newton(folder: Path) -> None:
+    data = load(folder, channels=48)
+    rows = load(folder).tasks["situations"]
+    clock = human.clock_features(data, rows)
+    assert np.all(clock[rows.label == 0, 1] < 1.0)
+    for trial, row, (frames, force_n) in zip(rows.trial, rows.row, clock, strict=True):
+        z = data.recordings[trial].samples[:, 2::3].sum(axis=1)
+        rises = [k for k in range(1, row + 1) if z[k] >= 1.0 > z[k - 1]]
+        assert frames == (row - rises[-1] if rises else -1)
+        assert force_n == pytest.approx(z[row], abs=1e-12)
+    with pytest.raises(ChannelError, match="channels=48"):
+        human.clock_features(load(folder), rows)
+
+
+def test_unusable_trials_are_left_out_and_counted(tmp_path: Path) -> None:
+    arrays, lines = made_parts()
+    lines[0]["start_index"], lines[1]["end_index"] = 60, 292
+    data = load(write(tmp_path, arrays, lines))
+    assert (len(data.recordings), data.notes["unusable_trials"]) == (2, 2)
+
+
+def test_rows_that_are_not_finite_are_invalid_and_unlabelled(tmp_path: Path) -> None:
+    arrays, lines = made_parts()
+    arrays["xela"][131, 12] = np.nan  # a row that ends a window; txl5 is the first of the six
+    arrays["xela"][137, [2, 5]] = np.inf, -np.inf  # normals that count for contact, but not of the six
+    arrays["object_imu"][143, :4] = 0.0
+    data = load(write(tmp_path, arrays, lines))
+    first = data.recordings[0]
+    assert not first.valid[131, 0]
+    assert first.valid[131, 1:].all()
+    assert first.valid[137].all()
+    rows = data.tasks["situations"].row[data.tasks["situations"].trial == 0]
+    assert {137, 143}.isdisjoint(rows.tolist())
+    assert {125, 131, 149} <= set(rows.tolist())
+
+
+def shorter_imu(arrays: Arrays, lines: Lines) -> None:
+    arrays["object_imu"] = arrays["object_imu"][:-1]
+
+
+def other_offsets(arrays: Arrays, lines: Lines) -> None:
+    arrays["offset"] = arrays["offset"] + 1
+
+
+def without_xela(arrays: Arrays, lines: Lines) -> None:
+    del arrays["xela"]
+
+
+def narrow(arrays: Arrays, lines: Lines) -> None:
+    arrays["xela"] = arrays["xela"][:, :45]
+
+
+def objects(arrays: Arrays, lines: Lines) -> None:
+    arrays["xela"] = np.array([None, "pickled"], dtype=object)
+
+
+def without_column(arrays: Arrays, lines: Lines) -> None:
+    for line in lines:
+        del line["frequency_hz"]
+
+
+def other_n(arrays: Arrays, lines: Lines) -> None:
+    lines[2]["n"] += 1
+
+
+def fewer_trials(arrays: Arrays, lines: Lines) -> None:
+    lines.pop()
+
+
+def text(arrays: Arrays, lines: Lines) -> None:
+    lines[1]["start_index"] = "soon"
+
+
+def nan(arrays: Arrays, lines: Lines) -> None:
+    lines[1]["frequency_hz"] = "nan"
+
+
+def half_a_row(arrays: Arrays, lines: Lines) -> None:
+    lines[1]["end_index"] = 200.5
+
+
+def standing_still(arrays: Arrays, lines: Lines) -> None:
+    lines[1]["frequency_hz"] = 0
+
+
+def nothing_usable(arrays: Arrays, lines: Lines) -> None:
+    for line in lines:
+        line["start_index"] = 0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "says"),
+    [
+        (shorter_imu, ColumnError, "do not cover"),
+        (other_offsets, ColumnError, "do not cover"),
+        (other_n, ColumnError, "do not cover"),
+        (fewer_trials, ColumnError, "do not cover"),
+        (without_xela, ColumnError, "arrays missing: xela"),
+        (narrow, ColumnError, "not any x 48"),
+        (objects, NotANumber, "pickled objects"),
+        (without_column, ColumnError, "columns missing: frequency_hz"),
+        (text, NotANumber, "line 3, column start_index: 'soon'"),
+        (nan, NotANumber, "line 3, column frequency_hz"),
+        (half_a_row, NotANumber, "line 3, column end_index"),
+        (standing_still, NotANumber, "frequency_hz must be positive"),
+        (nothing_usable, EmptyRecording, "no usable trial"),
+    ],
+)
+def test_a_spoilt_folder_gets_one_clear_line(
+    tmp_path: Path, spoil: Callable[[Arrays, Lines], None], error: type[Exception], says: str
+) -> None:
+    arrays, lines = made_parts()
+    spoil(arrays, lines)
+    with pytest.raises(error, match=says) as caught:
+        load(write(tmp_path, arrays, lines))
+    assert "\n" not in str(caught.value)
+    assert "next:" in str(caught.value)
+
+
+@pytest.mark.parametrize("missing", ["signals.npz", "trials.csv"])
+def test_a_missing_file_is_named(folder: Path, missing: str) -> None:
+    (folder / missing).unlink()
+    with pytest.raises(DataNotFound, match=missing):
+        load(folder)
+
+
+def cut_short(whole: bytes) -> bytes:
+    return whole[: len(whole) // 2]
+
+
+def damaged(whole: bytes) -> bytes:
+    return whole[:5000] + bytes(100) + whole[5100:]
+
+
+def emptied(whole: bytes) -> bytes:
+    return b""
+
+
+def pickled(whole: bytes) -> bytes:
+    return pickle.dumps({"xela": [1.0]})
+
+
+def one_array(whole: bytes) -> bytes:
+    file = io.BytesIO()
+    np.save(file, np.zeros(3))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("spoil", [cut_short, damaged, emptied, pickled, one_array])
+def test_what_is_no_archive_of_numbers_is_refused(folder: Path, spoil: Callable[[bytes], bytes]) -> None:
+    signals = folder / "signals.npz"
+    signals.write_bytes(spoil(signals.read_bytes()))
+    with pytest.raises(NotANumber, match=r"signals.npz: cannot be read .* next: copy the data set again"):
+        load(folder)
+
+
+def test_the_real_set_has_the_windows_its_readme_counts(real_set: Callable[[str], Path]) -> None:
+    data = load(real_set("human_slip_uskin"))
+    situations = data.tasks["situations"]
+    assert len(data.recordings) == 676
+    assert len(data.groups()) == 18
+    assert len(situations) == 70_489
+    assert sum(len(recording.samples) for recording in data.recordings) == 497_675
+    assert all(recording.valid.all() for recording in data.recordings)
+    assert data.notes["unusable_trials"] == 0
+    assert_equals_brute_force(data, real_set("human_slip_uskin"), [0, 337, 675])

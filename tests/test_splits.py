@@ -1,0 +1,67 @@
+"""Splits: nobody is on both sides, every window is tested once, and the leaky one is leaky."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_runtime.errors import TooFewGroups
+from training.splits import assign_groups, folds_of, grouped_folds, leaky_folds
+
+GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
+
+
+@given(groups=GROUPS, n_folds=st.integers(2, 6), seed=st.integers(0, 9))
+def test_no_group_is_on_both_sides_and_every_window_is_tested_once(groups: list[str], n_folds: int, seed: int) -> None:
+    if len(set(groups)) < n_folds:
+        with pytest.raises(TooFewGroups):
+            grouped_folds(groups, n_folds, seed=seed)
+        return
+    names = np.array(groups)
+    folds = grouped_folds(groups, n_folds, seed=seed)
+    assert len(folds) == n_folds
+    for train, test in folds:
+        assert set(names[train]).isdisjoint(names[test])
+        assert len(train) + len(test) == len(groups)
+        assert len(test) > 0
+    assert sorted(np.concatenate([test for _, test in folds])) == list(range(len(groups)))
+
+
+@given(groups=GROUPS, seed=st.integers(0, 9))
+def test_folds_are_balanced(groups: list[str], seed: int) -> None:
+    if len(set(groups)) < 3:
+        return
+    fold = assign_groups(groups, 3, seed=seed)
+    people = np.bincount(list(fold.values()))
+    windows = [len(test) for _, test in folds_of(groups, fold)]
+    assert people.max() - people.min() <= 1
+    assert max(windows) - min(windows) <= max(groups.count(name) for name in fold)
+
+
+def test_a_split_depends_on_the_seed_and_on_nothing_else() -> None:
+    groups = list("aabbbccccdeffg")
+    assert assign_groups(groups, 3, seed=1) == assign_groups(groups[::-1], 3, seed=1)
+    assert len({tuple(sorted(assign_groups(groups, 3, seed=seed).items())) for seed in range(10)}) > 1
+
+
+def test_two_tasks_hold_out_the_same_people() -> None:
+    first, second = np.array(list("aabbccdd")), np.array(list("dcba"))
+    fold = assign_groups(first, 2)
+    for (_, one), (_, other) in zip(folds_of(first, fold), folds_of(second, fold), strict=True):
+        assert set(first[one]) == set(second[other])
+
+
+def test_one_person_only_says_what_to_do() -> None:
+    with pytest.raises(TooFewGroups, match=r"1 groups .* next: add recordings of other people"):
+        grouped_folds(["a"] * 10, 2)
+    with pytest.raises(TooFewGroups, match="next: use 3 folds"):
+        grouped_folds(list("abc"), 6)
+
+
+def test_the_leaky_split_tests_every_window_once_and_shares_people() -> None:
+    folds = leaky_folds(100, 5, seed=2)
+    assert sorted(np.concatenate([test for _, test in folds])) == list(range(100))
+    groups = np.arange(100) // 10
+    assert all(set(groups[test]) & set(groups[train]) for train, test in folds)
