@@ -5,8 +5,9 @@ adaptation", CoRL 2022, arXiv:2209.06019, MIT. Seven trials, three of which slip
 lead-time picture, never for an accuracy.
 
 The unit is raw counts. Pressing raises z: when the box is lost (the trial marked as dropped), all 32
-normals fall, by 370 to 1170 counts (mean of its second half). So no sign is turned. Row 0, from which the bias is taken, is
-already in the grip; prepared normals are changes from the grip, and "nothing" does not occur.
+normals fall, by 370 to 1170 counts (mean of its second half); so no sign is turned. Row 0, from which
+the bias is taken, is already in the grip: prepared normals are changes from the grip, and "nothing"
+does not occur.
 """
 
 from __future__ import annotations
