@@ -1,10 +1,4 @@
 """What runs on the hand: one sealed model file, one step a sample, one decision.
 
-Loads numpy and onnxruntime, nothing else. Start from `contract`.
+Start from `contract`; `monitor` is the live path. Loads numpy and onnxruntime, nothing else.
 """
-
-from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample
-from edge_runtime.errors import HoldfastError
-from edge_runtime.monitor import GripMonitor, Model
-
-__all__ = ["CLASSES", "SITUATIONS", "GripMonitor", "HoldfastError", "Model", "Prediction", "Sample"]

@@ -31,8 +31,8 @@ def golden_input(n_channels: int, unit: str, settle_samples: int) -> tuple[Float
     ramp = np.minimum(np.arange(length), settle_samples)[:, None] * 4
     press = np.where(np.arange(n_channels) % 3 == 2, ramp, ramp // 4)
     shake = numbers % np.where(np.arange(length) % 40 < 28, 16, 256)[:, None]
-    values = (press + shake) * AMPLITUDE[unit]
-    valid = np.ones((length, n_channels // 3), dtype=np.bool_)
+    values = ((press + shake) * AMPLITUDE[unit]).astype(np.float64)
+    valid: BoolArray = np.ones((length, n_channels // 3), dtype=np.bool_)
     valid[settle_samples + 6, 0] = False
     values[settle_samples + 9, 1] = np.nan
     values[settle_samples + 11, 2] = np.inf

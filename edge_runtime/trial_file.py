@@ -175,7 +175,8 @@ def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
         )
     if not math.isfinite(1.0 / median):
         raise TimeError("time steps are too small for any rate", where=path, next_step="time is in seconds")
-    return time_s - time_s[0]
+    from_zero: FloatArray = time_s - time_s[0]
+    return from_zero
 
 
 def _valid(table: FloatArray, header: list[str], n_sensors: int) -> BoolArray:

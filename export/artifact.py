@@ -19,7 +19,7 @@ import skops.io
 from edge_runtime.errors import ArtifactError
 from edge_runtime.preparation import Preparation, preparation_from_json
 from edge_runtime.writing import write_whole
-from export.forest import Forest
+from export.forest import FOREST_KINDS, Forest
 from export.heads import Calibration, Head
 from export.reference import FloatRows
 from export.spec import StepSpec
@@ -139,6 +139,6 @@ def _load_forest(path: Path) -> Forest:
         raise ArtifactError(
             f"not a readable skops file ({type(error).__name__})", where=path, next_step="train again"
         ) from None
-    if not isinstance(forest, Forest):
+    if not isinstance(forest, FOREST_KINDS):
         raise ArtifactError(f"a {type(forest).__name__} where a forest belongs", where=path, next_step="train again")
     return forest

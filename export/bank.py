@@ -17,7 +17,6 @@ state and four a band; stepping it is one product [1 + states] x [1 + states, st
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 import numpy.typing as npt
@@ -30,17 +29,9 @@ STATES_PER_BAND = 4
 Array = npt.NDArray[np.float64]
 
 
-class BandsLeftOut(UserWarning):
-    """Some bands lie at or above half the sampling rate and are not part of the bank."""
-
-
 def bands_for(rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ) -> tuple[float, ...]:
-    """The bands a sampling rate can carry (below half of it); warns where some are left out."""
-    carried = tuple(f for f in bands_hz if f < 0.5 * rate_hz)
-    if len(carried) < len(bands_hz):
-        lost = ", ".join(f"{f:g}" for f in bands_hz if f not in carried)
-        warnings.warn(f"bands left out at {rate_hz:g} Hz: {lost} Hz", BandsLeftOut, stacklevel=2)
-    return carried
+    """The bands a sampling rate can carry: those below half of it."""
+    return tuple(f for f in bands_hz if f < 0.5 * rate_hz)
 
 
 def sections(rate_hz: float, band_hz: float) -> Array:

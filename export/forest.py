@@ -9,7 +9,7 @@ classes are ordered by risk, and the last of equals wins.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +31,8 @@ NODE_ATTRIBUTES = (
     "nodes_falsenodeids",
 )
 
-Forest = RandomForestClassifier | ExtraTreesClassifier
+FOREST_KINDS = (RandomForestClassifier, ExtraTreesClassifier)
+Forest: TypeAlias = RandomForestClassifier | ExtraTreesClassifier
 IntArray = npt.NDArray[np.int64]
 
 

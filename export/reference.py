@@ -13,7 +13,8 @@ FloatRows = npt.NDArray[np.float32]
 
 def reference_votes(forest: Forest, features: FloatRows, n_classes: int) -> IntArray:
     """Exact integer votes [N, n_classes] of float32 rows [N, F]."""
-    leaves = forest.apply(features)
+    with np.errstate(over="ignore", invalid="ignore"):  # scikit-learn sums the rows to look for NaN
+        leaves = forest.apply(features)
     total = np.zeros((len(features), n_classes), dtype=np.int64)
     for tree, votes in enumerate(leaf_votes(forest, n_classes)):
         total += votes[leaves[:, tree]]

@@ -22,7 +22,6 @@ TIE_RULE = "the riskier class wins"
 def model_card(artifact: Artifact) -> dict[str, Any]:
     """Everything a consumer of the file needs to know, as one JSON object."""
     spec = artifact.spec
-    carried = spec.carried_bands()
     return {
         "format": FORMAT,
         "spec": spec.to_json(),
@@ -30,8 +29,8 @@ def model_card(artifact: Artifact) -> dict[str, Any]:
         "history_samples": spec.history_samples,
         "settle_samples": spec.settle_samples,
         "gap_samples": spec.gap_samples,
-        "bands_hz": list(carried),
-        "bands_left_out_hz": [band for band in spec.bands_hz if band not in carried],
+        "bands_hz": list(spec.carried_bands()),
+        "bands_left_out_hz": list(spec.lost_bands()),
         "detectors": list(detector_names(spec)),
         "heads": {head.name: _head_card(head) for head in artifact.heads},
         "tie_rule": TIE_RULE,

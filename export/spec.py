@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from edge_runtime.contract import UNITS, Unit
 from edge_runtime.errors import ChannelError, RateError, UnitError
 from export.bank import BANDS_HZ, bands_for
+
+
+class BandsLeftOut(UserWarning):
+    """Some bands lie at or above half the sampling rate and are not part of the bank."""
+
 
 WINDOW_S = 0.10
 HISTORY_S = 0.50
@@ -107,6 +113,17 @@ class StepSpec:
                 next_step="record faster",
             )
         return bands
+
+    def lost_bands(self) -> tuple[float, ...]:
+        """The bands that are left out at this rate, also listed in the model's metadata."""
+        carried = self.carried_bands()
+        return tuple(band for band in self.bands_hz if band not in carried)
+
+    def warn_of_lost_bands(self) -> None:
+        """Warn (BandsLeftOut) where the rate does not carry every band; RateError where it carries none."""
+        lost = ", ".join(f"{band:g}" for band in self.lost_bands())
+        if lost:
+            warnings.warn(f"bands left out at {self.rate_hz:.4g} Hz: {lost} Hz", BandsLeftOut, stacklevel=2)
 
     def to_json(self) -> dict[str, Any]:
         """As a JSON object, for the artifact and the metadata."""

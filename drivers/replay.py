@@ -1,0 +1,68 @@
+"""A recorded trial as a source: the same samples, at the times they were recorded at."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from edge_runtime.contract import UNITS, BoolArray, FloatArray, Sample, Unit
+from edge_runtime.errors import DataNotFound, UnitError
+from edge_runtime.preparation import Preparation
+from edge_runtime.trial_file import read_trial
+
+TACTILE = "tactile.csv"
+META = "meta.json"
+DEFAULT_UNIT: Unit = "N"
+META_LEVELS = 3
+"""A meta.json stands beside the trial or at most this many folders up (<set>/<object>/<action>/)."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A recorded stream: t_ns [T] from zero, values [T, C], valid [T, C/3], one rate, one unit."""
+
+    t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]
+    values: FloatArray
+    valid: BoolArray
+    rate_hz: float
+    unit: Unit
+
+    def prepared(self, preparation: Preparation) -> Replay:
+        """The same stream with its bias removed, as the model's card says."""
+        return Replay(self.t_ns, preparation.apply(self.values), self.valid, self.rate_hz, self.unit)
+
+    def __iter__(self) -> Iterator[Sample]:
+        """Every sample in turn, without waiting."""
+        for index in range(len(self.values)):
+            yield Sample(int(self.t_ns[index]), self.values[index], self.valid[index], index)
+
+
+def open_replay(path: str | Path) -> Replay:
+    """Open a trial's CSV file, or a trial folder that holds tactile.csv. Raises a DataError."""
+    path = Path(path)
+    file = path / TACTILE if path.is_dir() else path
+    if path.is_dir() and not file.is_file():
+        raise DataNotFound(f"no {TACTILE} in this folder", where=path, next_step="name a trial's CSV file")
+    trial = read_trial(file)
+    t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
+    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, _unit(file))
+
+
+def _unit(file: Path) -> Unit:
+    """The unit a meta.json near the trial names; newton where there is none, as in the thesis."""
+    for folder in list(file.resolve().parents)[: META_LEVELS + 1]:
+        meta = folder / META
+        if meta.is_file():
+            try:
+                unit = json.loads(meta.read_text(encoding="utf-8")).get("unit")
+            except (ValueError, AttributeError):
+                raise UnitError("not a JSON object", where=meta, next_step='write {"unit": "N"}') from None
+            if unit is not None and unit not in UNITS:
+                raise UnitError(f"unit {unit!r} is not one of {', '.join(UNITS)}", where=meta)
+            if unit is not None:
+                return UNITS[UNITS.index(unit)]
+    return DEFAULT_UNIT

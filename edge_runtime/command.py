@@ -1,0 +1,52 @@
+"""How our programs speak and end: one line an error, an exit code with a meaning, no traceback.
+
+Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from typing import NoReturn, TextIO
+
+from edge_runtime.errors import HoldfastError, UsageError
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse, with a usage error that is one line: what is wrong, what is allowed, the next command."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise UsageError instead of printing the whole usage."""
+        raise UsageError(message, next_step=f"{self.prog} --help")
+
+
+def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
+    """Run a program's main; errors and warnings become one line each on stderr, unless --debug is given."""
+    if "--debug" not in argv:
+        warnings.showwarning = _one_line
+    try:
+        return main([word for word in argv if word != "--debug"])
+    except HoldfastError as error:
+        if "--debug" in argv:
+            raise
+        sys.stderr.write(f"error: {type(error).__name__}: {error}\n")
+        return error.exit_code
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        return 130
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+
+
+def _one_line(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    sys.stderr.write(f"warning: {category.__name__}: {message}\n")

@@ -1,0 +1,34 @@
+"""Whether a source fits a model: channels, unit and rate, each with an error of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from edge_runtime.contract import RATE_TOLERANCE
+from edge_runtime.errors import ChannelError, RateError, UnitError
+from edge_runtime.model_file import ModelCard
+
+
+def require_fit(card: ModelCard, *, n_channels: int, unit: str, rate_hz: float, where: str | Path) -> None:
+    """Raise ChannelError, UnitError or RateError where a source is not what the model was made for."""
+    if n_channels != card.n_channels:
+        raise ChannelError(
+            f"{n_channels} channels, the model wants {card.n_channels}",
+            where=where,
+            cause="a model made for other sensors",
+            next_step="use a model made for this source, or train one",
+        )
+    if unit != card.unit:
+        raise UnitError(
+            f"values in {unit}, the model wants {card.unit}",
+            where=where,
+            cause="calibrated and raw channels mixed, or no meta.json that names the unit",
+            next_step="use a model made for this unit, or train one",
+        )
+    if not abs(rate_hz / card.rate_hz - 1.0) <= RATE_TOLERANCE:
+        raise RateError(
+            f"{rate_hz:.4g} Hz, the model wants {card.rate_hz:.4g} Hz within {RATE_TOLERANCE:.0%}",
+            where=where,
+            cause="a model made for another rate",
+            next_step="use a model made for this rate, or train one",
+        )

@@ -1,0 +1,77 @@
+"""`holdfast VERB ..`: one parser, one module a verb, imported only when its verb is asked for.
+
+Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import version
+from types import ModuleType
+
+from edge_runtime.command import Parser, finish
+from edge_runtime.errors import UsageError
+
+VERBS = {
+    "doctor": ("holdfast.doctor", "say what is here, what is missing, and how to get it"),
+    "train": ("training.train", "recordings -> an artifact folder (forests, spec, held-out figures)"),
+    "export": ("export.export", "artifact folder -> one verified, sealed holdfast.onnx"),
+    "evaluate": ("holdfast.evaluate", "score a model file on a labelled set or folder"),
+    "replay": ("holdfast.replay", "a model's answers on a recorded trial, one JSON line a sample"),
+}
+
+HELP = """usage: holdfast VERB [options]    (holdfast VERB --help for one verb)
+
+Know a grip is about to fail before it does.
+
+{verbs}
+
+options everywhere: --help, --version, --debug (show the traceback of an error)
+exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 130 interrupted
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of the `holdfast` command; returns the exit code."""
+    return finish(_main, sys.argv[1:] if argv is None else argv)
+
+
+def _main(argv: Sequence[str]) -> int:
+    if not argv or argv[0] in ("-h", "--help"):
+        width = max(map(len, VERBS)) + 2
+        print(HELP.format(verbs="\n".join(f"  {name:<{width}}{about}" for name, (_, about) in VERBS.items())), end="")
+        return 0
+    if argv[0] == "--version":
+        print(f"holdfast {version('holdfast')}")
+        return 0
+    if argv[0] not in VERBS:
+        raise UsageError(
+            f"{argv[0]!r} is no verb", cause=f"choose from {', '.join(VERBS)}", next_step="holdfast --help"
+        )
+    return _run(argv[0], argv[1:])
+
+
+def _run(verb: str, argv: Sequence[str]) -> int:
+    module_name, about = VERBS[verb]
+    module = _import(module_name)
+    parser = Parser(prog=f"holdfast {verb}", description=about)
+    module.add_arguments(parser)
+    code: int = module.run(parser.parse_args(argv))
+    return code
+
+
+def _import(name: str) -> ModuleType:
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        raise _not_installed(error) from None
+
+
+def _not_installed(error: ModuleNotFoundError) -> UsageError:
+    return UsageError(
+        f"this verb needs the package {error.name}",
+        cause="only the live path is installed",
+        next_step="pip install 'holdfast[train,viz]'; holdfast doctor says what is missing",
+    )

@@ -1,0 +1,122 @@
+"""`holdfast doctor`: what is here, what is missing and how to get it. Never crashes, whatever it finds."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+EXTRAS = {
+    "live path": ("numpy", "onnxruntime"),
+    "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "joblib", "rich"),
+    "viz": ("matplotlib",),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at: ok, missing or broken, what was found, and the next step if it is not ok."""
+
+    what: str
+    status: Literal["ok", "missing", "broken"]
+    found: str
+    next_step: str = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument("--json", action="store_true", help="one JSON object a finding")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print every finding; always 0, because a missing thing is an answer."""
+    for finding in examine():
+        if args.json:
+            print(json.dumps(asdict(finding)))
+        else:
+            step = f"  -> {finding.next_step}" if finding.next_step else ""
+            print(f"{finding.status:<8}{finding.what:<28}{finding.found}{step}")
+    return 0
+
+
+def examine() -> list[Finding]:
+    """All findings, each looked at on its own: a check that fails is a finding too."""
+    checks: list[tuple[str, Callable[[], list[Finding]]]] = [
+        ("machine", _machine),
+        ("packages", _packages),
+        ("onnxruntime", _runtime),
+        ("data sets", _data_sets),
+        ("model", _default_model),
+    ]
+    return [finding for name, check in checks for finding in _safely(name, check)]
+
+
+def _safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
+    try:
+        return check()
+    except Exception as error:  # a doctor who faints helps nobody
+        return [Finding(name, "broken", f"{type(error).__name__}: {error}", "report this line")]
+
+
+def _machine() -> list[Finding]:
+    found = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
+    enough = sys.version_info >= (3, 11)
+    return [Finding("machine", "ok" if enough else "broken", found, "" if enough else "install Python 3.11 or newer")]
+
+
+def _packages() -> list[Finding]:
+    return [_package(extra, name) for extra, names in EXTRAS.items() for name in names]
+
+
+def _package(extra: str, name: str) -> Finding:
+    what = f"{name} ({extra})"
+    try:
+        return Finding(what, "ok", importlib.metadata.version(name))
+    except importlib.metadata.PackageNotFoundError:
+        wanted = "holdfast" if extra == "live path" else f"'holdfast[{extra}]'"
+        return Finding(what, "missing", "not installed", f"pip install {wanted}")
+
+
+def _runtime() -> list[Finding]:
+    from edge_runtime.errors import RuntimeRefused
+    from edge_runtime.model_file import check_runtime
+
+    try:
+        check_runtime()
+    except RuntimeRefused as error:
+        return [Finding("onnxruntime", "broken", error.what, error.next_step)]
+    return [Finding("onnxruntime", "ok", "not one of the versions known to be wrong")]
+
+
+def _data_sets() -> list[Finding]:
+    from training.datasets import PUBLIC_SETS, data_folder
+
+    folder = data_folder()
+    step = "set HOLDFAST_DATA to the folder that holds it (only needed for figures on real recordings)"
+    return [
+        Finding(name, "ok", f"in {folder}")
+        if (folder / name).is_dir()
+        else Finding(name, "missing", f"not in {folder}", step)
+        for name in PUBLIC_SETS
+    ]
+
+
+def _default_model() -> list[Finding]:
+    from edge_runtime.errors import HoldfastError
+    from edge_runtime.monitor import Model
+
+    path = Path("build/default/holdfast.onnx")
+    if not path.exists():
+        step = "python training/train.py && python export/export.py"
+        return [Finding("model", "missing", f"no {path}", step)]
+    try:
+        return [Finding("model", "ok", f"{path}, id {Model(path).card.model_id}, golden sequences reproduced")]
+    except HoldfastError as error:
+        return [Finding("model", "broken", str(error), error.next_step)]

@@ -1,0 +1,51 @@
+"""An exported file on a labelled set: the file itself answers, sample by sample, and is scored."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from edge_runtime.fit import require_fit
+from edge_runtime.graph import run_recordings
+from edge_runtime.monitor import Model
+from training.featurise import pick_rows, rows_wanted
+from training.fitting import fingerprint, with_situations
+from training.metrics import report
+from training.plan import TASK_HEADS
+from training.recording import DataSet
+
+
+def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
+    """Figures of a model on a set, with the keys of the issue; says how much of it the model has seen.
+
+    Every recording is streamed from a fresh state, as on the hand. Raises ChannelError, UnitError or
+    RateError where the set does not fit the model.
+    """
+    require_fit(model.card, n_channels=3 * data.n_sensors, unit=data.unit, rate_hz=data.rate_hz, where=data.name)
+    data = with_situations(data)
+    heads = [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
+    answers = stream(model, data, ["situation", *heads])
+    score = answers["predict_250ms"]["p_risky_250ms"] if "p_risky_250ms" in heads else None
+    figures = report(data, answers["situations"]["situation"], score, seed=seed)
+    seen = set(model.card.raw["training"].get("recordings", ()))
+    overlap = sum(fingerprint(recording) in seen for recording in data.recordings)
+    return {
+        **figures,
+        "model_id": model.card.model_id,
+        "data": data.name,
+        "kind": data.kind,
+        "trained_on_recordings": overlap,
+        "caveat": data.caveat,
+        "seed": seed,
+    }
+
+
+def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, dict[str, Any]]:
+    """Task -> output -> [M, ...] at every window of the set."""
+    wanted = rows_wanted(data)
+    values = [recording.samples for recording in data.recordings]
+    valid = [recording.valid for recording in data.recordings]
+    computed = run_recordings(model.session, values, valid, outputs, wanted)
+    return {
+        task: {name: pick_rows(data, task, wanted, [c[name] for c in computed]) for name in outputs}
+        for task in data.tasks
+    }

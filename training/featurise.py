@@ -1,0 +1,55 @@
+"""Features for training come out of the very step graph that runs on the hand, all recordings in step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.graph import open_session, run_recordings
+from export.spec import StepSpec
+from export.step_graph import feature_graph
+from training.recording import DataSet
+
+FloatRows = npt.NDArray[np.float32]
+
+
+def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
+    """The step a set is trained and served with: its sensors, its median rate, its unit."""
+    return StepSpec(n_sensors=data.n_sensors, rate_hz=data.rate_hz, unit=data.unit, groups=groups)
+
+
+def features_of(data: DataSet, spec: StepSpec) -> dict[str, FloatRows]:
+    """Task -> features [M, F] float32 at the last row of every window; one pass for all tasks."""
+    wanted = rows_wanted(data)
+    session = open_session(feature_graph(spec).SerializeToString())
+    values = [recording.samples for recording in data.recordings]
+    valid = [recording.valid for recording in data.recordings]
+    computed = run_recordings(session, values, valid, ["features"], wanted)
+    return {task: pick_rows(data, task, wanted, [c["features"] for c in computed]) for task in data.tasks}
+
+
+def rows_wanted(data: DataSet) -> list[npt.NDArray[np.int64]]:
+    """Per recording, the ascending rows at which any task has a window."""
+    rows: list[list[npt.NDArray[np.int64]]] = [[] for _ in data.recordings]
+    for labelled in data.tasks.values():
+        for trial, row in _by_trial(labelled.trial, labelled.row):
+            rows[trial].append(row)
+    return [np.unique(np.concatenate(found)) if found else np.empty(0, np.int64) for found in rows]
+
+
+def _by_trial(trial: npt.NDArray[np.int64], row: npt.NDArray[np.int64]) -> list[tuple[int, npt.NDArray[np.int64]]]:
+    return [(int(index), row[trial == index]) for index in np.unique(trial)]
+
+
+def pick_rows(data: DataSet, task: str, wanted: list[npt.NDArray[np.int64]], computed: list[FloatRows]) -> FloatRows:
+    """The task's windows in its own order, out of what was computed per recording."""
+    labelled = data.tasks[task]
+    starts = np.concatenate([[0], np.cumsum([len(rows) for rows in wanted])])
+    place = np.empty(len(labelled), dtype=np.int64)
+    for trial in np.unique(labelled.trial):
+        here = labelled.trial == trial
+        place[here] = starts[trial] + np.searchsorted(wanted[trial], labelled.row[here])
+    picked: npt.NDArray[Any] = np.concatenate(computed)[place]
+    return picked

@@ -1,0 +1,123 @@
+"""Recordings -> features -> cross-validation -> calibrated forests -> an artifact folder for export."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import SITUATIONS
+from edge_runtime.decision import DecisionRules
+from edge_runtime.errors import ClassMissing
+from export.artifact import Artifact, write_artifact
+from export.heads import Head
+from training.crossval import HeldOut, Say, cross_validate, fit_calibration, fit_forest, main_task
+from training.featurise import features_of, spec_for
+from training.metrics import report
+from training.plan import TASK_HEADS, TrainingPlan
+from training.recording import DataSet, Recording
+
+VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
+
+
+def train(
+    data: DataSet,
+    out: str | Path,
+    plan: TrainingPlan,
+    *,
+    seed: int = 0,
+    say: Say = lambda line: None,
+) -> dict[str, Any]:
+    """Train on a set and write the artifact folder; returns the held-out figures.
+
+    Raises ClassMissing, TooFewGroups, RateError or OutputError.
+    """
+    require_classes(data)
+    plan = replace(plan, folds=min(plan.folds, max(2, len(data.groups()))))
+    spec = spec_for(data, plan.groups)
+    spec.warn_of_lost_bands()
+    say(f"features of {len(data.recordings)} recordings")
+    features = features_of(data, spec)
+    held_out = cross_validate(data, features, plan, seed=seed, say=say)
+    figures = held_out_figures(data, held_out, seed)
+    say("final forests on all recordings")
+    artifact = Artifact(
+        spec=spec,
+        preparation=data.preparation,
+        decision=DecisionRules().to_json(),
+        heads=[_final_head(data, features, plan, task, held_out, seed) for task in data.tasks],
+        rows=np.concatenate(list(features.values())),
+        training=_origin(data, plan, seed, figures),
+    )
+    write_artifact(out, artifact)
+    return figures
+
+
+def require_classes(data: DataSet) -> None:
+    """Raise ClassMissing where a task has no window of a class, unless the set lacks it by its nature."""
+    for task, rows in data.tasks.items():
+        counts = np.bincount(rows.label, minlength=len(rows.classes))
+        missing = [name for name, n in zip(rows.classes, counts, strict=True) if n == 0 and name not in data.lacks]
+        if missing:
+            raise ClassMissing(
+                f"task {task}: no window of {', '.join(missing)}",
+                where=data.name,
+                cause="recordings of that action are missing, or too few were chosen",
+                next_step="add recordings, or choose more groups",
+            )
+
+
+def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> dict[str, Any]:
+    """Metrics of the held-out votes, situations always four."""
+    score = held_out.shares("predict_250ms")[:, 1] if "predict_250ms" in data.tasks else None
+    return report(with_situations(data), held_out.situations(), score, seed=seed)
+
+
+def with_situations(data: DataSet) -> DataSet:
+    """The same set with a task "situations", made from the eight classes where it has none."""
+    if "situations" in data.tasks:
+        return data
+    classes = data.tasks["classes"]
+    situations = replace(classes, label=classes.label // 2, classes=SITUATIONS)
+    return replace(data, tasks={**data.tasks, "situations": situations})
+
+
+def fingerprint(recording: Recording) -> str:
+    """First 12 digits of the SHA-256 of a recording's samples: says whether a model has seen it."""
+    return hashlib.sha256(np.ascontiguousarray(recording.samples).tobytes()).hexdigest()[:12]
+
+
+def _final_head(
+    data: DataSet, features: dict[str, Any], plan: TrainingPlan, task: str, held_out: HeldOut, seed: int
+) -> Head:
+    rows = data.tasks[task]
+    forest = fit_forest(data, features[task], plan, task, np.arange(len(rows)), seed)
+    return Head(TASK_HEADS[task], rows.classes, forest, fit_calibration(held_out.shares(task), rows.label))
+
+
+def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: dict[str, Any]) -> dict[str, Any]:
+    """What the model card says of where it comes from."""
+    prints = [fingerprint(recording) for recording in data.recordings]
+    return {
+        "data": data.name,
+        "kind": data.kind,
+        "redistributable": data.redistributable,
+        "caveat": data.caveat,
+        "data_sha256": hashlib.sha256("".join(sorted(prints)).encode()).hexdigest(),
+        "recordings": prints,
+        "groups": len(data.groups()),
+        "windows": {
+            task: dict(zip(rows.classes, np.bincount(rows.label, minlength=len(rows.classes)).tolist(), strict=True))
+            for task, rows in data.tasks.items()
+        },
+        "main_task": main_task(data),
+        "plan": plan.to_json(),
+        "seed": seed,
+        "held_out": figures,
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in VERSIONS_OF}},
+    }

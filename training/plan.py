@@ -1,0 +1,62 @@
+"""What is trained by default: feature groups, one forest a head, how many folds. One place to look.
+
+The choice was made on human_slip_uskin, people held out (docs/decisions.md says how many were tried).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+
+from export.forest import Forest
+
+CLOCK_FREE_GROUPS = ("now", "differences", "sums", "relative", "shear")
+RAW_GROUPS = ("window",)
+
+TASK_HEADS = {"situations": "situation", "classes": "situation", "predict_250ms": "p_risky_250ms"}
+"""Which head of the exported file learns which task."""
+
+
+@dataclass(frozen=True)
+class ForestPlan:
+    """Parameters of one forest, by scikit-learn's names (random: a RandomForest, extra: ExtraTrees)."""
+
+    kind: Literal["random", "extra"] = "extra"
+    n_estimators: int = 100
+    min_samples_leaf: int = 5
+    max_features: float | str = "sqrt"
+    class_weight: str | None = "balanced"
+
+    def build(self, seed: int, n_jobs: int = 2) -> Forest:
+        """An unfitted forest; the seed makes it the same every time."""
+        maker = ExtraTreesClassifier if self.kind == "extra" else RandomForestClassifier
+        parameters = {key: value for key, value in asdict(self).items() if key != "kind"}
+        return maker(random_state=seed, n_jobs=n_jobs, **parameters)
+
+
+UNTUNED = ForestPlan(kind="random", min_samples_leaf=1, class_weight=None)
+"""The thesis' forest: 100 trees, nothing chosen."""
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """Everything a training run is asked for, beside the data and the seed."""
+
+    groups: tuple[str, ...] = CLOCK_FREE_GROUPS
+    situation: ForestPlan = field(default_factory=ForestPlan)
+    prediction: ForestPlan = field(default_factory=lambda: ForestPlan(max_features=0.3))
+    folds: int = 6
+
+    def forest_for(self, task: str) -> ForestPlan:
+        """The forest of a task."""
+        return self.prediction if TASK_HEADS[task] == "p_risky_250ms" else self.situation
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object, for the model card."""
+        return asdict(self)
+
+
+RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)
+"""The raw-window forest every other figure stands beside."""

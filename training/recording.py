@@ -1,0 +1,96 @@
+"""What every data set becomes before anything else looks at it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.contract import BoolArray, FloatArray, Unit
+from edge_runtime.preparation import Preparation
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One trial, as it was recorded, unit and rate known.
+
+    trial_id: unique in its set. group: the person (or block) that must not be split.
+    samples: [T, C] float64, *prepared* (bias removed, magnets turned the right way round).
+    valid: [T, C/3]. rate_hz: from the time stamps where there are any.
+    object_name, action: None where the set has no such notion.
+    """
+
+    trial_id: str
+    group: str
+    samples: FloatArray
+    valid: BoolArray
+    rate_hz: float
+    unit: Unit
+    object_name: str | None = None
+    action: str | None = None
+
+    @property
+    def n_sensors(self) -> int:
+        """Number of 3-axis sensors."""
+        return self.samples.shape[1] // 3
+
+
+@dataclass(frozen=True)
+class LabelledRows:
+    """Windows of one task: the last row of each, and its label.
+
+    trial: [M] index into the set's recordings. row: [M] last row of the window. label: [M].
+    classes: name of each label value (label k means classes[k]).
+    """
+
+    trial: npt.NDArray[np.int64]
+    row: npt.NDArray[np.int64]
+    label: npt.NDArray[np.int64]
+    classes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+    def take(self, keep: npt.NDArray[Any]) -> LabelledRows:
+        """The same task on a subset of the windows (boolean mask or indices)."""
+        return LabelledRows(self.trial[keep], self.row[keep], self.label[keep], self.classes)
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Recordings and the tasks that can be learned from them.
+
+    tasks: "situations" (labels 0..3) or "classes" (labels 0..7), and further heads such as
+    "predict_250ms" (labels 0/1). rate_hz: the median over the recordings.
+    redistributable: False for sets without a licence; what is made from them stays in build/.
+    caveat: the sentence that must stand beside every number from this set.
+    lacks: situations the set does not have by its nature; any other absent class is an error.
+    """
+
+    name: str
+    recordings: list[Recording]
+    tasks: dict[str, LabelledRows]
+    rate_hz: float
+    unit: Unit
+    preparation: Preparation
+    kind: str
+    redistributable: bool
+    caveat: str
+    notes: dict[str, Any] = field(default_factory=dict)
+    lacks: tuple[str, ...] = ()
+
+    @property
+    def n_sensors(self) -> int:
+        """Number of 3-axis sensors."""
+        return self.recordings[0].n_sensors
+
+    def groups(self) -> list[str]:
+        """The distinct groups (people, blocks), sorted."""
+        return sorted({recording.group for recording in self.recordings})
+
+    def group_of(self, task: str) -> npt.NDArray[np.str_]:
+        """[M] group of every window of a task."""
+        names = np.array([recording.group for recording in self.recordings])
+        return names[self.tasks[task].trial]

@@ -1,0 +1,70 @@
+"""Train on a set and leave an artifact folder for export: `python training/train.py --data SET --out DIR`.
+
+Without arguments it trains on the small generated fixture, into build/default.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+if not __package__:  # run as a script: the folder of the script is first on sys.path and shadows the rooms
+    sys.path[0] = str(Path(__file__).resolve().parent.parent)
+
+import argparse
+
+from edge_runtime.command import Parser, finish
+
+DEFAULT_OUT = Path("build/default")
+FIXTURE_TRIALS = 8
+"""Trials a cell: enough windows for a forest to learn something, few enough for a minute of CI."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command, also of `holdfast train`."""
+    parser.add_argument("--data", metavar="SET|FOLDER", help="a set by name or path (default: the fixture)")
+    parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="artifact folder")
+    parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")
+    parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of every random choice (default 0)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train; prints what it does and the held-out figures."""
+    from training.datasets import load
+    from training.fitting import train
+    from training.plan import TrainingPlan
+    from training.summary import windows_table
+
+    folder = args.data or _fixture(args.out)
+    data = load(str(folder), channels=args.channels, groups=args.groups, seed=args.seed)
+    print(f"{data.name}: {data.kind}; {len(data.recordings)} recordings at {data.rate_hz:.4g} Hz")
+    print(windows_table(data))
+    figures = train(data, args.out, TrainingPlan(), seed=args.seed, say=print)
+    situations = figures["situations"]
+    print(f"held out, grouped: macro F1 over four situations {situations['macro_f1']:.3f}")
+    if "predict_250ms" in figures:
+        print(f"held out, grouped: 0.25 s prediction AUC {figures['predict_250ms']['auc']:.3f}")
+    print(data.caveat)
+    print(f"artifact: {args.out}; next: python export/export.py {args.out}")
+    return 0
+
+
+def _fixture(out: Path) -> Path:
+    from training.fixture import write_fixture
+
+    folder = out / "fixture"
+    write_fixture(folder, trials_per_cell=FIXTURE_TRIALS)
+    return folder
+
+
+def main(argv: Sequence[str]) -> int:
+    """Parse and run."""
+    parser = Parser(prog="train.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_arguments(parser)
+    return run(parser.parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(finish(main, sys.argv[1:]))
