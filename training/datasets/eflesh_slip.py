@@ -70,17 +70,20 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     )
 
 
-def threshold_baseline(data: DataSet, *, n_folds: int = 6, seed: int = 0) -> dict[str, float]:
+def threshold_baseline(data: DataSet, *, n_folds: int | None = None, seed: int = 0) -> dict[str, float]:
     """Accuracy of one threshold on the amplitude of the field (norm over channels), the line to beat.
 
     trial_accuracy: largest amplitude in the last second, threshold from the other blocks;
     trial_accuracy_in_sample: threshold from the same trials; window_accuracy: amplitude at each
-    window's last row, threshold from the other blocks' windows. Raises TooFewGroups.
+    window's last row, threshold from the other blocks' windows. n_folds: None leaves out one block at
+    a time, which needs no luck; with 6 folds the seed moves trial_accuracy between 0.971 and 0.993.
+    Raises TooFewGroups.
     """
     field = [amplitude(recording.samples) for recording in data.recordings]
     largest = np.array([trial[LAST_SECOND].max() for trial in field])
     tugged = np.array([recording.action == "tug" for recording in data.recordings])
     blocks = np.array([recording.group for recording in data.recordings])
+    n_folds = n_folds or len(data.groups())
     rows = data.tasks["situations"]
     at_window = np.array([field[trial][row] for trial, row in zip(rows.trial, rows.row, strict=True)])
     return {
