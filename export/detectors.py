@@ -40,7 +40,9 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
     advanced, outputs = graph.nodes(
         "Split", stepped, graph.ints(2 * size, 2 * len(bands)), outs=["bank_next", "bank_out"], axis=2
     )
-    flushed = graph.node("Shrink", advanced, lambd=SUBNORMAL_BELOW, bias=0.0)
+    # not Shrink: onnxruntime 1.31 computes it in float32, whatever the type of its input
+    faded = graph.node("Less", graph.node("Abs", advanced), graph.constant(SUBNORMAL_BELOW))
+    flushed = graph.node("Where", faded, graph.constant(0.0), advanced)
     graph.keep("bank", graph.node("Where", guarded.good, flushed, before))
     return graph.node("Abs", outputs)
 
