@@ -1,15 +1,21 @@
-"""What several tests need: the public data sets, where they are."""
+"""What several tests need: the public data sets, where they are; small models made by the whole pipeline."""
 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from edge_runtime.errors import DataNotFound
-from training.datasets import find
+from training.datasets import find, load
+
+if TYPE_CHECKING:
+    from training.recording import DataSet
 
 
 @pytest.fixture(scope="session")
@@ -26,3 +32,57 @@ def real_set() -> Callable[[str], Path]:
         pytest.skip(line)
 
     return folder
+
+
+@dataclass(frozen=True)
+class Built:
+    """A made-up set in the thesis' layout, the artifact trained on it, and the sealed file exported from that."""
+
+    data: DataSet
+    fixture: Path
+    artifact: Path
+    model: Path
+
+
+@pytest.fixture(scope="session")
+def fixture_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The generated set, three trials a cell, at 50 Hz. Read only: many tests share it."""
+    from training.fixture import write_fixture
+
+    folder = tmp_path_factory.mktemp("fixture")
+    write_fixture(folder, trials_per_cell=3)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def eight_classes(fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """A small model of eight classes, so one that knows light and heavy. Read only."""
+    return _built(load(fixture_folder), fixture_folder, tmp_path_factory.mktemp("eight_classes"))
+
+
+@pytest.fixture(scope="session")
+def four_situations(fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """A small model of four situations with a second head, so one that knows no weight. Read only.
+
+    Its second task is made up: the prediction is "risky now".
+    """
+    from training.fitting import with_situations
+
+    rows = with_situations(load(fixture_folder)).tasks["situations"]
+    risky = replace(rows, label=(rows.label == 3).astype(rows.label.dtype), classes=("no", "yes"))
+    data = replace(load(fixture_folder), tasks={"situations": rows, "predict_250ms": risky})
+    return _built(data, fixture_folder, tmp_path_factory.mktemp("four_situations"))
+
+
+def _built(data: DataSet, fixture: Path, out: Path) -> Built:
+    """Trained and exported by the real pipeline, with forests of a few trees."""
+    from export.exporting import export_artifact
+    from export.spec import BandsLeftOut
+    from training.fitting import train
+    from training.plan import ForestPlan, TrainingPlan
+
+    few = ForestPlan(n_estimators=6)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BandsLeftOut)  # 50 Hz carries three of the ten bands
+        train(data, out, TrainingPlan(situation=few, prediction=few, folds=2))
+    return Built(data, fixture, out, export_artifact(out)[0])

@@ -1,0 +1,199 @@
+"""The band-pass bank in the step graph: scipy's answer, the bands' names, and how silence ends."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from onnx import TensorProto
+from scipy.signal import freqz_sos, sosfilt
+
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import RateError
+from edge_runtime.graph import StepGraph, open_session, run_recording
+from edge_runtime.monitor import Model
+from export.bank import BANDS_HZ, DAMPING, bands_for, sections, step_matrix
+from export.builder import GraphBuilder
+from export.detectors import add_bank
+from export.guard import add_guard
+from export.spec import BandsLeftOut, StepSpec
+from export.step_graph import feature_graph
+from training.critical_points import bank_sections
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+RATES_HZ = (50.0, 58.9, 100.0, 150.0, 300.0, 1000.0)
+RELATIVE = 1e-12
+
+
+def spec_at(rate_hz: float, n_sensors: int = 2) -> StepSpec:
+    return StepSpec(n_sensors=n_sensors, rate_hz=rate_hz, unit="count", groups=("now",))
+
+
+def bank_model(spec: StepSpec) -> bytes:
+    """Guard and bank alone, with the bank's outputs [n, 2 x bands] in float64 instead of as float32 features."""
+    graph = GraphBuilder(spec.n_sensors)
+    rectified = add_bank(graph, spec, add_guard(graph, spec))
+    graph.node("Identity", rectified, out="rectified")
+    graph.output("rectified", TensorProto.DOUBLE, spec.n_sensors, 2 * len(spec.carried_bands()))
+    return graph.model().SerializeToString()
+
+
+def bank_outputs(spec: StepSpec, values: FloatArray) -> FloatArray:
+    """[T, n, 2, bands]: sensor, shear axis, band."""
+    valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
+    out = run_recording(open_session(bank_model(spec)), values, valid, ["rectified"])["rectified"]
+    return out.reshape(len(values), spec.n_sensors, 2, -1)
+
+
+def forces(length: int, n_channels: int, seed: int = 0) -> FloatArray:
+    """A wandering force with noise and one sudden step, far from zero from the first sample on."""
+    rng = np.random.default_rng(seed)
+    wander = np.cumsum(rng.normal(0.0, 0.3, (length, n_channels)), axis=0) + rng.normal(size=(length, n_channels))
+    return 7.0 + wander + 20.0 * (np.arange(length) > length // 2)[:, None]
+
+
+def by_scipy(spec: StepSpec, values: FloatArray) -> FloatArray:
+    """[T, n, 2, bands]: every shear signal, from rest at its first value, through scipy's own filter."""
+    shear = values.reshape(len(values), -1, 3)[:, :, :2]
+    filtered = [sosfilt(sections(spec.rate_hz, band), shear - shear[0], axis=0) for band in spec.carried_bands()]
+    return np.stack(filtered, axis=-1)
+
+
+def assert_equal_to(expected: FloatArray, got: FloatArray) -> None:
+    """Within 1e-12 of each band's own largest output."""
+    scale = np.abs(expected).max(axis=0)
+    assert scale.min() > 0.0
+    assert (np.abs(got - expected) / scale).max() <= RELATIVE
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_the_graphs_bank_is_scipys_filter_from_rest_on_every_shear_signal(rate_hz: float) -> None:
+    spec = spec_at(rate_hz)
+    values = forces(round(3 * rate_hz), spec.n_channels)
+    assert_equal_to(np.abs(by_scipy(spec, values)), bank_outputs(spec, values))
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_the_step_matrix_by_hand_is_scipys_filter(rate_hz: float) -> None:
+    bands = bands_for(rate_hz)
+    matrix = step_matrix(rate_hz, bands)
+    size = 1 + 4 * len(bands)
+    assert matrix.shape == (1 + size, size + len(bands))
+    x = forces(round(3 * rate_hz), 1)[:, 0]
+    state, outputs = np.zeros(size), []
+    for difference in np.diff(x, prepend=x[0]):
+        out = np.concatenate([[difference], state]) @ matrix
+        state = out[:size]
+        outputs.append(out[size:])
+    expected = np.stack([sosfilt(sections(rate_hz, band), x - x[0]) for band in bands], axis=-1)
+    assert_equal_to(expected, np.array(outputs))
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_the_bank_offline_and_the_bank_on_the_hand_are_one_bank(rate_hz: float) -> None:
+    offline = np.array(bank_sections(rate_hz))
+    on_hand = np.array([sections(rate_hz, band) for band in bands_for(rate_hz)])
+    np.testing.assert_allclose(offline, on_hand, rtol=RELATIVE, atol=RELATIVE)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_every_resonator_sits_at_the_frequency_it_is_named_after(rate_hz: float) -> None:
+    """There, and nowhere else, a second-order resonator turns the phase by a quarter; its gain is 1 / (2 z)."""
+    for band in bands_for(rate_hz):
+        resonator = sections(rate_hz, band)[1:2]
+        _, at_name = freqz_sos(resonator, worN=[band], fs=rate_hz)
+        assert at_name[0] == pytest.approx(-0.5j / DAMPING, rel=1e-9)
+        around = np.linspace(0.5 * band, min(2.0 * band, 0.4999 * rate_hz), 4001)
+        _, response = freqz_sos(resonator, worN=around, fs=rate_hz)
+        assert around[np.abs(response).argmax()] == pytest.approx(band, rel=0.015)  # damping pulls the peak by 1 %
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_a_tone_is_loudest_in_the_band_that_bears_its_name(rate_hz: float) -> None:
+    spec = spec_at(rate_hz, n_sensors=1)
+    t_s = np.arange(round(2.5 * rate_hz)) / rate_hz
+    for place, band in enumerate(spec.carried_bands()):
+        tone = np.repeat(np.sin(2 * np.pi * band * t_s + 0.3)[:, None], 3, axis=1)
+        loudness = np.square(bank_outputs(spec, tone)[round(1.5 * rate_hz) :]).mean(axis=0)
+        np.testing.assert_array_equal(loudness.argmax(axis=-1), place)
+
+
+@pytest.mark.parametrize(("rate_hz", "carried"), [(50.0, (10, 15, 20)), (50.1, (10, 15, 20, 25)), (1000.0, BANDS_HZ)])
+def test_bands_at_or_above_half_the_rate_are_left_out(rate_hz: float, carried: tuple[float, ...]) -> None:
+    spec = spec_at(rate_hz)
+    assert spec.carried_bands() == carried
+    assert spec.lost_bands() == tuple(band for band in BANDS_HZ if band not in carried)
+    assert bank_outputs(spec, forces(4, spec.n_channels)).shape[-1] == len(carried)
+
+
+def test_bands_left_out_are_warned_of_by_name() -> None:
+    with pytest.warns(BandsLeftOut, match=r"left out at 100 Hz: 50, 55 Hz"):
+        spec_at(100.0).warn_of_lost_bands()
+
+
+def test_nothing_is_warned_of_where_every_band_is_carried() -> None:
+    spec_at(110.1).warn_of_lost_bands()  # a warning would be an error
+
+
+def test_the_sealed_card_lists_the_bands_and_the_bands_left_out(eight_classes: Built) -> None:
+    card = Model(eight_classes.model).card.raw
+    assert card["bands_hz"] == [10, 15, 20]
+    assert card["bands_left_out_hz"] == [25, 30, 35, 40, 45, 50, 55]
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 12.5, 1.0])
+def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
+    assert bands_for(rate_hz) == ()
+    for refused in (spec_at(rate_hz).carried_bands, spec_at(rate_hz).warn_of_lost_bands):
+        with pytest.raises(RateError, match="none of the bands"):
+            refused()
+    with pytest.raises(RateError, match="none of the bands"):
+        feature_graph(spec_at(rate_hz))
+
+
+@given(rate_hz=st.floats(20.01, 20_000.0))
+@settings(max_examples=60, deadline=None)
+def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(rate_hz: float) -> None:
+    """The differentiator's pole at -1, on the circle, is gone."""
+    bands = bands_for(rate_hz)
+    size = 1 + 4 * len(bands)
+    eigenvalues = np.linalg.eigvals(step_matrix(rate_hz, bands)[1:, :size])
+    assert np.abs(eigenvalues).max() < 1.0
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 150.0])
+def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: float) -> None:
+    spec = spec_at(rate_hz)
+    graph = StepGraph(open_session(bank_model(spec)))
+    loud = 1000.0 * np.random.default_rng(0).normal(size=(50, spec.n_channels))
+    tiny = np.finfo(np.float64).tiny
+    for values in (loud, np.repeat(loud[-1:], 4000, axis=0)):
+        for sample in values:
+            graph.sample[0] = sample
+            out = graph.step()["rectified"]
+            for numbers in (graph.state, out):
+                assert not np.any((numbers != 0.0) & (np.abs(numbers) < tiny))
+    bank = graph.state.reshape(spec.n_sensors, -1)[:, -2 * (1 + 4 * len(spec.carried_bands())) :]
+    assert not bank.any()
+    assert not graph.out["rectified"].any()
+
+
+@given(offset=st.integers(-(2**18), 2**18), numbers=st.lists(st.integers(-(2**10), 2**10), min_size=12, max_size=60))
+@settings(max_examples=20, deadline=None)
+def test_a_constant_offset_however_large_changes_nothing(offset: int, numbers: list[int]) -> None:
+    spec = spec_at(150.0, n_sensors=1)
+    values = np.array(numbers[: len(numbers) // 3 * 3]).reshape(-1, 3) / 64.0  # exact with the offset on top
+    np.testing.assert_array_equal(bank_outputs(spec, values), bank_outputs(spec, values + offset))
+
+
+def test_the_normal_axis_does_not_reach_the_bank() -> None:
+    spec = spec_at(150.0)
+    values = forces(200, spec.n_channels)
+    other = values.copy()
+    other[:, 2::3] = forces(200, spec.n_sensors, seed=1)
+    np.testing.assert_array_equal(bank_outputs(spec, values), bank_outputs(spec, other))
