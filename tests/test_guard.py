@@ -1,0 +1,289 @@
+"""The input guard: bad readings are held, never seen, and the state says unknown for exactly as long as it must."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from onnx import TensorProto
+
+from edge_runtime.contract import BoolArray, FloatArray, Sample
+from edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
+from edge_runtime.monitor import GripMonitor, Model
+from export.artifact import read_artifact, write_artifact
+from export.builder import GraphBuilder
+from export.detectors import add_bank
+from export.exporting import export_artifact
+from export.features import GROUPS
+from export.guard import add_guard
+from export.spec import RANGE_LIMIT, StepSpec
+from export.step_graph import feature_graph
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+SENSORS = 3
+LIMIT = RANGE_LIMIT["N"]
+NUMBERS = [math.nan, math.inf, -math.inf, 1e30, -1e30, LIMIT, -LIMIT, 1e308]
+INVALID = "the driver says so"
+BAD: list[float | str] = [*NUMBERS, INVALID]
+
+
+def spec_of(*groups: str, rate_hz: float = 100.0, min_valid_sensors: int = 0) -> StepSpec:
+    return StepSpec(SENSORS, rate_hz, "N", groups or tuple(GROUPS), min_valid_sensors)
+
+
+@cache
+def session_of(spec: StepSpec) -> ort.InferenceSession:
+    return open_session(feature_graph(spec).SerializeToString())
+
+
+@cache
+def bank_session(spec: StepSpec) -> ort.InferenceSession:
+    """Guard and bank alone: bank outputs [n, 2 x bands] in float64; the bank is the last part of a sensor's state."""
+    graph = GraphBuilder(spec.n_sensors)
+    graph.node("Identity", add_bank(graph, spec, add_guard(graph, spec)), out="rectified")
+    graph.output("rectified", TensorProto.DOUBLE, spec.n_sensors, 2 * len(spec.carried_bands()))
+    return open_session(graph.model().SerializeToString())
+
+
+def stepped(session: ort.InferenceSession, values: FloatArray, valid: BoolArray) -> Outputs:
+    """Every output [T, ..] and the state [T, n, width] after every sample."""
+    graph = StepGraph(session)
+    kept: dict[str, list[FloatArray]] = {name: [] for name in (*graph.out, "state")}
+    for sample, ok in zip(values, valid, strict=True):
+        graph.sample[0], graph.valid[0] = sample, ok
+        for name, value in graph.step().items():
+            kept[name].append(value[0].copy())
+        kept["state"].append(graph.state[0].reshape(valid.shape[1], -1).copy())
+    return {name: np.array(rows) for name, rows in kept.items()}
+
+
+def clean(length: int, seed: int = 0, sensors: int = SENSORS) -> tuple[FloatArray, BoolArray]:
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.normal(0.0, 0.2, (length, 3 * sensors)), axis=0), np.ones((length, sensors), dtype=np.bool_)
+
+
+def spoil(values: FloatArray, valid: BoolArray, row: int, sensor: int, how: float | str, axis: int = 0) -> None:
+    if isinstance(how, str):
+        valid[row, sensor] = False
+    else:
+        values[row, 3 * sensor + axis] = how
+
+
+def bits(array: FloatArray) -> bytes:
+    return np.ascontiguousarray(array).tobytes()
+
+
+@pytest.mark.parametrize("how", BAD, ids=str)
+@pytest.mark.parametrize("axis", range(3))
+def test_a_bad_reading_is_replaced_by_that_sensors_last_good_one_and_no_other_is_touched(
+    how: float | str, axis: int
+) -> None:
+    values, valid = clean(12)
+    expected = values.copy()
+    expected[[7, 8], 3:6] = values[6, 3:6]
+    for row in (7, 8):
+        spoil(values, valid, row, 1, how, axis)
+    now = run_recording(session_of(spec_of("now")), values, valid, ["features"])["features"]
+    np.testing.assert_array_equal(now, expected.astype(np.float32))
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 5e-324, np.nextafter(LIMIT, 0.0), -np.nextafter(LIMIT, 0.0)])
+def test_a_reading_in_range_is_taken_as_it_is(value: float) -> None:
+    values, valid = clean(4)
+    values[3, 4] = value
+    out = run_recording(session_of(spec_of("now")), values, valid, ["features"])["features"]
+    np.testing.assert_array_equal(out[3], values[3].astype(np.float32))
+
+
+@pytest.mark.parametrize("how", BAD, ids=str)
+def test_a_sensors_bank_is_held_bit_for_bit_while_it_is_bad(how: float | str) -> None:
+    spec = spec_of(rate_hz=150.0)
+    values, valid = clean(60)
+    whole = stepped(bank_session(spec), values, valid)
+    gap = [40, 41, 42]
+    for row in gap:
+        spoil(values, valid, row, 1, how)
+    held = stepped(bank_session(spec), values, valid)
+    bank = np.s_[:, -2 * (1 + 4 * len(spec.carried_bands())) :]
+    for row in gap:
+        assert bits(held["state"][row][bank][1]) == bits(held["state"][39][bank][1])
+    assert held["state"][39][bank][1].any()
+    for other in (0, 2):
+        assert bits(held["state"][:, other]) == bits(whole["state"][:, other])
+        assert bits(held["rectified"][:, other]) == bits(whole["rectified"][:, other])
+
+
+@pytest.mark.parametrize("how", BAD, ids=str)
+def test_one_sample_after_a_bad_one_the_filter_is_clean_as_if_its_clock_had_stood_still(how: float | str) -> None:
+    spec = spec_of(rate_hz=150.0)
+    values, valid = clean(60)
+    without = [row for row in range(60) if row != 40]
+    expected = stepped(bank_session(spec), values[without], valid[without])["rectified"]
+    spoil(values, valid, 40, 1, how)
+    got = stepped(bank_session(spec), values, valid)["rectified"][without]
+    assert bits(got[:, 1]) == bits(expected[:, 1])
+
+
+@pytest.mark.parametrize("how", BAD[1:], ids=str)
+def test_it_makes_no_difference_in_what_way_a_reading_is_bad(how: float | str) -> None:
+    values, valid = clean(90)
+    rows = [0, 30, 31, 60, 61, 62, 63]
+    twice = [(values.copy(), valid.copy()), (values.copy(), valid.copy())]
+    for (spoilt, flags), way in zip(twice, (BAD[0], how), strict=True):
+        for row in rows:
+            spoil(spoilt, flags, row, 2, way, axis=row % 3)
+    one, other = (stepped(session_of(spec_of()), *stream) for stream in twice)
+    assert {name: bits(rows) for name, rows in one.items()} == {name: bits(rows) for name, rows in other.items()}
+
+
+@st.composite
+def corrupted(draw: st.DrawFn, sensors: int, length: int = 70) -> tuple[FloatArray, BoolArray]:
+    """A stream with any share of its readings spoilt in any of the ways, from any sample to any other."""
+    values, valid = clean(length, seed=draw(st.integers(0, 2**16)), sensors=sensors)
+    rng = np.random.default_rng(draw(st.integers(0, 2**16)))
+    first, last = sorted((draw(st.integers(0, length)), draw(st.integers(0, length))))
+    share = draw(st.sampled_from([0.02, 0.3, 0.9, 1.0]))
+    inside = np.zeros_like(values, dtype=np.bool_)
+    inside[first:last] = rng.random((last - first, values.shape[1])) < share
+    ways = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, unique=True))
+    values[inside] = rng.choice(ways, size=int(inside.sum()))
+    valid[first:last] &= rng.random((last - first, sensors)) >= draw(st.sampled_from([0.0, 0.3, 1.0]))
+    return values, valid
+
+
+@given(stream=corrupted(SENSORS))
+@settings(max_examples=40, deadline=None)
+def test_no_pattern_of_corruption_lets_a_number_that_is_not_finite_into_features_or_state(
+    stream: tuple[FloatArray, BoolArray],
+) -> None:
+    out = stepped(session_of(spec_of()), *stream)
+    assert np.isfinite(out["features"]).all()
+    assert np.isfinite(out["state"]).all()
+
+
+@given(stream=corrupted(6))
+@settings(max_examples=15, deadline=None)
+def test_no_pattern_of_corruption_reaches_votes_or_probabilities(
+    eight_classes: Built, stream: tuple[FloatArray, BoolArray]
+) -> None:
+    out = stepped(opened(eight_classes.model).session, *stream)
+    full = out["votes"].sum(axis=1)
+    assert np.isfinite(out["votes"]).all()
+    assert (full == full[0]).all()
+    assert np.isfinite(out["p_situation"]).all()
+    np.testing.assert_allclose(out["p_situation"].sum(axis=1), 1.0, rtol=1e-5)
+
+
+@cache
+def opened(path: Path) -> Model:
+    return Model(path)
+
+
+def by_the_stated_rule(good: BoolArray, spec: StepSpec) -> tuple[BoolArray, BoolArray]:
+    """good [T, n] -> settled [T, n] and usable [T, n], read off the whole past anew at every sample."""
+    settled = np.zeros_like(good)
+    longest = 0.020 * spec.rate_hz + 1e-9
+    for sensor in range(good.shape[1]):
+        started, run = 0, 0
+        for row in range(len(good)):
+            run = 0 if good[row, sensor] else run + 1
+            if run > longest:
+                started = row + 1
+            settled[row, sensor] = good[started : row + 1, sensor].sum() >= spec.settle_samples
+    return settled, good & settled
+
+
+@st.composite
+def gaps(draw: st.DrawFn, length: int = 260) -> BoolArray:
+    """good [T, n]: runs of good and bad samples of any length, on every sensor for itself."""
+    good = np.ones((length, SENSORS), dtype=np.bool_)
+    for sensor in range(SENSORS):
+        runs = draw(st.lists(st.tuples(st.integers(1, 120), st.sampled_from([1, 2, 3, 4, 40])), max_size=6))
+        row = draw(st.sampled_from([0, 0, 1, 5]))
+        good[:row, sensor] = False
+        for well, ill in runs:
+            good[row + well : row + well + ill, sensor] = False
+            row += well + ill
+    return good
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 58.9, 100.0, 150.0])
+@pytest.mark.parametrize("needed", [0, 2])
+@given(good=gaps())
+@settings(max_examples=8, deadline=None)
+def test_settled_and_unknown_follow_the_stated_rule_at_every_sample(
+    rate_hz: float, needed: int, good: BoolArray
+) -> None:
+    spec = spec_of("now", rate_hz=rate_hz, min_valid_sensors=needed)
+    settled, usable = by_the_stated_rule(good, spec)
+    values, _ = clean(len(good))
+    out = run_recording(session_of(spec), values, good, ["settled", "unknown", "usable_sensors"])
+    np.testing.assert_array_equal(out["usable_sensors"], usable.sum(axis=1))
+    np.testing.assert_array_equal(out["settled"], settled.sum(axis=1) >= (needed or SENSORS))
+    np.testing.assert_array_equal(out["unknown"], usable.sum(axis=1) < (needed or SENSORS))
+
+
+@pytest.mark.parametrize(("rate_hz", "bridged"), [(50.0, 1), (58.9, 1), (100.0, 2), (150.0, 3), (1000.0, 20)])
+def test_a_gap_of_20_ms_blinds_the_hand_while_it_lasts_and_a_longer_one_until_the_history_is_its_own(
+    rate_hz: float, bridged: int
+) -> None:
+    spec = spec_of("now", rate_hz=rate_hz)
+    settle = spec.settle_samples
+    for lost, blind in ((bridged, bridged), (bridged + 1, bridged + 1 + settle - 1)):
+        values, valid = clean(3 * settle + 50)
+        start = settle + 5
+        valid[start : start + lost, 1] = False
+        unknown = run_recording(session_of(spec), values, valid, ["unknown"])["unknown"]
+        expected = np.zeros(len(values), dtype=np.bool_)
+        expected[: settle - 1] = True
+        expected[start : start + blind] = True
+        np.testing.assert_array_equal(unknown, expected)
+
+
+def test_a_fresh_hand_settles_when_its_half_second_of_history_is_its_own() -> None:
+    for rate_hz, samples in ((50.0, 26), (58.9, 30), (150.0, 76)):
+        spec = spec_of("now", rate_hz=rate_hz)
+        out = run_recording(session_of(spec), *clean(100), ["settled", "unknown"])
+        assert int(out["settled"].argmax()) + 1 == samples
+        np.testing.assert_array_equal(out["unknown"], ~out["settled"])
+
+
+def test_a_sensor_that_comes_back_after_a_long_gap_starts_its_filter_afresh() -> None:
+    spec = spec_of(rate_hz=100.0)
+    values, valid = clean(80)
+    values[40:] += 50.0  # it comes back somewhere else: the jump over the gap is no vibration
+    valid[30:40, 1] = False
+    out = stepped(bank_session(spec), values, valid)["rectified"]
+    afresh = stepped(bank_session(spec), values[40:], valid[40:])["rectified"]
+    assert bits(out[40:, 1]) == bits(afresh[:, 1])
+
+
+def test_a_model_that_needs_fewer_sensors_answers_degraded_and_then_not_at_all(
+    eight_classes: Built, tmp_path: Path
+) -> None:
+    artifact = read_artifact(eight_classes.artifact)
+    write_artifact(tmp_path, replace(artifact, spec=replace(artifact.spec, min_valid_sensors=4)))
+    model = Model(export_artifact(tmp_path)[0])
+    strict, tolerant = GripMonitor(Model(eight_classes.model)), GripMonitor(model)
+    values, valid = clean(model.card.settle_samples + 12, sensors=6)
+    settle = model.card.settle_samples
+    lost = {settle + 2: 1, settle + 4: 2, settle + 6: 3, settle + 8: 6}
+    for row, (sample, ok) in enumerate(zip(values, valid, strict=True)):
+        ok[: lost.get(row, 0)] = False
+        told = Sample(row, sample, ok, row)
+        known, careful = tolerant.feed(told), strict.feed(told)
+        missing = lost.get(row, 0)
+        assert (known.state == "unknown") == (row < settle - 1 or missing > 2)
+        assert known.degraded == (row >= settle - 1 and missing in (1, 2))
+        assert (careful.state == "unknown") == (row < settle - 1 or missing > 0)
+        assert not careful.degraded
