@@ -12,9 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 from onnx import TensorProto
 
-from edge_runtime.contract import Unit
+from edge_runtime.contract import FloatArray, Unit
 from edge_runtime.errors import UsageError
 from export.builder import GraphBuilder
 from export.guard import Guarded
@@ -22,6 +23,8 @@ from export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 SPANS_S = (0.10, 0.25, 0.50)
+SCALED_LAGS = (1, 3, 5)
+"""Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
 NORMAL_FLOOR: dict[Unit, float] = {"N": 0.3, "uT": 100.0, "count": 300.0}
 """Least summed normal a ratio is taken over: in the air a ratio of noise to noise says nothing."""
 
@@ -51,6 +54,12 @@ class History:
     def samples(self) -> str:
         """[B, n, L, 3], oldest first."""
         return self.graph.reshape(self.flat, 0, 0, self.length, 3)
+
+    @cached_property
+    def differences(self) -> str:
+        """[B, n, lags, 3]: x[t] - x[t-l]."""
+        now = self.graph.node("Unsqueeze", self.now, self.graph.ints(2))
+        return self.graph.node("Sub", now, self.lagged(self.samples, axis=2))
 
     @cached_property
     def summed(self) -> str:
@@ -88,20 +97,39 @@ def _now(h: History) -> str:
 
 
 def _differences(h: History) -> str:
-    now = h.graph.node("Unsqueeze", h.now, h.graph.ints(2))
-    return h.graph.node("Sub", now, h.lagged(h.samples, axis=2))
+    return h.differences
 
 
 def _sums(h: History) -> str:
     return h.graph.node("Concat", h.summed_now, h.summed_change, axis=1)
 
 
-def _relative(h: History) -> str:
+def _scaled_sums(h: History) -> str:
     return h.graph.node("Div", h.summed_change, h.normal_scale)
 
 
-def _shares(h: History) -> str:
+def _scaled_now(h: History) -> str:
     return h.graph.node("Div", h.now, h.normal_scale)
+
+
+def _scaled_differences(h: History) -> str:
+    chosen = h.graph.node("Gather", h.differences, h.graph.ints(*SCALED_LAGS), axis=2)
+    return h.graph.node("Div", chosen, h.graph.node("Unsqueeze", h.normal_scale, h.graph.ints(3)))
+
+
+def _activity(h: History) -> str:
+    later, earlier = h.graph.columns(h.summed, 1, h.length), h.graph.columns(h.summed, 0, h.length - 1)
+    steps = h.graph.node("Abs", h.graph.node("Sub", later, earlier))
+    means = h.graph.node("MatMul", h.graph.constant(_span_means(h.spec)), steps)
+    return h.graph.node("Div", means, h.normal_scale)
+
+
+def _span_means(spec: StepSpec) -> FloatArray:
+    """[spans, L - 1]: each row averages the steps of the most recent span."""
+    means = np.zeros((len(SPANS_S), spec.history_samples))
+    for row, seconds in enumerate(SPANS_S):
+        means[row, -spec.lag(seconds) :] = 1.0 / spec.lag(seconds)
+    return means
 
 
 def _shear(h: History) -> str:
@@ -142,15 +170,33 @@ GROUPS: dict[str, FeatureGroup] = {
         "Sum x[t]; Sum x[t] - Sum x[t-l]",
         "the whole grip: what only one finger feels cancels",
     ),
-    "relative": FeatureGroup(
-        _relative,
+    "scaled_now": FeatureGroup(
+        _scaled_now,
+        lambda s: s.n_channels,
+        0.0,
+        "x[t] / Zs",
+        "how the fingers share the load, whatever the load",
+    ),
+    "scaled_differences": FeatureGroup(
+        _scaled_differences,
+        lambda s: s.n_channels * len(SCALED_LAGS),
+        HISTORY_S,
+        "(x[t] - x[t-l]) / Zs, l = 0.10, 0.25, 0.50 s",
+        "a finger's change counts relative to the grip it meets",
+    ),
+    "scaled_sums": FeatureGroup(
+        _scaled_sums,
         lambda s: 3 * len(LAGS_S),
         HISTORY_S,
         "(Sum x[t] - Sum x[t-l]) / Zs",
-        "a change is risky relative to the grip it meets",
+        "the object's pull relative to the grip it meets",
     ),
-    "shares": FeatureGroup(
-        _shares, lambda s: s.n_channels, 0.0, "x[t] / Zs", "how the fingers share the load, whatever the load"
+    "activity": FeatureGroup(
+        _activity,
+        lambda s: 3 * len(SPANS_S),
+        HISTORY_S,
+        "mean |Sum x[u] - Sum x[u-1]| over the last 0.10, 0.25, 0.50 s, / Zs",
+        "restlessness of the grip: rubbing and swinging, whatever their direction",
     ),
     "shear": FeatureGroup(
         _shear,

@@ -28,6 +28,15 @@ NOISE_RMS: dict[Unit, float] = {"N": 0.02, "uT": 22.0, "count": 4.0}
 """RMS noise of one quiet channel: below what it makes of the bank, nothing is called a vibration."""
 
 
+def window_samples(rate_hz: float) -> int:
+    """Samples in a window of 0.10 s, both ends included: 6 at 50 and 58.9 Hz, 16 at 150, never fewer than 2.
+
+    >>> [window_samples(rate_hz) for rate_hz in (10, 50, 58.9, 100, 150, 300)]
+    [2, 6, 6, 11, 16, 31]
+    """
+    return max(2, math.floor(WINDOW_S * rate_hz + 1e-9) + 1)
+
+
 @dataclass(frozen=True)
 class DetectorSpec:
     """Thresholds of the causal detectors; one setting for all objects.
@@ -81,7 +90,7 @@ class StepSpec:
     @property
     def window_samples(self) -> int:
         """Samples in the raw window: max(2, floor(0.10 s x rate) + 1)."""
-        return max(2, math.floor(WINDOW_S * self.rate_hz + 1e-9) + 1)
+        return window_samples(self.rate_hz)
 
     @property
     def history_samples(self) -> int:

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, and write them as JSON."""
     model = Model(args.model)
-    data = load(args.data, channels=model.card.n_channels, groups=args.groups, seed=args.seed)
+    data = load(args.data, channels=model.card.n_channels, groups=args.groups, seed=args.seed, balanced=False)
     figures = evaluate(model, data, seed=args.seed)
     if args.json is not None:
         write_whole(args.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")

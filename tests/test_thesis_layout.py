@@ -98,10 +98,10 @@ def test_the_empty_hand_may_be_a_single_file(copied: Path) -> None:
 
 
 def test_notes_tell_the_natural_and_the_balanced_counts(data: DataSet) -> None:
-    assert sum(data.notes["windows_balanced"].values()) == len(data.tasks["classes"])
+    assert sum(data.notes["windows"].values()) == len(data.tasks["classes"])
     assert sum(data.notes["windows_natural"].values()) > len(data.tasks["classes"])
     assert data.notes["samples"]["grasp_light"] > data.notes["samples"]["risky_slip_light"] > 0
-    assert "friction" in data.notes["table_natural"]
+    assert "friction" in data.notes["table"]
     json.dumps(data.notes)
 
 
@@ -151,7 +151,7 @@ def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(made: Pat
 def test_a_set_without_any_truth_loads_with_all_classes(copied: Path) -> None:
     for path in copied.glob("*/*/*.truth.json"):
         path.unlink()
-    assert min(thesis.load(copied).notes["windows_balanced"].values()) > 0
+    assert min(thesis.load(copied).notes["windows"].values()) > 0
 
 
 def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
@@ -324,4 +324,13 @@ def test_the_fixture_serves_every_rate_with_all_classes(tmp_path: Path, rate_hz:
     write_fixture(tmp_path, trials_per_cell=2, rate_hz=rate_hz)
     data = thesis.load(tmp_path)
     assert data.rate_hz == rate_hz
-    assert min(data.notes["windows_balanced"].values()) >= 3
+    assert min(data.notes["windows"].values()) >= 3
+
+
+def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(tmp_path: Path) -> None:
+    write_fixture(tmp_path / "all", trials_per_cell=1)
+    shutil.copytree(tmp_path / "all" / "soft-ball", tmp_path / "one" / "soft-ball")
+    with pytest.raises(ClassMissing):
+        thesis.load(tmp_path / "one")
+    windows = thesis.load(tmp_path / "one", balanced=False).tasks["classes"]
+    assert set((windows.label % 2).tolist()) == {0}

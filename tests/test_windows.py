@@ -13,7 +13,7 @@ from sklearn.model_selection import GroupKFold
 
 from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from edge_runtime.errors import ClassMissing
-from export.spec import StepSpec
+from export.spec import StepSpec, window_samples
 from training.datasets import thesis
 from training.fixture import write_fixture
 from training.objects import OBJECTS, is_heavy
@@ -29,7 +29,6 @@ from training.windows import (
     labelled_rows,
     natural_windows,
     sample_counts,
-    window_rows,
 )
 
 RATE_HZ = 50.0
@@ -126,7 +125,7 @@ def test_a_class_without_a_window_is_named() -> None:
 
 @pytest.mark.parametrize(("rate_hz", "rows"), [(50.0, 6), (58.9, 6), (150.0, 16), (300.0, 31), (8.0, 2)])
 def test_a_window_spans_a_tenth_of_a_second_at_every_rate(rate_hz: float, rows: int) -> None:
-    assert window_rows(rate_hz) == rows == StepSpec(6, rate_hz, "N", ()).window_samples
+    assert window_samples(rate_hz) == rows == StepSpec(6, rate_hz, "N", ()).window_samples
 
 
 def test_a_point_bears_the_situation_of_the_phase_it_falls_in() -> None:
@@ -177,7 +176,7 @@ def test_windows_of_the_empty_hand_bear_both_weights_alternately() -> None:
 def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(data: DataSet) -> None:
     task = data.tasks["classes"]
     lengths = np.array([len(recording.samples) for recording in data.recordings])
-    assert (task.row >= window_rows(data.rate_hz) - 1).all()
+    assert (task.row >= window_samples(data.rate_hz) - 1).all()
     assert (task.row < lengths[task.trial]).all()
     assert len(set(zip(task.trial.tolist(), task.row.tolist(), strict=True))) == len(task)
 
@@ -185,7 +184,7 @@ def test_every_window_lies_inside_its_trial_and_no_row_is_used_twice(data: DataS
 def test_classes_that_were_402_250_760_580_634_433_282_291_in_the_thesis_are_equal_here(
     data: DataSet,
 ) -> None:
-    natural, balanced = data.notes["windows_natural"], data.notes["windows_balanced"]
+    natural, balanced = data.notes["windows_natural"], data.notes["windows"]
     assert len(set(natural.values())) > 1, "the fixture would prove nothing if it were balanced already"
     assert set(balanced.values()) == {min(natural.values())}
     assert np.bincount(data.tasks["classes"].label).tolist() == list(balanced.values())

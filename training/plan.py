@@ -12,7 +12,7 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from export.forest import Forest
 
-CLOCK_FREE_GROUPS = ("now", "differences", "sums", "relative", "shear")
+CLOCK_FREE_GROUPS = ("now", "differences", "scaled_differences", "sums", "scaled_sums", "activity")
 RAW_GROUPS = ("window",)
 
 TASK_HEADS = {"situations": "situation", "classes": "situation", "predict_250ms": "p_risky_250ms"}

@@ -17,7 +17,6 @@ cell of object x action x source gives as equally as it can.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +26,7 @@ import pandas as pd
 
 from edge_runtime.contract import CLASSES, GRASP, NOTHING, class_id
 from edge_runtime.errors import ClassMissing
-from export.spec import WINDOW_S
+from export.spec import WINDOW_S, window_samples
 from training.critical_points import CriticalPoint, offline_critical_points
 from training.recording import LabelledRows, Recording
 from training.timeline import Phase
@@ -55,11 +54,6 @@ class _Spot:
     row: int
     label: int
     source: str
-
-
-def window_rows(rate_hz: float) -> int:
-    """Samples in a window of 0.10 s, both ends included: 6 at 50 Hz, 16 at 150 Hz, never fewer than 2."""
-    return max(2, math.floor(WINDOW_S * rate_hz + 1e-9) + 1)
 
 
 def natural_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
@@ -149,7 +143,7 @@ def _critical(trial: TimedTrial, points: list[CriticalPoint], heavy: bool) -> It
 
 def _steady(trial: TimedTrial, points: list[CriticalPoint], heavy: bool) -> Iterator[_Spot]:
     rate_hz = trial.recording.rate_hz
-    margin, n = round(STEADY_MARGIN_S * rate_hz), window_rows(rate_hz)
+    margin, n = round(STEADY_MARGIN_S * rate_hz), window_samples(rate_hz)
     for phase in trial.phases:
         middle, late = (phase.first + phase.stop) // 2, phase.stop - 1 - margin
         if phase.situation not in (NOTHING, GRASP) or late - middle < n:

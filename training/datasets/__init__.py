@@ -23,16 +23,24 @@ FOLDER_VARIABLE = "HOLDFAST_DATA"
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 
-def load(name_or_path: str | Path, *, channels: int | None = None, groups: int | None = None, seed: int = 0) -> DataSet:
+def load(
+    name_or_path: str | Path,
+    *,
+    channels: int | None = None,
+    groups: int | None = None,
+    seed: int = 0,
+    balanced: bool = True,
+) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
     channels: which of the set's channel choices, None for its usual 18. groups: keep only so many
-    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice.
+    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. balanced:
+    equal class counts in the thesis' layout (to train on), else every window there is (to score on).
 
     Raises DataNotFound, ChannelError, TooFewGroups, UsageError, or what the reader says about its files.
     """
     root = find(name_or_path)
-    data = _read(root, channels, seed)
+    data = _read(root, channels, seed, balanced)
     return data if groups is None else keep_groups(data, groups, seed=seed)
 
 
@@ -81,7 +89,6 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
         data,
         recordings=recordings,
         tasks={name: _of_trials(rows, index) for name, rows in data.tasks.items()},
-        rate_hz=float(np.median([recording.rate_hz for recording in recordings])),
         notes={**data.notes, "kept_groups": sorted(kept)},
     )
 
@@ -92,7 +99,7 @@ def _of_trials(rows: LabelledRows, index: list[int]) -> LabelledRows:
     return replace(kept, trial=np.searchsorted(index, kept.trial).astype(np.int64))
 
 
-def _read(root: Path, channels: int | None, seed: int) -> DataSet:
+def _read(root: Path, channels: int | None, seed: int, balanced: bool) -> DataSet:
     choice: dict[str, Any] = {} if channels is None else {"channels": channels}
     for name in PUBLIC_SETS:
         reader = import_module(f"training.datasets.{name}")
@@ -105,7 +112,7 @@ def _read(root: Path, channels: int | None, seed: int) -> DataSet:
             "no known data set in this folder", where=root, cause="a level too high or too low, or an empty copy",
             next_step="give the folder of a public set, or one laid out as <object>/<action>/trial_<n>.csv",
         )  # fmt: skip
-    thesis: DataSet = reader.load(root, seed=seed)
+    thesis: DataSet = reader.load(root, seed=seed, balanced=balanced)
     if channels is not None and channels != 3 * thesis.n_sensors:
         raise ChannelError(
             f"{3 * thesis.n_sensors} channels, {channels} asked for", where=root, next_step="leave channels out"

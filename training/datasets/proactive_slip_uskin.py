@@ -64,6 +64,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         kind="real, recorded by others: a robot arm carrying a box",
         redistributable=True,
         caveat=CAVEAT,
+        lacks=("nothing",),
     )
 
 

@@ -60,12 +60,13 @@ def recognises(root: Path) -> bool:
     return any(_action(path.parent) for path in root.glob("*/*/trial_*.csv") if TRIAL_NAME.fullmatch(path.name))
 
 
-def load(root: Path, *, seed: int = 0) -> DataSet:
-    """All trials of a folder, with the balanced task "classes" (labels 0..7).
+def load(root: Path, *, seed: int = 0, balanced: bool = True) -> DataSet:
+    """All trials of a folder, with the task "classes" (labels 0..7), balanced or in natural numbers.
 
-    seed: draws the balanced windows. Every trial is a group of its own. `notes` has the counts of samples,
-    of all windows and of the balanced ones, and both tables as text. rate_hz is the median over the trials to
-    three digits, so that a clock that is a microsecond off does not cost the window a sample.
+    seed: draws the balanced windows. balanced=False keeps every window, and needs no class to be there.
+    Every trial is a group of its own. `notes` has the counts of samples, of all windows and of those kept,
+    and the latter as a table. rate_hz is the median over the trials to three digits, so that a clock that
+    is a microsecond off does not cost the window a sample.
     Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the place.
     """
     meta = _meta(root)
@@ -76,11 +77,11 @@ def load(root: Path, *, seed: int = 0) -> DataSet:
         )
     rate_hz = _common_rate([trial.recording for trial in trials])
     natural = natural_windows(trials)
-    balanced = balance(natural, seed)
+    chosen = balance(natural, seed) if balanced else natural
     return DataSet(
         name=str(meta.get("name", root.resolve().name)),
         recordings=[trial.recording for trial in trials],
-        tasks={"classes": labelled_rows(balanced)},
+        tasks={"classes": labelled_rows(chosen)},
         rate_hz=rate_hz,
         unit=meta["unit"],
         preparation=PREPARATION,
@@ -94,9 +95,8 @@ def load(root: Path, *, seed: int = 0) -> DataSet:
             "bands_hz": carried_bands(rate_hz),
             "samples": sample_counts(trials),
             "windows_natural": class_counts(natural),
-            "windows_balanced": class_counts(balanced),
-            "table_natural": counts_table(natural),
-            "table_balanced": counts_table(balanced),
+            "windows": class_counts(chosen),
+            "table": counts_table(chosen),
         },
     )
 

@@ -1,0 +1,55 @@
+"""Lines that must stand beside ours on human_slip_uskin: the raw forest, a clock, and a leaky split.
+
+The last two are warnings. The clock shows how far a scripted set can be answered without looking at a
+slip at all; the leaky split shows what a wrong test reports.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray
+from export.forest import Forest
+from export.reference import IntArray, reference_votes, riskier_argmax
+from training.crossval import cross_validate, fit_forest
+from training.datasets.human_slip_uskin import clock_features
+from training.featurise import FloatRows, features_of, spec_for
+from training.fitting import held_out_figures
+from training.metrics import prediction_scores, situation_scores
+from training.plan import RAW_BASELINE, TrainingPlan
+from training.recording import DataSet
+from training.splits import leaky_folds
+
+
+def raw_forest(data: DataSet, *, seed: int = 0) -> dict[str, Any]:
+    """The thesis' untuned forest on the raw window, people held out."""
+    features = features_of(data, spec_for(data, RAW_BASELINE.groups))
+    return held_out_figures(data, cross_validate(data, features, RAW_BASELINE, seed=seed), seed)
+
+
+def clock(all_channels: DataSet, plan: TrainingPlan, *, seed: int = 0) -> dict[str, Any]:
+    """Frames since contact and summed force, nothing else, people held out (needs all 48 channels)."""
+    features = {task: clock_features(all_channels, rows) for task, rows in all_channels.tasks.items()}
+    narrow = {task: values.astype(np.float32) for task, values in features.items()}
+    return held_out_figures(all_channels, cross_validate(all_channels, narrow, plan, seed=seed), seed)
+
+
+def leaky(data: DataSet, features: dict[str, FloatRows], plan: TrainingPlan, *, seed: int = 0) -> dict[str, Any]:
+    """The same forests with windows split at random, neighbours in time on both sides: WRONG, a warning."""
+    votes = {task: _leaky_votes(data, features[task], plan, task, seed) for task in data.tasks}
+    truth, groups = data.tasks["situations"].label, data.group_of("situations")
+    figures = {"situations": situation_scores(truth, riskier_argmax(votes["situations"]), groups, seed=seed)}
+    score: FloatArray = votes["predict_250ms"][:, 1].astype(np.float64)
+    truth, groups = data.tasks["predict_250ms"].label, data.group_of("predict_250ms")
+    return figures | {"predict_250ms": prediction_scores(truth, score, groups, seed=seed)}
+
+
+def _leaky_votes(data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, seed: int) -> IntArray:
+    n_classes = len(data.tasks[task].classes)
+    votes = np.zeros((len(features), n_classes), dtype=np.int64)
+    for train, test in leaky_folds(len(features), plan.folds, seed=seed):
+        forest: Forest = fit_forest(data, features, plan, task, train, seed)
+        votes[test] = reference_votes(forest, features[test], n_classes)
+    return votes
