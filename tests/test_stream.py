@@ -1,0 +1,390 @@
+"""The step graph as a stream: however samples are handed in the answers are the same bits, and the past ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnxruntime as ort
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import sosfilt
+
+from edge_runtime.contract import BoolArray, FloatArray, Unit
+from edge_runtime.errors import UsageError
+from edge_runtime.graph import BATCH, Outputs, StepGraph, open_session, run_recording, run_recordings
+from edge_runtime.monitor import Model
+from export.bank import sections
+from export.features import GROUPS, LAGS_S, NORMAL_FLOOR, SPANS_S, feature_count
+from export.spec import StepSpec
+from export.step_graph import feature_graph
+from training.plan import CLOCK_FREE_GROUPS
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+RATES_HZ = (50.0, 58.9, 150.0)
+FINITE = [name for name, group in GROUPS.items() if math.isfinite(group.memory_s)]
+HISTORY_S = 0.5
+Stream = tuple[FloatArray, BoolArray]
+
+
+@cache
+def session_of(spec: StepSpec) -> ort.InferenceSession:
+    return open_session(feature_graph(spec).SerializeToString())
+
+
+@cache
+def sealed(path: Path) -> ort.InferenceSession:
+    return Model(path).session
+
+
+def whole_step(n_sensors: int) -> ort.InferenceSession:
+    return session_of(StepSpec(n_sensors, 100.0, "N", tuple(GROUPS)))
+
+
+def stream_of(length: int, n_sensors: int, seed: int = 0) -> Stream:
+    """Forces that wander and shake, with lost sensors and readings that are no numbers."""
+    rng = np.random.default_rng(seed)
+    values = np.cumsum(rng.normal(0.0, 0.2, (length, 3 * n_sensors)), axis=0) + rng.normal(size=3 * n_sensors)
+    values[rng.random(values.shape) < 0.01] = np.nan
+    return values, rng.random((length, n_sensors)) > 0.03
+
+
+def numbers(length: int, n_sensors: int, seed: int = 0) -> FloatArray:
+    """A stream without a fault."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(2.0, 1.0, (length, 3 * n_sensors)) + rng.normal(size=3 * n_sensors)
+
+
+def outputs_of(session: ort.InferenceSession) -> list[str]:
+    return [output.name for output in session.get_outputs() if output.name != "state_out"]
+
+
+def alone(session: ort.InferenceSession, stream: Stream) -> Outputs:
+    return run_recording(session, *stream, outputs_of(session))
+
+
+def in_chunks(model: bytes, stream: Stream, cuts: list[int]) -> Outputs:
+    """Chunk by chunk, nothing but the state's bytes carried over: every chunk has a session of its own."""
+    carried, parts = b"", []
+    for first, last in pairwise([0, *sorted(cuts), len(stream[0])]):
+        session = open_session(model)
+        size = next(i.shape[1] for i in session.get_inputs() if i.name == "state")
+        state = np.frombuffer(carried).reshape(1, size) if carried else np.zeros((1, size))
+        for row in range(first, last):
+            inputs = {"sample": stream[0][row : row + 1], "valid": stream[1][row : row + 1], "state": state}
+            *out, state = session.run([*outputs_of(session), "state_out"], {**inputs, "reset": np.array([row == 0])})
+            parts.append(out)
+        carried = state.tobytes()
+    columns = zip(*parts, strict=True)
+    return {name: np.concatenate(column) for name, column in zip(outputs_of(session), columns, strict=True)}
+
+
+def bits(outputs: Outputs) -> dict[str, bytes]:
+    return {name: np.ascontiguousarray(rows).tobytes() for name, rows in outputs.items()}
+
+
+@given(
+    seed=st.integers(0, 2**16), length=st.integers(1, 90), cuts=st.lists(st.integers(0, 90), max_size=4), data=st.data()
+)
+@settings(max_examples=10, deadline=None)
+def test_a_stream_in_random_chunks_gives_the_same_bits_as_sample_by_sample(
+    eight_classes: Built, seed: int, length: int, cuts: list[int], data: st.DataObject
+) -> None:
+    features = feature_graph(StepSpec(6, 100.0, "N", tuple(GROUPS))).SerializeToString()
+    model = data.draw(st.sampled_from([features, eight_classes.model.read_bytes()]))
+    stream = stream_of(length, 6, seed)
+    inside = [min(cut, length) for cut in cuts]
+    assert bits(in_chunks(model, stream, inside)) == bits(alone(open_session(model), stream))
+
+
+@pytest.mark.parametrize("n_sensors", [1, 2, 6, 16])
+@given(seed=st.integers(0, 2**16), lengths=st.lists(st.integers(0, 90), min_size=1, max_size=9))
+@settings(max_examples=6, deadline=None)
+def test_recordings_of_unequal_length_in_one_batch_give_the_bits_each_gives_alone(
+    n_sensors: int, seed: int, lengths: list[int]
+) -> None:
+    batch_equals_alone(whole_step(n_sensors), n_sensors, seed, lengths)
+
+
+@given(seed=st.integers(0, 2**16), lengths=st.lists(st.integers(1, 60), min_size=2, max_size=9), eight=st.booleans())
+@settings(max_examples=10, deadline=None)
+def test_so_do_whole_models_down_to_the_probabilities(
+    eight_classes: Built, four_situations: Built, seed: int, lengths: list[int], eight: bool
+) -> None:
+    batch_equals_alone(sealed((eight_classes if eight else four_situations).model), 6, seed, lengths)
+
+
+def test_more_recordings_than_one_batch_holds_come_back_in_their_own_order() -> None:
+    batch_equals_alone(whole_step(2), 2, 0, [1 + (7 * k) % 13 for k in range(BATCH + 5)])
+
+
+def batch_equals_alone(session: ort.InferenceSession, n_sensors: int, seed: int, lengths: list[int]) -> None:
+    streams = [stream_of(length, n_sensors, seed + k) for k, length in enumerate(lengths)]
+    values, valid = [stream[0] for stream in streams], [stream[1] for stream in streams]
+    rows = [np.arange(length) for length in lengths]
+    together = run_recordings(session, values, valid, outputs_of(session), rows)
+    for stream, out in zip(streams, together, strict=True):
+        assert bits(out) == bits(alone(session, stream))
+
+
+@given(seed=st.integers(0, 2**16), wanted=st.sets(st.integers(0, 59), max_size=8))
+@settings(max_examples=10, deadline=None)
+def test_the_rows_that_are_asked_for_are_the_rows_that_come(seed: int, wanted: set[int]) -> None:
+    session, stream = whole_step(2), stream_of(60, 2, seed)
+    rows = np.array(sorted(wanted), dtype=np.int64)
+    (some,) = run_recordings(session, [stream[0]], [stream[1]], ["features", "unknown"], [rows])
+    every = alone(session, stream)
+    assert bits(some) == bits({name: every[name][rows] for name in some})
+
+
+def test_reset_is_a_fresh_start() -> None:
+    graph, stream = StepGraph(whole_step(2)), stream_of(80, 2)
+    first = fed(graph, stream)
+    assert bits(fed(graph, stream)) != bits(first)  # it had a past
+    graph.reset()
+    assert bits(fed(graph, stream)) == bits(first)
+
+
+def fed(graph: StepGraph, stream: Stream) -> Outputs:
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in [*graph.out, "state"]}
+    for sample, ok in zip(*stream, strict=True):
+        graph.sample[0], graph.valid[0] = sample, ok
+        for name, value in {**graph.step(), "state": graph.state}.items():
+            rows[name].append(value.copy())
+    return {name: np.concatenate(parts) for name, parts in rows.items()}
+
+
+def test_an_all_zero_state_is_a_fresh_start_and_reset_forgets_any_other_even_nan() -> None:
+    session, (values, valid) = whole_step(2), stream_of(1, 2)
+    size = next(i.shape[1] for i in session.get_inputs() if i.name == "state")
+    answers = []
+    for reset, state in ((False, 0.0), (True, 0.0), (True, 3.5), (True, np.nan), (True, np.inf)):
+        inputs = {"sample": values, "valid": valid, "reset": np.array([reset]), "state": np.full((1, size), state)}
+        answers.append([out.tobytes() for out in session.run(None, inputs)])
+    assert all(answer == answers[0] for answer in answers)
+
+
+def test_reset_of_one_recording_leaves_the_others_of_its_batch_alone() -> None:
+    session = whole_step(2)
+    values, valid = numbers(3, 2), np.ones((3, 2), dtype=np.bool_)
+    size = next(i.shape[1] for i in session.get_inputs() if i.name == "state")
+    past = np.random.default_rng(0).uniform(0.0, 1.0, (3, size))
+    kept = session.run(None, {"sample": values, "valid": valid, "reset": np.zeros(3, np.bool_), "state": past})
+    one = session.run(None, {"sample": values, "valid": valid, "reset": np.array([False, True, False]), "state": past})
+    zero = session.run(
+        None, {"sample": values, "valid": valid, "reset": np.zeros(3, np.bool_), "state": np.zeros_like(past)}
+    )
+    for before, after, fresh in zip(kept, one, zero, strict=True):
+        np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+        np.testing.assert_array_equal(after[1], fresh[1])
+
+
+def last_features(spec: StepSpec, values: FloatArray) -> bytes:
+    """The features after the last of these samples."""
+    valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
+    rows = [np.array([len(values) - 1])]
+    return run_recordings(session_of(spec), [values], [valid], ["features"], rows)[0]["features"].tobytes()
+
+
+def inside(seconds: float, rate_hz: float) -> int:
+    """How many samples back the oldest is that is not older than so many seconds."""
+    return math.floor(seconds * rate_hz + 1e-9)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("name", FINITE)
+@given(seed=st.integers(0, 2**16), longer=st.integers(0, 40))
+@settings(max_examples=4, deadline=None)
+def test_a_group_sees_nothing_older_than_its_stated_memory(name: str, rate_hz: float, seed: int, longer: int) -> None:
+    spec = StepSpec(2, rate_hz, "N", (name,))
+    values = numbers(120, 2, seed)
+    oldest = len(values) - 1 - inside(GROUPS[name].memory_s, rate_hz)
+    altered = values.copy()
+    altered[:oldest] = 50.0 * numbers(oldest, 2, seed + 1)
+    before = last_features(spec, values)
+    assert last_features(spec, altered) == before
+    longer_life = np.concatenate([numbers(longer, 2, seed + 2), values])
+    assert last_features(spec, longer_life) == before  # no clock either
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("name", FINITE)
+def test_a_group_sees_something_inside_its_stated_memory(name: str, rate_hz: float) -> None:
+    spec = StepSpec(2, rate_hz, "N", (name,))
+    values = numbers(120, 2)
+    before = last_features(spec, values)
+    seen = []
+    every = 1 if name == "window" else 6
+    for back in range(0, inside(GROUPS[name].memory_s, rate_hz) + 1, every):
+        altered = values.copy()
+        altered[-1 - back] += 5.0
+        seen.append(last_features(spec, altered) != before)
+    assert seen[0]
+    if name == "window":
+        assert all(seen)
+
+
+def test_a_group_that_rings_for_ever_says_so() -> None:
+    for name in set(GROUPS) - set(FINITE):
+        spec = StepSpec(2, 150.0, "N", (name,))
+        values = numbers(200, 2)
+        altered = values.copy()
+        altered[20] += 5.0
+        assert GROUPS[name].memory_s == math.inf
+        assert last_features(spec, altered) != last_features(spec, values)
+
+
+@pytest.mark.parametrize("rate_hz", [*RATES_HZ, 100.0, 300.0])
+def test_no_clock_free_feature_can_see_anything_older_than_half_a_second(rate_hz: float) -> None:
+    spec = StepSpec(2, rate_hz, "N", CLOCK_FREE_GROUPS)
+    values = numbers(500, 2)
+    before = last_features(spec, values)
+    oldest = len(values) - 1 - inside(HISTORY_S, rate_hz)
+    altered = values.copy()
+    altered[:oldest] += 100.0
+    assert last_features(spec, altered) == before
+    altered[oldest] += 100.0
+    assert last_features(spec, altered) != before
+
+
+def test_the_clock_free_groups_exist_and_none_claims_a_longer_memory() -> None:
+    assert max(GROUPS[name].memory_s for name in CLOCK_FREE_GROUPS) <= HISTORY_S
+
+
+@pytest.mark.parametrize(("rate_hz", "samples"), [(50.0, 6), (58.9, 6), (150.0, 16), (100.0, 11), (20.5, 3), (5.0, 2)])
+def test_the_window_has_its_stated_number_of_samples(rate_hz: float, samples: int) -> None:
+    spec = StepSpec(6, rate_hz, "N", ("window",))
+    assert spec.window_samples == samples == max(2, math.floor(0.10 * rate_hz + 1e-9) + 1)
+    assert feature_count(spec) == 18 * samples
+
+
+def test_a_rate_a_rounding_error_below_its_name_does_not_cost_the_window_a_sample() -> None:
+    assert StepSpec(6, 1.0 / np.median(np.diff(np.arange(50) * 0.02)), "N", ("window",)).window_samples == 6
+
+
+def test_a_group_nobody_knows_is_refused_by_name() -> None:
+    for groups in (("now", "gut_feeling"), ()):
+        with pytest.raises(UsageError, match="gut_feeling" if groups else "none given"):
+            feature_graph(StepSpec(2, 100.0, "N", groups))
+
+
+class Past:
+    """Plain numpy over a whole stream; what the documentation of GROUPS calls x, Sum x, Zs and l.
+
+    x: [T, n, 3]. Samples before the first are zero, as the state is.
+    """
+
+    def __init__(self, values: FloatArray, rate_hz: float, unit: Unit) -> None:
+        self.x = values.reshape(len(values), -1, 3)
+        self.rate_hz = rate_hz
+        self.total = self.x.sum(axis=1)
+        self.scale = np.maximum(self.total[:, 2], NORMAL_FLOOR[unit])[:, None]
+
+    def ago(self, signal: FloatArray, seconds: float) -> FloatArray:
+        """signal[t - l], l in samples: the nearest to so many seconds that is one at least and 0.5 s at most."""
+        lag = min(max(1, round(seconds * self.rate_hz)), inside(HISTORY_S, self.rate_hz))
+        return before(signal, lag)
+
+    def changes(self) -> FloatArray:
+        """[T, lags, 3]: Sum x[t] - Sum x[t-l]."""
+        return np.stack([self.total - self.ago(self.total, lag_s) for lag_s in LAGS_S], axis=1)
+
+
+def before(signal: FloatArray, lag: int) -> FloatArray:
+    """signal[t - lag], zero before the first."""
+    return np.concatenate([np.zeros((lag, *signal.shape[1:])), signal])[: len(signal)]
+
+
+def window(past: Past) -> FloatArray:
+    """Sensor by sensor, oldest sample first."""
+    length = max(2, inside(0.10, past.rate_hz) + 1)
+    return np.stack([before(past.x, back) for back in range(length - 1, -1, -1)], axis=2)
+
+
+def differences(past: Past) -> FloatArray:
+    """Sensor by sensor, lag by lag."""
+    return np.stack([past.x - past.ago(past.x, lag_s) for lag_s in LAGS_S], axis=2)
+
+
+def scaled_differences(past: Past) -> FloatArray:
+    chosen = np.stack([past.x - past.ago(past.x, lag_s) for lag_s in (0.10, 0.25, 0.50)], axis=2)
+    return chosen / past.scale[:, None, None]
+
+
+def activity(past: Past) -> FloatArray:
+    steps = np.abs(past.total - before(past.total, 1))
+
+    def mean(span_s: float) -> FloatArray:
+        lag = min(max(1, round(span_s * past.rate_hz)), inside(HISTORY_S, past.rate_hz))
+        return np.mean([before(steps, back) for back in range(lag)], axis=0) / past.scale
+
+    return np.stack([mean(span_s) for span_s in SPANS_S], axis=1)
+
+
+def shear(past: Past) -> FloatArray:
+    size = np.hypot(past.changes()[:, :, 0], past.changes()[:, :, 1])
+    return np.concatenate([size, size / past.scale], axis=1)
+
+
+def ranges(past: Past) -> FloatArray:
+    def reach(span_s: float) -> FloatArray:
+        lag = min(max(1, round(span_s * past.rate_hz)), inside(HISTORY_S, past.rate_hz))
+        recent = np.stack([before(past.total, back) for back in range(lag + 1)])
+        return recent.max(axis=0) - recent.min(axis=0)
+
+    return np.stack([reach(span_s) for span_s in SPANS_S], axis=1)
+
+
+def bands(past: Past) -> FloatArray:
+    """Sensor by sensor, shear axis by axis, from rest at the first sample."""
+    rest = past.x[:, :, :2] - past.x[0, :, :2]
+    carried = [band for band in range(10, 60, 5) if band < past.rate_hz / 2]
+    return np.stack([np.abs(sosfilt(sections(past.rate_hz, band), rest, axis=0)) for band in carried], axis=3)
+
+
+ORACLES: dict[str, Callable[[Past], FloatArray]] = {
+    "window": window,
+    "now": lambda past: past.x,
+    "differences": differences,
+    "sums": lambda past: np.concatenate([past.total[:, None], past.changes()], axis=1),
+    "scaled_now": lambda past: past.x / past.scale[:, None],
+    "scaled_differences": scaled_differences,
+    "scaled_sums": lambda past: past.changes() / past.scale[:, None],
+    "activity": activity,
+    "shear": shear,
+    "ranges": ranges,
+    "bands": bands,
+}
+
+
+def test_every_group_has_an_oracle_here() -> None:
+    """A new group needs its formula a second time, in plain numpy."""
+    assert set(GROUPS) == set(ORACLES)
+
+
+@pytest.mark.parametrize(("rate_hz", "unit", "size"), [(50.0, "N", 1.0), (58.9, "count", 700.0), (150.0, "uT", 200.0)])
+@pytest.mark.parametrize("name", sorted(set(GROUPS) & set(ORACLES)))
+def test_a_group_is_the_formula_it_is_documented_with(name: str, rate_hz: float, unit: Unit, size: float) -> None:
+    spec = StepSpec(3, rate_hz, unit, (name,))
+    values = size * numbers(round(1.2 * rate_hz), 3)
+    values[len(values) // 2 :, 2::3] -= 2.5 * size  # the hand opens: the floor under the ratios is used too
+    got = alone(session_of(spec), (values, np.ones((len(values), 3), dtype=np.bool_)))["features"]
+    expected = ORACLES[name](Past(values, rate_hz, unit)).reshape(len(values), -1)
+    assert got.shape == (len(values), feature_count(spec))
+    np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+
+
+def test_groups_stand_in_the_order_they_are_named_in() -> None:
+    names = tuple(sorted(GROUPS, reverse=True))
+    stream = stream_of(20, 2)
+    parts = [alone(session_of(StepSpec(2, 100.0, "N", (name,))), stream)["features"] for name in names]
+    whole = alone(session_of(StepSpec(2, 100.0, "N", names)), stream)["features"]
+    np.testing.assert_array_equal(whole, np.concatenate(parts, axis=1))
