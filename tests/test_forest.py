@@ -1,0 +1,353 @@
+"""Integer votes: exact sums, the riskier class on ties, and a wrong file that is never written."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from onnx.utils import Extractor
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+
+import export.forest
+from edge_runtime.contract import CLASSES, SITUATIONS
+from edge_runtime.errors import VerificationFailed
+from edge_runtime.graph import open_session
+from export.exporting import export_artifact, whole_graph
+from export.forest import Forest, leaf_votes, vote_bits
+from export.heads import Calibration, Head
+from export.reference import reference_votes, riskier_argmax, situation_votes
+from export.spec import StepSpec
+from export.verify import edge_rows, threshold_rows, verify
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+SPEC = StepSpec(n_sensors=2, rate_hz=50.0, unit="N", groups=("now",))
+N_FEATURES = 6
+KINDS: dict[str, type[Forest]] = {"random": RandomForestClassifier, "extra": ExtraTreesClassifier}
+Rows = npt.NDArray[np.float32]
+
+
+def head_of(forest: Forest, classes: tuple[str, ...]) -> Head:
+    k = len(classes)
+    return Head("situation", classes, forest, Calibration(np.eye(k) * 4.0, np.zeros(k)))
+
+
+@cache
+def fitted(
+    kind: str, present: tuple[int, ...], trees: int, depth: int | None = None, rows: int = 120
+) -> tuple[Forest, Rows]:
+    """A forest that saw only the classes `present`, and the rows it was fitted on (values on a coarse grid)."""
+    rng = np.random.default_rng(trees)
+    x = (rng.integers(-20, 20, (rows, N_FEATURES)) / 4.0).astype(np.float32)
+    y = np.array(present)[rng.integers(len(present), size=rows)]
+    return KINDS[kind](n_estimators=trees, max_depth=depth, random_state=0).fit(x, y), x
+
+
+def cut(model: onnx.ModelProto, rows: Rows) -> dict[str, npt.NDArray[Any]]:
+    """What the forest in the whole graph answers to feature rows."""
+    names: list[str] = [n for n in ("votes", "situation", "p_situation", "p_class", "heavy") if n in published(model)]
+    part = Extractor(onnx.shape_inference.infer_shapes(model)).extract_model(["features"], names)
+    return dict(zip(names, open_session(part.SerializeToString()).run(None, {"features": rows}), strict=True))
+
+
+def published(model: onnx.ModelProto) -> set[str]:
+    return {output.name for output in model.graph.output}
+
+
+def hard_rows(forest: Forest, rows: Rows) -> Rows:
+    """Rows it knows, rows on its thresholds and a float32 step beside them, and the edges of float32."""
+    return np.concatenate([rows, threshold_rows(forest, rows, 0)[:2000], edge_rows(forest)])
+
+
+FORESTS: dict[str, tuple[tuple[str, ...], tuple[int, ...], int, int | None]] = {
+    "four situations": (SITUATIONS, (0, 1, 2, 3), 12, None),
+    "eight classes": (CLASSES, tuple(range(8)), 12, None),
+    "one tree": (CLASSES, tuple(range(8)), 1, None),
+    "an absent class": (SITUATIONS, (0, 1, 3), 7, None),
+    "only the first and the last": (CLASSES, (0, 7), 5, None),
+    "stumps": (SITUATIONS, (0, 1, 2, 3), 9, 1),
+    "one node a tree": (SITUATIONS, (2,), 3, None),
+    "one tree of one node": (CLASSES, (5,), 1, None),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", FORESTS)
+def test_the_exported_file_answers_what_the_reference_does(kind: str, name: str) -> None:
+    classes, present, trees, depth = FORESTS[name]
+    forest, rows = fitted(kind, present, trees, depth)
+    hard = hard_rows(forest, rows)
+    got = cut(whole_graph(SPEC, [head_of(forest, classes)]), hard)
+    votes = reference_votes(forest, hard, len(classes))
+    np.testing.assert_array_equal(got["votes"], votes)
+    np.testing.assert_array_equal(got["situation"], riskier_argmax(situation_votes(votes)))
+    assert (got["votes"].sum(axis=1) == trees << vote_bits(trees)).all()
+    assert not got["votes"][:, [k for k in range(len(classes)) if k not in present]].any()
+    verify(whole_graph(SPEC, [head_of(forest, classes)]), SPEC, [head_of(forest, classes)], rows)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_reference_is_the_forests_own_probability_within_the_quantisation(kind: str) -> None:
+    forest, rows = fitted(kind, (0, 1, 3), 7, 3)
+    votes = reference_votes(forest, rows, 4)
+    full = 7 << vote_bits(7)
+    np.testing.assert_allclose(votes[:, [0, 1, 3]] / full, forest.predict_proba(rows), atol=7 / full)
+
+
+@given(trees=st.integers(1, 5000))
+@settings(max_examples=200, deadline=None)
+def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would_be(trees: int) -> None:
+    k = vote_bits(trees)
+    assert trees << k < 2**24
+    assert k == 16 or trees << (k + 1) >= 2**24
+
+
+@given(seed=st.integers(0, 2**16), trees=st.integers(1, 9), depth=st.sampled_from([1, 2, 4, None]), spare=st.booleans())
+@settings(max_examples=15, deadline=None)
+def test_every_leaf_sums_to_its_full_vote_and_is_its_tree_within_one(
+    seed: int, trees: int, depth: int | None, spare: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(80, 3)), rng.integers(3, size=80)
+    forest = RandomForestClassifier(trees, max_depth=depth, random_state=seed).fit(x, y)
+    scale = 1 << vote_bits(trees)
+    for tree, votes in zip(forest.estimators_, leaf_votes(forest, 3 + spare), strict=True):
+        assert (votes >= 0).all()
+        np.testing.assert_array_equal(votes.sum(axis=1), scale)
+        share = tree.tree_.value[:, 0, :] / tree.tree_.value[:, 0, :].sum(axis=1, keepdims=True)
+        assert np.abs(votes[:, :3] - share * scale).max() < 1.0
+
+
+@given(
+    votes=st.lists(st.lists(st.integers(0, 5), min_size=4, max_size=4), min_size=1, max_size=20),
+)
+@settings(max_examples=50, deadline=None)
+def test_of_equal_votes_the_riskier_class_wins(votes: list[list[int]]) -> None:
+    for row, label in zip(votes, riskier_argmax(np.array(votes)), strict=True):
+        assert row[label] == max(row)
+        assert max(row) not in row[label + 1 :]
+
+
+def tied(present: tuple[int, ...], kind: str = "extra") -> tuple[Forest, Rows]:
+    """A forest whose every leaf is an exact tie between these classes: nothing tells them apart."""
+    x = np.zeros((4 * len(present), N_FEATURES), dtype=np.float32)
+    return KINDS[kind](3, bootstrap=False, random_state=0).fit(x, np.tile(present, 4)), x[:1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("present", [(0, 1), (1, 3), (0, 2), (0, 1, 2, 3), (2, 3)])
+def test_on_an_exact_tie_the_riskier_situation_wins_where_plain_predict_says_the_safer(
+    kind: str, present: tuple[int, ...]
+) -> None:
+    forest, row = tied(present, kind)
+    got = cut(whole_graph(SPEC, [head_of(forest, SITUATIONS)]), row)
+    assert len(set(got["votes"][0][list(present)])) == 1
+    assert got["situation"][0] == max(present)
+    assert forest.predict(row)[0] == min(present)
+
+
+def test_a_tie_of_trees_that_disagree_goes_to_the_riskier_one_too() -> None:
+    """Two trees, each sure of another class; which one came first does not matter."""
+    rng = np.random.default_rng(0)
+    for seed in range(40):
+        x = rng.normal(size=(30, N_FEATURES)).astype(np.float32)
+        forest = RandomForestClassifier(2, random_state=seed).fit(x, rng.integers(4, size=30))
+        rows = rng.normal(size=(200, N_FEATURES)).astype(np.float32)
+        votes = reference_votes(forest, rows, 4)
+        ties = (np.sort(votes, axis=1)[:, -1] == np.sort(votes, axis=1)[:, -2]).nonzero()[0]
+        if len(ties):
+            break
+    labels = cut(whole_graph(SPEC, [head_of(forest, SITUATIONS)]), rows)["situation"]
+    np.testing.assert_array_equal(labels[ties], [max(np.flatnonzero(v == v.max())) for v in votes[ties]])
+    assert (forest.predict(rows[ties]) < labels[ties]).all()
+
+
+def test_light_and_heavy_are_added_up_before_situations_are_compared() -> None:
+    """Grasp is 30 % light and 30 % heavy, risky 40 % light: no class beats risky, yet grasp has more."""
+    x = np.zeros((10, N_FEATURES), dtype=np.float32)
+    forest = ExtraTreesClassifier(1, bootstrap=False).fit(x, [2] * 3 + [3] * 3 + [6] * 4)
+    got = cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])
+    assert got["votes"][0].argmax() == 6
+    assert got["situation"][0] == 1
+
+
+@pytest.mark.parametrize(
+    ("labels", "heavy"),
+    [([2, 3], True), ([6, 6, 7], False), ([0, 0, 0, 1, 6], False), ([5], True), ([1, 1, 1, 4], False)],
+)
+def test_weight_is_voted_on_outside_of_nothing_and_a_tie_is_heavy(labels: list[int], heavy: bool) -> None:
+    x = np.zeros((len(labels), N_FEATURES), dtype=np.float32)
+    forest = ExtraTreesClassifier(1, bootstrap=False).fit(x, labels)
+    assert bool(cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])["heavy"][0]) == heavy
+
+
+Wrong = Callable[[onnx.ModelProto], None]
+
+
+def attribute(model: onnx.ModelProto, op: str, name: str) -> Any:
+    (node,) = [node for node in model.graph.node if node.op_type == op]
+    (found,) = [a for a in node.attribute if a.name == name]
+    return found
+
+
+def one_vote_more(place: int) -> Wrong:
+    def spoil(model: onnx.ModelProto) -> None:
+        attribute(model, "TreeEnsembleRegressor", "target_weights").floats[place] += 1.0
+
+    return spoil
+
+
+def one_threshold_by_an_ulp(place: int) -> Wrong:
+    def spoil(model: onnx.ModelProto) -> None:
+        values = attribute(model, "TreeEnsembleRegressor", "nodes_values").floats
+        branches = [
+            k for k, mode in enumerate(attribute(model, "TreeEnsembleRegressor", "nodes_modes").strings)
+            if mode != b"LEAF"
+        ]  # fmt: skip
+        at = branches[place]
+        values[at] = float(np.nextafter(np.float32(values[at]), np.float32(np.inf)))
+
+    return spoil
+
+
+def safer_wins(model: onnx.ModelProto) -> None:
+    attribute(model, "ArgMax", "select_last_index").i = 0
+
+
+def one_branch_swapped(model: onnx.ModelProto) -> None:
+    yes = attribute(model, "TreeEnsembleRegressor", "nodes_truenodeids").ints
+    no = attribute(model, "TreeEnsembleRegressor", "nodes_falsenodeids").ints
+    yes[0], no[0] = no[0], yes[0]
+
+
+WRONG: dict[str, Wrong] = {
+    "one leaf votes one more": one_vote_more(0),
+    "the last leaf votes one more": one_vote_more(-1),
+    "the first threshold is an ulp higher": one_threshold_by_an_ulp(0),
+    "the last threshold is an ulp higher": one_threshold_by_an_ulp(-1),
+    "the safer class wins ties": safer_wins,
+    "two branches are swapped": one_branch_swapped,
+}
+
+
+@pytest.mark.parametrize("classes", [SITUATIONS, CLASSES], ids=["four", "eight"])
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_file_that_is_wrong_in_one_place_is_not_verified(classes: tuple[str, ...], wrong: str) -> None:
+    forest, rows = fitted("extra", tuple(range(len(classes))), 5)
+    heads = [head_of(forest, classes)]
+    model = whole_graph(SPEC, heads)
+    WRONG[wrong](model)
+    with pytest.raises(VerificationFailed):
+        verify(model, SPEC, heads, rows)
+
+
+@given(kind=st.sampled_from(sorted(KINDS)), place=st.integers(0, 2**16), what=st.sampled_from(["leaf", "threshold"]))
+@settings(max_examples=8, deadline=None)
+def test_it_does_not_matter_which_leaf_or_which_threshold_is_wrong(kind: str, place: int, what: str) -> None:
+    forest, rows = fitted(kind, (0, 1, 2, 3), 4)
+    heads = [head_of(forest, SITUATIONS)]
+    model = whole_graph(SPEC, heads)
+    branches = sum(int((tree.tree_.feature >= 0).sum()) for tree in forest.estimators_)
+    (one_vote_more if what == "leaf" else one_threshold_by_an_ulp)(place % branches)(model)
+    with pytest.raises(VerificationFailed):
+        verify(model, SPEC, heads, rows)
+
+
+def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_of_it() -> None:
+    forest, rows = fitted("random", (0, 1, 2, 3), 4)
+    hard = threshold_rows(forest, rows[:1], 0)
+    reached = [tree.tree_.decision_path(hard).toarray() for tree in forest.estimators_]
+    for tree, path in zip(forest.estimators_, reached, strict=True):
+        for node in np.flatnonzero(tree.tree_.feature >= 0):
+            here = hard[path[:, node] == 1, tree.tree_.feature[node]]
+            left, right = here[here <= tree.tree_.threshold[node]], here[here > tree.tree_.threshold[node]]
+            assert right.min() == np.nextafter(left.max(), np.float32(np.inf))
+            assert np.nextafter(left.max(), np.float32(-np.inf)) in left
+
+
+def test_a_second_head_is_verified_as_the_first() -> None:
+    forest, rows = fitted("random", (0, 1, 2, 3), 5)
+    question, _ = fitted("random", (0, 1), 6)
+    yes = Head("p_risky_250ms", ("no", "yes"), question, Calibration(np.eye(2), np.zeros(2)))
+    heads = [head_of(forest, SITUATIONS), yes]
+    model = whole_graph(SPEC, heads)
+    assert verify(model, SPEC, heads, rows)["heads"]["p_risky_250ms"]["label_mismatches"] == 0
+    (node,) = [node for node in model.graph.node if node.output[0] == "votes_p_risky_250ms"]
+    (weights,) = [a for a in node.attribute if a.name == "target_weights"]
+    weights.floats[0] += 1.0
+    with pytest.raises(VerificationFailed, match="p_risky_250ms"):
+        verify(model, SPEC, heads, rows)
+
+
+def lying_converter(real: Callable[..., onnx.ModelProto]) -> Callable[..., onnx.ModelProto]:
+    """skl2onnx, with the last threshold of the forest rounded the wrong way."""
+
+    def convert(*args: Any, **kwargs: Any) -> onnx.ModelProto:
+        model = real(*args, **kwargs)
+        values = attribute(model, "TreeEnsembleClassifier", "nodes_values").floats
+        modes = attribute(model, "TreeEnsembleClassifier", "nodes_modes").strings
+        at = max(k for k, mode in enumerate(modes) if mode != b"LEAF")
+        values[at] = float(np.nextafter(np.float32(values[at]), np.float32(-np.inf)))
+        return model
+
+    return convert
+
+
+def lying_nodes(real: Callable[..., onnx.NodeProto], op: str, name: str, value: Any) -> Callable[..., onnx.NodeProto]:
+    """onnx' own node maker, with one attribute of one operator changed on the way."""
+
+    def make(op_type: str, *args: Any, **kwargs: Any) -> onnx.NodeProto:
+        if op_type == op:
+            kwargs[name] = value(kwargs[name])
+        return real(op_type, *args, **kwargs)
+
+    return make
+
+
+LIES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
+    "a threshold": lambda patch: patch.setattr(
+        export.forest, "convert_sklearn", lying_converter(export.forest.convert_sklearn)
+    ),
+    "a leaf": lambda patch: patch.setattr(
+        onnx.helper, "make_node",
+        lying_nodes(onnx.helper.make_node, "TreeEnsembleRegressor", "target_weights", lambda w: [w[0] + 1.0, *w[1:]]),
+    ),
+    "ties": lambda patch: patch.setattr(
+        onnx.helper, "make_node", lying_nodes(onnx.helper.make_node, "ArgMax", "select_last_index", lambda _: 0)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_nothing_is_written_where_a_library_below_us_gets_it_wrong(
+    eight_classes: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lie: str
+) -> None:
+    artifact = shutil.copytree(eight_classes.artifact, tmp_path / "artifact")
+    (artifact / "holdfast.onnx").unlink()
+    before = sorted(tmp_path.rglob("*"))
+    LIES[lie](monkeypatch)
+    with pytest.raises(VerificationFailed):
+        export_artifact(artifact)
+    with pytest.raises(VerificationFailed):
+        export_artifact(artifact, tmp_path / "new" / "holdfast.onnx")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_older_file_is_left_as_it_was_where_the_new_one_is_wrong(
+    eight_classes: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    artifact = shutil.copytree(eight_classes.artifact, tmp_path / "artifact")
+    LIES["ties"](monkeypatch)
+    with pytest.raises(VerificationFailed):
+        export_artifact(artifact)
+    assert (artifact / "holdfast.onnx").read_bytes() == eight_classes.model.read_bytes()
