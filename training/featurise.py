@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,30 @@ def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
 def features_of(data: DataSet, spec: StepSpec) -> dict[str, FloatRows]:
     """Task -> features [M, F] float32 at the last row of every window; one pass for all tasks."""
     wanted = rows_wanted(data)
+    computed = _compute(data, spec, wanted)
+    return {task: pick_rows(data, task, wanted, computed) for task in data.tasks}
+
+
+def features_everywhere(data: DataSet, spec: StepSpec) -> list[FloatRows]:
+    """Features [T, F] at every sample of every recording: what a free-running stream is answered with."""
+    return _compute(data, spec, [np.arange(len(recording.samples)) for recording in data.recordings])
+
+
+def cpu_cost(data: DataSet, spec: StepSpec) -> dict[str, float]:
+    """CPU time of stepping all features over every sample of a set."""
+    last = [np.array([len(recording.samples) - 1]) for recording in data.recordings]
+    started = time.process_time()
+    _compute(data, spec, last)
+    cpu_s = time.process_time() - started
+    samples = sum(len(recording.samples) for recording in data.recordings)
+    return {"cpu_s": cpu_s, "samples": samples, "us_per_sample": 1e6 * cpu_s / samples}
+
+
+def _compute(data: DataSet, spec: StepSpec, rows: list[npt.NDArray[np.int64]]) -> list[FloatRows]:
     session = open_session(feature_graph(spec).SerializeToString())
     values = [recording.samples for recording in data.recordings]
     valid = [recording.valid for recording in data.recordings]
-    computed = run_recordings(session, values, valid, ["features"], wanted)
-    return {task: pick_rows(data, task, wanted, [c["features"] for c in computed]) for task in data.tasks}
+    return [computed["features"] for computed in run_recordings(session, values, valid, ["features"], rows)]
 
 
 def rows_wanted(data: DataSet) -> list[npt.NDArray[np.int64]]:

@@ -119,5 +119,10 @@ def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: dict[str, Any
         "plan": plan.to_json(),
         "seed": seed,
         "held_out": figures,
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in VERSIONS_OF}},
+        "versions": versions(),
     }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computes the figures."""
+    return {"python": platform.python_version(), **{name: version(name) for name in VERSIONS_OF}}

@@ -5,14 +5,14 @@ The choice was made on human_slip_uskin, people held out (docs/decisions.md says
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from export.forest import Forest
 
-CLOCK_FREE_GROUPS = ("now", "differences", "scaled_differences", "sums", "scaled_sums", "activity")
+CLOCK_FREE_GROUPS = ("now", "differences", "scaled_differences", "scaled_sums", "activity")
 RAW_GROUPS = ("window",)
 
 TASK_HEADS = {"situations": "situation", "classes": "situation", "predict_250ms": "p_risky_250ms"}
@@ -25,7 +25,7 @@ class ForestPlan:
 
     kind: Literal["random", "extra"] = "extra"
     n_estimators: int = 100
-    min_samples_leaf: int = 5
+    min_samples_leaf: int = 1
     max_features: float | str = "sqrt"
     class_weight: str | None = "balanced"
 
@@ -36,7 +36,7 @@ class ForestPlan:
         return maker(random_state=seed, n_jobs=n_jobs, **parameters)
 
 
-UNTUNED = ForestPlan(kind="random", min_samples_leaf=1, class_weight=None)
+UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
 
 
@@ -45,8 +45,8 @@ class TrainingPlan:
     """Everything a training run is asked for, beside the data and the seed."""
 
     groups: tuple[str, ...] = CLOCK_FREE_GROUPS
-    situation: ForestPlan = field(default_factory=ForestPlan)
-    prediction: ForestPlan = field(default_factory=lambda: ForestPlan(max_features=0.3))
+    situation: ForestPlan = ForestPlan(n_estimators=60, min_samples_leaf=8, max_features=0.12)
+    prediction: ForestPlan = ForestPlan(n_estimators=100, min_samples_leaf=5, max_features=0.3)
     folds: int = 6
 
     def forest_for(self, task: str) -> ForestPlan:
@@ -60,3 +60,7 @@ class TrainingPlan:
 
 RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)
 """The raw-window forest every other figure stands beside."""
+
+_SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
+CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
+"""For the clock's two numbers: smooth and balanced, the best such forest found, so that the warning is fair."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,11 @@ class LabelledRows:
         """The same task on a subset of the windows (boolean mask or indices)."""
         return LabelledRows(self.trial[keep], self.row[keep], self.label[keep], self.classes)
 
+    def of_trials(self, index: list[int]) -> LabelledRows:
+        """The windows of the recordings at these ascending places, numbered anew."""
+        kept = self.take(np.isin(self.trial, index))
+        return replace(kept, trial=np.searchsorted(index, kept.trial).astype(np.int64))
+
 
 @dataclass(frozen=True)
 class DataSet:
@@ -94,3 +100,12 @@ class DataSet:
         """[M] group of every window of a task."""
         names = np.array([recording.group for recording in self.recordings])
         return names[self.tasks[task].trial]
+
+    def of_groups(self, names: Collection[str]) -> DataSet:
+        """The part of the set that these people (or blocks) recorded; the set's rate stays."""
+        index = [k for k, recording in enumerate(self.recordings) if recording.group in names]
+        return replace(
+            self,
+            recordings=[self.recordings[k] for k in index],
+            tasks={task: rows.of_trials(index) for task, rows in self.tasks.items()},
+        )

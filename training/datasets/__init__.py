@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.errors import ChannelError, DataNotFound, TooFewGroups, UsageError
-from training.recording import DataSet, LabelledRows
+from training.recording import DataSet
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
 THESIS_LAYOUT = "thesis"
@@ -83,20 +83,8 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
             f"{len(names)} groups (people, blocks), {n_groups} asked for", next_step=f"keep 1 to {len(names)}"
         )
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
-    index = [k for k, recording in enumerate(data.recordings) if recording.group in kept]
-    recordings = [data.recordings[k] for k in index]
-    return replace(
-        data,
-        recordings=recordings,
-        tasks={name: _of_trials(rows, index) for name, rows in data.tasks.items()},
-        notes={**data.notes, "kept_groups": sorted(kept)},
-    )
-
-
-def _of_trials(rows: LabelledRows, index: list[int]) -> LabelledRows:
-    """The windows of the recordings at these (ascending) places, numbered anew."""
-    kept = rows.take(np.isin(rows.trial, index))
-    return replace(kept, trial=np.searchsorted(index, kept.trial).astype(np.int64))
+    part = data.of_groups(kept)
+    return replace(part, notes={**data.notes, "kept_groups": sorted(kept)})
 
 
 def _read(root: Path, channels: int | None, seed: int, balanced: bool) -> DataSet:
