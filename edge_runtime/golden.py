@@ -8,6 +8,7 @@ from a zero state. Labels and flags must be equal; float64 within 1e-9, float32 
 from __future__ import annotations
 
 import base64
+import json
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy.typing as npt
 import onnxruntime as ort
 
 from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.errors import GoldenMismatch
+from edge_runtime.errors import GoldenMismatch, NotAModel
 from edge_runtime.graph import Outputs, run_recording
 
 TOLERANCE = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-6}
@@ -69,11 +70,23 @@ def golden_to_json(answers: Outputs) -> dict[str, Any]:
     }
 
 
-def check_golden(stored: dict[str, Any], answers: Outputs, where: str = "") -> None:
-    """Raise GoldenMismatch naming the first output that differs by more than it may."""
-    for name, entry in stored.items():
-        expected = np.frombuffer(base64.b64decode(entry["data"]), dtype=entry["dtype"]).reshape(entry["shape"])
-        if name not in answers or not _agree(expected, answers[name]):
+def golden_from_json(text: str, where: str = "") -> Outputs:
+    """The inverse of `golden_to_json`, from the metadata's text; NotAModel where it is missing or garbled."""
+    try:
+        return {
+            name: np.frombuffer(base64.b64decode(entry["data"]), dtype=entry["dtype"]).reshape(entry["shape"])
+            for name, entry in json.loads(text).items()
+        }
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise NotAModel(
+            "its golden sequences are missing or garbled", where=where, next_step="export the model again"
+        ) from None
+
+
+def check_golden(stored: Outputs, answers: Outputs, where: str = "") -> None:
+    """Raise GoldenMismatch naming the first output that is missing or differs by more than it may."""
+    for name in {**answers, **stored}:
+        if name not in stored or name not in answers or not _agree(stored[name], answers[name]):
             raise GoldenMismatch(
                 f"output {name!r} differs from the golden sequence stored in the file",
                 where=where,

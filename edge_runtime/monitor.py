@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,7 @@ import onnxruntime as ort
 from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample, State
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 from edge_runtime.errors import BrokenSeal, ChannelError
-from edge_runtime.golden import check_golden, golden_answers
+from edge_runtime.golden import check_golden, golden_answers, golden_from_json
 from edge_runtime.graph import Outputs, StepGraph, open_session
 from edge_runtime.model_file import GOLDEN_KEY, ModelCard, check_runtime, read_card, read_sealed
 
@@ -32,12 +31,12 @@ class Model:
             raise BrokenSeal(f"onnxruntime cannot open it ({error})", where=path) from None
         metadata = self.session.get_modelmeta().custom_metadata_map
         self.card: ModelCard = read_card(metadata, path)
-        self._replay_golden(metadata[GOLDEN_KEY])
+        self._replay_golden(metadata.get(GOLDEN_KEY, ""))
 
     def _replay_golden(self, stored: str) -> None:
         card = self.card
         answers = golden_answers(self.session, card.n_channels, card.unit, card.settle_samples)
-        check_golden(json.loads(stored), answers, str(self.path))
+        check_golden(golden_from_json(stored, str(self.path)), answers, str(self.path))
 
 
 class GripMonitor:
