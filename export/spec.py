@@ -81,6 +81,10 @@ class StepSpec:
             raise RateError(f"a rate of {self.rate_hz} Hz", next_step="check the time stamps")
         if not self.min_valid_sensors:
             object.__setattr__(self, "min_valid_sensors", self.n_sensors)
+        if not 1 <= self.min_valid_sensors <= self.n_sensors:
+            raise ChannelError(
+                f"min_valid_sensors={self.min_valid_sensors}", next_step=f"give 1 to {self.n_sensors}, or 0 for all"
+            )
 
     @property
     def n_channels(self) -> int:
