@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from onnx import TensorProto
 
 from edge_runtime.contract import BoolArray, FloatArray, Sample
+from edge_runtime.errors import ChannelError
 from edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
 from edge_runtime.monitor import GripMonitor, Model
 from export.artifact import read_artifact, write_artifact
@@ -266,6 +267,12 @@ def test_a_sensor_that_comes_back_after_a_long_gap_starts_its_filter_afresh() ->
     out = stepped(bank_session(spec), values, valid)["rectified"]
     afresh = stepped(bank_session(spec), values[40:], valid[40:])["rectified"]
     assert bits(out[40:, 1]) == bits(afresh[:, 1])
+
+
+@pytest.mark.parametrize("needed", [-1, SENSORS + 1])
+def test_a_number_of_sensors_that_would_never_or_always_be_unknown_is_refused(needed: int) -> None:
+    with pytest.raises(ChannelError, match="min_valid_sensors"):
+        spec_of("now", min_valid_sensors=needed)
 
 
 def test_a_model_that_needs_fewer_sensors_answers_degraded_and_then_not_at_all(

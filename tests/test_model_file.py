@@ -1,0 +1,337 @@
+"""The one file: its seal, its card, its golden sequences, and everything that is not such a file."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import pickle
+import re
+import tomllib
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.contract import CLASSES, SITUATIONS, Sample
+from edge_runtime.decision import DecisionRules
+from edge_runtime.errors import (
+    BrokenSeal,
+    DataNotFound,
+    GoldenMismatch,
+    HoldfastError,
+    ModelError,
+    NotAModel,
+    RuntimeRefused,
+)
+from edge_runtime.golden import golden_input
+from edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY, WRONG_RUNTIMES, check_runtime, read_sealed
+from edge_runtime.monitor import GripMonitor, Model
+from export.artifact import read_artifact, write_artifact
+from export.exporting import export_artifact
+from export.seal import model_card, seal
+from training.fitting import VERSIONS_OF
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+PYPROJECT = Path(__file__).resolve().parent.parent / "pyproject.toml"
+
+
+@cache
+def content(path: Path) -> bytes:
+    return path.read_bytes()
+
+
+def metadata_of(data: bytes) -> dict[str, str]:
+    return {entry.key: entry.value for entry in onnx.load_from_string(data).metadata_props}
+
+
+def resealed(data: bytes, **changed: str | None) -> bytes:
+    """The file with other metadata (None: without), and a seal that holds, made from the rule alone."""
+    model = onnx.load_from_string(data)
+    entries = {**metadata_of(data), **changed, SEAL_KEY: "0" * 64}
+    del model.metadata_props[:]
+    for key, value in entries.items():
+        if value is not None:
+            model.metadata_props.add(key=key, value=value)
+    zeroed = model.SerializeToString()
+    assert zeroed.count(b"0" * 64) == 1
+    return zeroed.replace(b"0" * 64, hashlib.sha256(zeroed).hexdigest().encode())
+
+
+def refused(path: Path, data: bytes) -> ModelError:
+    """The error a model file with this content ends in; always one line that names the file and a next step."""
+    path.write_bytes(data)
+    with pytest.raises(ModelError) as caught:
+        Model(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+def test_a_sealed_file_opens_and_says_who_it_is(eight_classes: Built, four_situations: Built) -> None:
+    for built, classes, heads in (
+        (eight_classes, CLASSES, ()), (four_situations, SITUATIONS, ("p_risky_250ms",)),
+    ):  # fmt: skip
+        card = Model(built.model).card
+        assert (card.classes, card.heads, card.has_weight) == (classes, heads, classes == CLASSES)
+        assert metadata_of(content(built.model))[SEAL_KEY].startswith(card.model_id)
+
+
+def test_the_seal_is_the_sha256_of_the_file_with_its_own_digits_zeroed(eight_classes: Built) -> None:
+    data = content(eight_classes.model)
+    digits = metadata_of(data)[SEAL_KEY].encode()
+    assert re.fullmatch(rb"[0-9a-f]{64}", digits)
+    assert data.count(digits) == 1
+    assert hashlib.sha256(data.replace(digits, b"0" * 64)).hexdigest().encode() == digits
+
+
+@given(place=st.floats(0.0, 1.0, exclude_max=True), flip=st.integers(1, 255))
+@settings(max_examples=150, deadline=None)
+def test_one_altered_byte_anywhere_is_refused(
+    eight_classes: Built, tmp_path_factory: pytest.TempPathFactory, place: float, flip: int
+) -> None:
+    altered = bytearray(content(eight_classes.model))
+    altered[int(place * len(altered))] ^= flip
+    assert_refused_unread(tmp_path_factory, bytes(altered))
+
+
+@pytest.mark.parametrize("digit", [0, 1, 31, 62, 63])
+@pytest.mark.parametrize("character", [b"g", b"G", b" ", b"\0", b"upper"])
+def test_one_altered_digit_of_the_seal_is_refused(
+    eight_classes: Built, tmp_path: Path, digit: int, character: bytes
+) -> None:
+    data = content(eight_classes.model)
+    digits = metadata_of(data)[SEAL_KEY].encode()
+    other = character if character != b"upper" else digits[digit : digit + 1].translate(bytes(range(1, 256)) + b"\0")
+    altered = digits[:digit] + other + digits[digit + 1 :]
+    assert isinstance(refused(tmp_path / "m.onnx", data.replace(digits, altered)), BrokenSeal)
+
+
+@given(share=st.floats(0.0, 1.0, exclude_max=True))
+@settings(max_examples=100, deadline=None)
+def test_a_file_cut_short_anywhere_is_refused(
+    eight_classes: Built, tmp_path_factory: pytest.TempPathFactory, share: float
+) -> None:
+    data = content(eight_classes.model)
+    assert_refused_unread(tmp_path_factory, data[: int(share * len(data))])
+
+
+def test_so_is_one_cut_short_within_its_first_or_last_bytes(eight_classes: Built, tmp_path: Path) -> None:
+    data = content(eight_classes.model)
+    for length in [*range(70), *range(len(data) - 100, len(data))]:
+        assert isinstance(refused(tmp_path / "m.onnx", data[:length]), BrokenSeal | NotAModel)
+    assert isinstance(refused(tmp_path / "m.onnx", data[: len(data) // 2]), BrokenSeal)
+
+
+@pytest.mark.parametrize("more", [b"\n", b"\0", b"0" * 64, SEAL_KEY.encode() + b"\x12\x40" + b"0" * 64])
+def test_so_is_one_with_something_after_its_end(eight_classes: Built, tmp_path: Path, more: bytes) -> None:
+    assert isinstance(refused(tmp_path / "m.onnx", content(eight_classes.model) + more), BrokenSeal)
+
+
+def assert_refused_unread(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    """Refused on the bytes alone, before a parser sees them."""
+    path = tmp_path_factory.getbasetemp() / "altered.onnx"
+    path.write_bytes(data)
+    with pytest.raises((BrokenSeal, NotAModel)):
+        read_sealed(path)
+
+
+class Trap:
+    """What a pickle could do to whoever reads it."""
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
+        return (exec, ("raise SystemExit('the pickle was read')",))
+
+
+def zipped(path: Path) -> bytes:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("schema.json", "{}")
+    return path.read_bytes()
+
+
+FOREIGN: dict[str, tuple[Callable[[Path], bytes], str]] = {
+    "a pickle": (lambda _: pickle.dumps(Trap()), "pickle, which is never read"),
+    "an old pickle": (lambda _: pickle.dumps(Trap(), protocol=0), "not a sealed Holdfast model"),
+    "a zip archive": (lambda folder: zipped(folder / "x.zip"), "zip archive"),
+    "text": (lambda _: b"Time,X1,Y1,Z1\n0,1,2,3\n", "not a sealed Holdfast model"),
+    "an empty file": (lambda _: b"", "empty file"),
+    "noise": (lambda _: np.random.default_rng(0).bytes(5000), "not a sealed Holdfast model"),
+    "another tool's ONNX file": (
+        lambda _: onnx.helper.make_model(onnx.helper.make_graph([], "g", [], [])).SerializeToString(),
+        "not a sealed Holdfast model",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_what_is_no_model_is_called_by_its_name(tmp_path: Path, kind: str) -> None:
+    make, said = FOREIGN[kind]
+    error = refused(tmp_path / "holdfast.onnx", make(tmp_path))
+    assert type(error) is NotAModel
+    assert said in str(error)
+    assert error.next_step
+
+
+def test_a_folder_and_nothing_at_all_are_no_model_either(tmp_path: Path) -> None:
+    for path, error in ((tmp_path, NotAModel), (tmp_path / "nowhere.onnx", DataNotFound)):
+        with pytest.raises(HoldfastError) as caught:
+            Model(path)
+        assert type(caught.value) is error
+        assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("version", WRONG_RUNTIMES)
+def test_a_runtime_known_to_be_wrong_is_refused_by_name(version: str) -> None:
+    with pytest.raises(RuntimeRefused, match=re.escape(version)):
+        check_runtime(version)
+
+
+@pytest.mark.parametrize("version", ["1.20.0", "1.21.1", "1.25.9", "1.26.1", "11.21.0"])
+def test_other_runtimes_are_not(version: str) -> None:
+    check_runtime(version)
+
+
+def test_the_runtimes_refused_are_the_runtimes_that_are_never_installed() -> None:
+    requirements = tomllib.loads(PYPROJECT.read_text("utf-8"))["project"]["dependencies"]
+    (onnxruntime,) = [line for line in requirements if line.startswith("onnxruntime")]
+    assert sorted(re.findall(r"!=([\d.]+)", onnxruntime)) == sorted(WRONG_RUNTIMES)
+
+
+def test_a_file_sealed_by_the_rule_alone_is_accepted(eight_classes: Built, tmp_path: Path) -> None:
+    again = tmp_path / "m.onnx"
+    again.write_bytes(resealed(content(eight_classes.model)))
+    assert Model(again).card == Model(eight_classes.model).card
+
+
+@pytest.mark.parametrize("built", ["eight_classes", "four_situations"])
+def test_every_golden_answer_is_compared(built: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    """One stored number of one output is altered: by one, by a flag, or by ten times its tolerance."""
+    data = content(request.getfixturevalue(built).model)
+    golden = json.loads(metadata_of(data)[GOLDEN_KEY])
+    published = {output.name for output in onnx.load_from_string(data).graph.output}
+    assert set(golden) == published - {"features", "state_out"}
+    for name, entry in golden.items():
+        numbers = np.frombuffer(base64.b64decode(entry["data"]), dtype=entry["dtype"]).copy()
+        middle = len(numbers) // 2
+        numbers[middle] = moved(numbers[middle])
+        other = {**golden, name: {**entry, "data": base64.b64encode(numbers.tobytes()).decode()}}
+        error = refused(tmp_path / "m.onnx", resealed(data, **{GOLDEN_KEY: json.dumps(other)}))
+        assert type(error) is GoldenMismatch
+        assert repr(name) in str(error)
+
+
+def moved(number: Any) -> Any:
+    if number.dtype.kind == "b":
+        return not number
+    return number + 1 if number.dtype.kind == "i" else number + 3e-5 * max(1.0, abs(number))
+
+
+def test_a_golden_answer_within_its_tolerance_is_accepted(eight_classes: Built, tmp_path: Path) -> None:
+    data = content(eight_classes.model)
+    golden = json.loads(metadata_of(data)[GOLDEN_KEY])
+    numbers = np.frombuffer(base64.b64decode(golden["p_class"]["data"]), dtype=np.float32)
+    close = base64.b64encode(np.nextafter(numbers, np.float32(1.0)).tobytes()).decode()
+    golden["p_class"]["data"] = close
+    path = tmp_path / "m.onnx"
+    path.write_bytes(resealed(data, **{GOLDEN_KEY: json.dumps(golden)}))
+    Model(path)
+
+
+GARBLED: dict[str, dict[str, str | None]] = {
+    "has no card": {CARD_KEY: None},
+    "has a card that is no JSON": {CARD_KEY: "{"},
+    "has a card that is a list": {CARD_KEY: "[]"},
+    "has a card of another format": {CARD_KEY: '{"format": 2}'},
+    "has a card without a rate": {CARD_KEY: '{"format": 1, "spec": {}}'},
+    "has no golden sequences": {GOLDEN_KEY: None},
+    "has golden sequences that are no JSON": {GOLDEN_KEY: "{"},
+    "has golden sequences that are a list": {GOLDEN_KEY: "[]"},
+    "has golden sequences without shapes": {GOLDEN_KEY: '{"votes": {}}'},
+    "has golden sequences of no output": {GOLDEN_KEY: "{}"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", GARBLED)
+def test_a_file_whose_seal_holds_is_still_no_model_if_it(eight_classes: Built, tmp_path: Path, fault: str) -> None:
+    error = refused(tmp_path / "m.onnx", resealed(content(eight_classes.model), **GARBLED[fault]))
+    assert isinstance(error, NotAModel | GoldenMismatch)
+
+
+def test_golden_input_is_the_same_numbers_every_time_and_holds_every_kind_of_fault() -> None:
+    values, valid = golden_input(18, "N", 26)
+    again, _ = golden_input(18, "N", 26)
+    assert values.tobytes() == again.tobytes()
+    assert np.isnan(values).any()
+    assert np.isinf(values).any()
+    assert (np.abs(values[np.isfinite(values)]) > 1e6).any()
+    assert not valid.all()
+    # exact on any machine: whole multiples of 1/64
+    finite = values[np.isfinite(values)]
+    np.testing.assert_array_equal(finite * 64.0, np.round(finite * 64.0))
+
+
+def test_golden_sequences_meet_settling_loss_and_more_than_one_answer(eight_classes: Built) -> None:
+    golden = json.loads(metadata_of(content(eight_classes.model))[GOLDEN_KEY])
+
+    def stored(name: str) -> np.ndarray:
+        return np.frombuffer(base64.b64decode(golden[name]["data"]), dtype=golden[name]["dtype"])
+
+    for name in ("unknown", "settled", "usable_sensors", "situation", "detectors"):
+        assert len(np.unique(stored(name))) > 1
+    assert len(np.unique(stored("votes").reshape(-1, 8), axis=0)) > 5
+
+
+def test_the_card_lists_everything_a_consumer_needs(eight_classes: Built) -> None:
+    card = Model(eight_classes.model).card.raw
+    spec, training = card["spec"], card["training"]
+    assert (spec["rate_hz"], spec["n_sensors"], spec["unit"]) == (50.0, 6, "N")
+    assert (card["window_samples"], card["history_samples"], card["settle_samples"]) == (6, 25, 26)
+    assert spec["min_valid_sensors"] == 6
+    assert card["bands_hz"] == [10.0, 15.0, 20.0]
+    assert card["bands_left_out_hz"] == [25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0]
+    assert card["decision"] == DecisionRules().to_json()
+    assert card["detectors"] == ["band_pass", "band_pass_point", "friction_cone"]
+    assert set(spec["detectors"]) >= {"band_ratio", "floor_tau_s", "quiet_s", "friction", "min_normal_n"}
+    assert card["heads"]["situation"]["classes"] == list(CLASSES)
+    assert card["preparation"] == eight_classes.data.preparation.to_json()
+    assert card["tie_rule"]
+    assert training["seed"] == 0
+    assert set(training["versions"]) == {"python", *VERSIONS_OF}
+    assert re.fullmatch(r"[0-9a-f]{64}", training["data_sha256"])
+    assert len(training["recordings"]) == len(eight_classes.data.recordings)
+    assert training["caveat"] == eight_classes.data.caveat
+
+
+def test_two_exports_of_one_artifact_are_the_same_bytes(eight_classes: Built, tmp_path: Path) -> None:
+    once, _ = export_artifact(eight_classes.artifact, tmp_path / "once.onnx")
+    assert once.read_bytes() == content(eight_classes.model)
+
+
+def test_an_artifact_read_and_written_again_exports_to_the_same_bytes(eight_classes: Built, tmp_path: Path) -> None:
+    write_artifact(tmp_path, read_artifact(eight_classes.artifact))
+    assert export_artifact(tmp_path)[0].read_bytes() == content(eight_classes.model)
+
+
+def test_the_decision_rules_of_the_card_are_the_ones_that_decide(eight_classes: Built, tmp_path: Path) -> None:
+    artifact = read_artifact(eight_classes.artifact)
+    never = replace(artifact, decision={**artifact.decision, "arm_samples": 10**6, "act_samples": 10**6})
+    path = tmp_path / "m.onnx"
+    path.write_bytes(seal(onnx.load_from_string(content(eight_classes.model)), model_card(never), artifact.spec))
+    pulled = next(r for r in eight_classes.data.recordings if r.action == "pull")
+    armed = {}
+    for model in (eight_classes.model, path):
+        monitor = GripMonitor(Model(model))
+        samples = zip(pulled.samples, pulled.valid, strict=True)
+        armed[model] = sum(monitor.feed(Sample(0, row, ok, k)).arm for k, (row, ok) in enumerate(samples))
+    assert armed[eight_classes.model] > 0
+    assert armed[path] == 0
