@@ -28,17 +28,26 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
         warnings.showwarning = _one_line
     try:
         return main([word for word in argv if word != "--debug"])
-    except HoldfastError as error:
+    except (HoldfastError, ModuleNotFoundError) as error:
         if "--debug" in argv:
             raise
-        sys.stderr.write(f"error: {type(error).__name__}: {error}\n")
-        return error.exit_code
+        told = error if isinstance(error, HoldfastError) else _not_installed(error)
+        sys.stderr.write(f"error: {type(told).__name__}: {told}\n")
+        return told.exit_code
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
         return 130
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+
+
+def _not_installed(error: ModuleNotFoundError) -> UsageError:
+    return UsageError(
+        f"this needs the package {error.name}",
+        cause="only the live path is installed",
+        next_step="pip install 'holdfast[train,viz]'; holdfast doctor says what is missing",
+    )
 
 
 def _one_line(

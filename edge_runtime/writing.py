@@ -25,10 +25,22 @@ def write_whole(path: str | Path, data: bytes | str) -> Path:
             os.unlink(temporary)
             raise
     except OSError as error:
-        raise OutputError(
-            f"cannot write ({error.strerror})",
-            where=path,
-            cause="no permission, a full disk, or a file where a folder belongs",
-            next_step="choose another place with --out",
-        ) from None
+        raise _unwritable(path, error) from None
     return path
+
+
+def remove(path: Path) -> None:
+    """Remove a file if it is there; OutputError where that cannot be done."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _unwritable(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"cannot write ({error.strerror})",
+        where=path,
+        cause="no permission, a full disk, or a file where a folder belongs",
+        next_step="choose another place with --out",
+    )

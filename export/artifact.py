@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +17,13 @@ from typing import Any
 import numpy as np
 import skops.io
 
+from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import ArtifactError
 from edge_runtime.preparation import Preparation, preparation_from_json
-from edge_runtime.writing import write_whole
+from edge_runtime.writing import remove, write_whole
+from export.features import feature_count
 from export.forest import FOREST_KINDS, Forest
-from export.heads import Calibration, Head
+from export.heads import MAIN_HEAD, Calibration, Head
 from export.reference import FloatRows
 from export.spec import StepSpec
 
@@ -48,8 +51,9 @@ class Artifact:
 
 
 def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
-    """Write the folder; the index comes last, so a folder without one is unfinished."""
+    """Write the folder; the index goes first and comes last, so a folder without one is unfinished."""
     folder = Path(folder)
+    remove(folder / INDEX)
     heads = {}
     for head in artifact.heads:
         name = f"{head.name}.skops"
@@ -85,18 +89,35 @@ def read_artifact(folder: str | Path) -> Artifact:
         heads = [_read_head(folder, name, entry) for name, entry in index["heads"].items()]
         with np.load(folder / ROWS, allow_pickle=False) as arrays:
             rows = arrays["rows"]
-        return Artifact(
+        artifact = Artifact(
             spec=StepSpec.from_json(index["spec"]),
             preparation=preparation_from_json(index["preparation"]),
-            decision=index["decision"],
+            decision=DecisionRules(**index["decision"]).to_json(),
             heads=heads,
             rows=rows,
             training=index["training"],
         )
-    except (KeyError, TypeError, ValueError, OSError) as error:
+        _require_that_parts_fit(artifact)
+        return artifact
+    except (AttributeError, KeyError, TypeError, ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
         raise ArtifactError(
             f"the artifact is damaged ({error})", where=folder, next_step="train again into an empty folder"
         ) from None
+
+
+def _require_that_parts_fit(artifact: Artifact) -> None:
+    """Raise ValueError where forests, rows and spec are not from one training."""
+    width = feature_count(artifact.spec)
+    if artifact.rows.shape[1:] != (width,):
+        raise ValueError(f"rows of shape {artifact.rows.shape} for {width} features")
+    if MAIN_HEAD not in [head.name for head in artifact.heads]:
+        raise ValueError(f"no head {MAIN_HEAD}")
+    for head in artifact.heads:
+        k = len(head.classes)
+        shapes = head.calibration.weights.shape, head.calibration.bias.shape
+        columns = head.forest.classes_
+        if head.forest.n_features_in_ != width or shapes != ((k, k), (k,)) or not np.isin(columns, range(k)).all():
+            raise ValueError(f"head {head.name} does not fit the spec or its classes")
 
 
 def _read_index(folder: Path) -> Mapping[str, Any]:

@@ -25,6 +25,8 @@ from export.spec import StepSpec
 THRESHOLD_ROWS = 20_000
 SINGLE_ROWS = 2_000
 CHUNK = 4096
+OF_THE_STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", "state_out")
+"""Outputs that exist without a forest."""
 
 
 def verify(model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: FloatRows, seed: int = 0) -> dict[str, Any]:
@@ -32,7 +34,7 @@ def verify(model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: Floa
 
     rows: [N, F] held-out feature rows.
     """
-    forests = open_session(_cut(model, ["features"], _forest_outputs(model, heads)))
+    forests = open_session(cut_forests(model))
     report: dict[str, Any] = {"heldout_rows": len(rows), "heads": {}}
     single = 0
     for head in heads:
@@ -102,18 +104,14 @@ def edge_rows(forest: Any) -> FloatRows:
     return np.repeat(np.array(values, dtype=np.float32)[:, None], forest.n_features_in_, axis=1)
 
 
-def _forest_outputs(model: onnx.ModelProto, heads: list[Head]) -> list[str]:
-    published = {output.name for output in model.graph.output}
-    labels = ["situation", "p_situation", "p_class", "heavy"]
-    return [name for name in labels if name in published] + [_votes(head) for head in heads] + _extras(heads)
+def cut_forests(model: onnx.ModelProto) -> bytes:
+    """The forests, labels and probabilities alone, from the tensor `features` [B, F] on."""
+    outputs = [output.name for output in model.graph.output if output.name not in OF_THE_STEP]
+    return _cut(model, ["features"], outputs)
 
 
 def _votes(head: Head) -> str:
     return "votes" if head.name == MAIN_HEAD else f"votes_{head.name}"
-
-
-def _extras(heads: list[Head]) -> list[str]:
-    return [head.name for head in heads if head.name != MAIN_HEAD]
 
 
 def _cut(model: onnx.ModelProto, inputs: list[str], outputs: list[str]) -> bytes:

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
-from types import ModuleType
 
 from edge_runtime.command import Parser, finish
 from edge_runtime.errors import UsageError
@@ -55,23 +54,8 @@ def _main(argv: Sequence[str]) -> int:
 
 def _run(verb: str, argv: Sequence[str]) -> int:
     module_name, about = VERBS[verb]
-    module = _import(module_name)
+    module = import_module(module_name)
     parser = Parser(prog=f"holdfast {verb}", description=about)
     module.add_arguments(parser)
     code: int = module.run(parser.parse_args(argv))
     return code
-
-
-def _import(name: str) -> ModuleType:
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        raise _not_installed(error) from None
-
-
-def _not_installed(error: ModuleNotFoundError) -> UsageError:
-    return UsageError(
-        f"this verb needs the package {error.name}",
-        cause="only the live path is installed",
-        next_step="pip install 'holdfast[train,viz]'; holdfast doctor says what is missing",
-    )
