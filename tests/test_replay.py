@@ -1,0 +1,208 @@
+"""`holdfast replay`: one JSON line a sample, exactly the output contract, from the live path alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from drivers.replay import open_replay
+from edge_runtime.contract import CLASSES, SITUATIONS, Prediction
+from edge_runtime.errors import DataNotFound, UnitError
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.output import to_json_line
+from edge_runtime.trial_file import read_trial
+from holdfast.cli import main
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+ROOT = Path(__file__).resolve().parent.parent
+TRIAL = "empty-bottle/pull/trial_1.csv"
+Line = dict[str, Any]
+
+
+def replayed(capsys: pytest.CaptureFixture[str], model: Path, trial: Path | str) -> list[Line]:
+    assert main(["replay", str(model), str(trial)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def test_every_sample_is_one_line_with_exactly_the_contracts_keys(
+    eight_classes: Built, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = read_trial(eight_classes.fixture / TRIAL)
+    lines = replayed(capsys, eight_classes.model, trial.path)
+    assert len(lines) == len(trial.t_s)
+    for sequence, line in enumerate(lines):
+        assert list(line) == [field.name for field in fields(Prediction)]
+        assert line["sequence"] == sequence
+        assert line["t_acquired_ns"] == round(trial.t_s[sequence] * 1e9)
+        assert line["latency_us"] == (line["t_decided_ns"] - line["t_acquired_ns"]) / 1000
+        assert line["latency_us"] > 0
+        assert set(line["p_situation"]) == set(SITUATIONS)
+        assert sum(line["p_situation"].values()) == pytest.approx(1.0, abs=1e-5)
+        assert line["p_risky"] == line["p_situation"]["risky_slip"]
+        assert set(line["detectors"]) == {"band_pass", "band_pass_point", "friction_cone"}
+        assert line["act"] <= line["arm"]
+    assert {line["model_id"] for line in lines} == {Model(eight_classes.model).card.model_id}
+
+
+def test_a_model_of_eight_classes_says_the_weight_of_what_is_held_and_of_nothing_none(
+    eight_classes: Built, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL)
+    assert {line["state"] for line in lines} >= {"unknown", "nothing", "risky_slip"}
+    for line in lines:
+        assert set(line["p_class"]) == set(CLASSES)
+        assert line["extra"] == {}
+        known = line["state"] not in ("unknown", "nothing")
+        assert line["weight"] in (("light", "heavy") if known else (None,))
+        for situation in SITUATIONS:
+            both = line["p_class"][f"{situation}_light"] + line["p_class"][f"{situation}_heavy"]
+            assert line["p_situation"][situation] == pytest.approx(both, abs=1e-6)
+
+
+def test_a_model_of_four_situations_knows_neither_weight_nor_class(
+    four_situations: Built, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = replayed(capsys, four_situations.model, four_situations.fixture / TRIAL)
+    for line in lines:
+        assert line["p_class"] is None
+        assert line["weight"] is None
+        assert 0.0 <= line["extra"]["p_risky_250ms"] <= 1.0
+    assert len({line["extra"]["p_risky_250ms"] for line in lines}) > 1
+
+
+def test_the_state_is_unknown_until_half_a_second_has_been_seen(
+    eight_classes: Built, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL)
+    assert [line["state"] == "unknown" for line in lines] == [k < 25 for k in range(len(lines))]
+    assert [line["settled"] for line in lines] == [k >= 25 for k in range(len(lines))]
+    assert not any(line["arm"] or line["degraded"] for line in lines[:25])
+
+
+def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
+    eight_classes: Built, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = (eight_classes.fixture / TRIAL).read_text().splitlines()
+    for line in range(101, 111):
+        cells = rows[line].split(",")
+        rows[line] = ",".join([*cells[:4], "nan", *cells[5:]])
+    broken = tmp_path / "trial_1.csv"
+    broken.write_text("\n".join(rows) + "\n")
+    lines = replayed(capsys, eight_classes.model, broken)
+    assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(range(100, 135))
+
+
+def answers(lines: list[Line]) -> list[Line]:
+    """Without what depends on when it was computed."""
+    return [{key: value for key, value in line.items() if key not in ("t_decided_ns", "latency_us")} for line in lines]
+
+
+def test_a_folder_a_file_a_url_and_a_trial_of_the_set_are_the_same_trial(
+    eight_classes: Built, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = eight_classes.fixture / TRIAL
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    shutil.copy(file, folder / "tactile.csv")
+    names = [recording.trial_id for recording in eight_classes.data.recordings]
+    number = names.index(TRIAL.removesuffix(".csv"))
+    named = f"{eight_classes.fixture}#{names[number]}"
+    numbered = f"{eight_classes.fixture}#{number}"
+    said = [replayed(capsys, eight_classes.model, t) for t in (file, folder, f"replay://{file}", named, numbered)]
+    for other in said[1:]:
+        assert answers(other) == answers(said[0])
+
+
+def test_a_replay_is_what_the_monitor_says_live(eight_classes: Built, capsys: pytest.CaptureFixture[str]) -> None:
+    model = Model(eight_classes.model)
+    source = open_replay(eight_classes.fixture / TRIAL).prepared(model.card.preparation)
+    monitor = GripMonitor(model, clock_ns=lambda: 0)
+    first = [json.loads(to_json_line(monitor.feed(sample))) for sample in source]
+    monitor.reset()
+    again = [json.loads(to_json_line(monitor.feed(sample))) for sample in source]
+    assert again == first
+    assert answers(first) == answers(replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL))
+
+
+def test_the_stream_is_tared_as_in_training_before_the_model_sees_it(
+    eight_classes: Built, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another offset of a shear channel is another mounting, and changes nothing but the last digits."""
+    table = np.loadtxt(eight_classes.fixture / TRIAL, delimiter=",", skiprows=1)
+    table[:, [1, 5]] += 8.0
+    header = (eight_classes.fixture / TRIAL).read_text().splitlines()[0]
+    np.savetxt(tmp_path / "trial_1.csv", table, delimiter=",", header=header, comments="")
+    here, there = (
+        [line["state"] for line in replayed(capsys, eight_classes.model, path)]
+        for path in (eight_classes.fixture / TRIAL, tmp_path / "trial_1.csv")
+    )
+    assert here == there
+
+
+def test_the_unit_is_the_nearest_meta_jsons_and_newton_without_one(tmp_path: Path) -> None:
+    folder = tmp_path / "set" / "object" / "action"
+    folder.mkdir(parents=True)
+    trial = folder / "trial_1.csv"
+    trial.write_text("Time,X1,Y1,Z1\n0.00,1,2,3\n0.02,1,2,3\n0.04,1,2,3\n")
+    assert open_replay(trial).unit == "N"
+    (tmp_path / "set" / "meta.json").write_text('{"unit": "uT"}')
+    assert open_replay(trial).unit == "uT"
+    (folder / "meta.json").write_text('{"by": "somebody"}')
+    assert open_replay(trial).unit == "uT"
+    (folder / "meta.json").write_text('{"unit": "count"}')
+    assert open_replay(trial).unit == "count"
+    for wrong in ('{"unit": "kg"}', '{"unit": ["N"]}', "[]", "{", "\xff"):
+        (folder / "meta.json").write_text(wrong, encoding="latin-1")
+        with pytest.raises(UnitError):
+            open_replay(trial)
+
+
+def test_a_folder_without_a_recording_is_said_to_be_one(tmp_path: Path) -> None:
+    with pytest.raises(DataNotFound, match=r"no tactile\.csv"):
+        open_replay(tmp_path)
+
+
+def live_path(folder: Path) -> dict[str, str]:
+    """An environment with numpy and onnxruntime and nothing else, and the three rooms a hand has."""
+    packages = Path(sysconfig.get_paths()["platlib"])
+    for room in ("edge_runtime", "drivers", "holdfast"):
+        shutil.copytree(ROOT / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for package in ("numpy", "numpy.libs", "onnxruntime"):
+        if (packages / package).exists():
+            (folder / package).symlink_to(packages / package)
+    return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def test_a_replay_needs_numpy_and_onnxruntime_and_no_other_package_or_room(
+    eight_classes: Built, tmp_path: Path
+) -> None:
+    environment = live_path(tmp_path)
+    trial = eight_classes.fixture / TRIAL
+
+    def hand(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-S", "-m", "holdfast", *words]
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+
+    done = hand("replay", str(eight_classes.model), str(trial))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) == len(read_trial(trial).t_s)
+    for words in (("train",), ("export",), ("evaluate", "m.onnx", "--data", "x")):
+        refused = hand(*words)
+        assert refused.returncode == 2
+        assert refused.stderr.startswith("error: UsageError: this needs the package ")
+        assert len(refused.stderr.splitlines()) == 1
+    assert hand("doctor").returncode == 0
