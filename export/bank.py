@@ -21,6 +21,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.errors import RateError
+
 BANDS_HZ = tuple(float(f) for f in range(10, 60, 5))
 DAMPING = 0.1
 LOW_PASS_HZ = 75.0
@@ -30,8 +32,15 @@ Array = npt.NDArray[np.float64]
 
 
 def bands_for(rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ) -> tuple[float, ...]:
-    """The bands a sampling rate can carry: those below half of it."""
-    return tuple(f for f in bands_hz if f < 0.5 * rate_hz)
+    """The bands a sampling rate can carry: those below half of it. Raises RateError if there is none."""
+    carried = tuple(f for f in bands_hz if f < 0.5 * rate_hz)
+    if not carried:
+        raise RateError(
+            f"{rate_hz:.4g} Hz carries none of the bands",
+            cause=f"the lowest band is {min(bands_hz):g} Hz and needs more than {2 * min(bands_hz):g} Hz",
+            next_step="record faster",
+        )
+    return carried
 
 
 def sections(rate_hz: float, band_hz: float) -> Array:

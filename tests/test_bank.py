@@ -21,7 +21,6 @@ from export.detectors import add_bank
 from export.guard import add_guard
 from export.spec import BandsLeftOut, StepSpec
 from export.step_graph import feature_graph
-from training.critical_points import bank_sections
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -95,13 +94,6 @@ def test_the_step_matrix_by_hand_is_scipys_filter(rate_hz: float) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_the_bank_offline_and_the_bank_on_the_hand_are_one_bank(rate_hz: float) -> None:
-    offline = np.array(bank_sections(rate_hz))
-    on_hand = np.array([sections(rate_hz, band) for band in bands_for(rate_hz)])
-    np.testing.assert_allclose(offline, on_hand, rtol=RELATIVE, atol=RELATIVE)
-
-
-@pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_every_resonator_sits_at_the_frequency_it_is_named_after(rate_hz: float) -> None:
     """There, and nowhere else, a second-order resonator turns the phase by a quarter; its gain is 1 / (2 z)."""
     for band in bands_for(rate_hz):
@@ -148,7 +140,6 @@ def test_the_sealed_card_lists_the_bands_and_the_bands_left_out(eight_classes: B
 
 @pytest.mark.parametrize("rate_hz", [20.0, 12.5, 1.0])
 def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
-    assert bands_for(rate_hz) == ()
     for refused in (spec_at(rate_hz).carried_bands, spec_at(rate_hz).warn_of_lost_bands):
         with pytest.raises(RateError, match="none of the bands"):
             refused()

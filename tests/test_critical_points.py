@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import freqz_sos, sosfilt
 
-import export.bank
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import RateError
 from training.critical_points import (
-    BANDS_HZ,
-    DAMPING,
     band_pass_envelope,
     band_pass_rows,
-    bank_sections,
     friction_rows,
     offline_critical_points,
 )
@@ -49,38 +44,17 @@ def rows(samples: FloatArray, rate_hz: float = 50.0) -> list[int]:
     return [point.row for point in offline_critical_points(recording(samples, rate_hz))]
 
 
-@pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_the_bank_here_is_the_bank_of_the_graph(rate_hz: float) -> None:
-    ours = bank_sections(rate_hz)
-    assert len(ours) == sum(band < rate_hz / 2 for band in BANDS_HZ)
-    for band_hz, sections in zip(BANDS_HZ, ours, strict=False):
-        np.testing.assert_allclose(sections, export.bank.sections(rate_hz, band_hz), rtol=1e-12, atol=1e-15)
-
-
-@pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_each_resonator_sits_at_the_frequency_it_is_named_after(rate_hz: float) -> None:
-    for band_hz, sections in zip(BANDS_HZ, bank_sections(rate_hz), strict=False):
-        _, response = freqz_sos(sections[1:], worN=[band_hz], fs=rate_hz)
-        assert abs(response[0]) == pytest.approx((1 / (2 * DAMPING)) ** 2, rel=1e-9)
-
-
-def test_bands_at_or_above_half_the_rate_are_left_out() -> None:
-    assert len(bank_sections(50.0)) == 3, "10, 15 and 20 Hz; 25 Hz is half of 50"
-    assert len(bank_sections(51.0)) == 4
-
-
 def test_a_rate_without_any_band_is_refused() -> None:
     with pytest.raises(RateError, match="more than 20 Hz"):
-        bank_sections(20.0)
+        band_pass_envelope(np.zeros((60, 6)), 20.0)
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_the_differentiator_does_not_ring_on(rate_hz: float) -> None:
     n = round(rate_hz)
     nyquist = np.concatenate([np.resize([1.0, -1.0], n), np.zeros(5 * n)])
-    for sections in bank_sections(rate_hz):
-        output = sosfilt(sections, nyquist)
-        assert np.abs(output[-n:]).max() < 1e-3 * np.abs(output).max()
+    envelope = band_pass_envelope(np.repeat(nyquist[:, None], 3, axis=1), rate_hz)
+    assert envelope[-n:].max() < 1e-3 * envelope.max()
 
 
 def test_the_output_is_rectified_after_the_filter_and_never_fed_back() -> None:

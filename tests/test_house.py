@@ -70,8 +70,13 @@ def test_edge_runtime_imports_no_other_room():
 
 
 def test_nobody_imports_holdfast():
-    importers = [f for room in MAY_IMPORT if room != "holdfast" for f, names in imports_by_file(room).items()
-                 if "holdfast" in names]
+    importers = [
+        f
+        for room in MAY_IMPORT
+        if room != "holdfast"
+        for f, names in imports_by_file(room).items()
+        if "holdfast" in names
+    ]
     assert importers == []
 
 
@@ -117,8 +122,11 @@ print(json.dumps(sorted({name.split(".")[0] for name in sys.modules})))
 def test_nothing_on_the_hand_reads_a_pickle(room):
     readers = {file: names & READS_PICKLE for file, names in imports_by_file(room).items()}
     assert {file: names for file, names in readers.items() if names} == {}
-    permissive = [str(f.relative_to(ROOT)) for f in (ROOT / room).rglob("*.py")
-                  if re.search(r"allow_pickle\s*=\s*True", f.read_text("utf-8"))]
+    permissive = [
+        str(f.relative_to(ROOT))
+        for f in (ROOT / room).rglob("*.py")
+        if re.search(r"allow_pickle\s*=\s*True", f.read_text("utf-8"))
+    ]
     assert permissive == []
 
 
@@ -137,8 +145,9 @@ def locked_names(lock: Path) -> set[str]:
 def test_no_lock_names_an_index_or_a_host():
     assert len(lock_files()) > 1
     address = re.compile(r"://|--(extra-)?index|--find-links|\w\.(org|com|net|io|dev)\b", re.I)
-    lines = [f"{lock.name}: {x}" for lock in lock_files() for x in lock.read_text("utf-8").splitlines()
-             if address.search(x)]
+    lines = [
+        f"{lock.name}: {x}" for lock in lock_files() for x in lock.read_text("utf-8").splitlines() if address.search(x)
+    ]
     assert lines == []
 
 
@@ -164,8 +173,9 @@ def test_every_declared_dependency_is_locked():
 
 def test_the_hand_is_locked_to_the_versions_that_are_tested():
     pin = re.compile(r"^[A-Za-z0-9]\S+==\S+", re.MULTILINE)
-    live, dev = (set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8")))
-                 for name in ("live", "dev"))
+    live, dev = (
+        set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8"))) for name in ("live", "dev")
+    )
     assert live
     assert live <= dev
 

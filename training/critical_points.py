@@ -21,15 +21,11 @@ import numpy.typing as npt
 from scipy.signal import sosfilt
 
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from edge_runtime.errors import RateError
+from export.bank import bands_for, sections
 from training.recording import Recording
 
 Source = Literal["band-pass", "friction", "both"]
 Rows = npt.NDArray[np.int64]
-
-BANDS_HZ = tuple(float(band) for band in range(10, 56, 5))
-DAMPING = 0.1
-LOW_PASS_HZ = 75.0
 
 NOISE_TIMES = 6.0  # a point stands this far above the median of its signal
 LEAST_SHARE = 0.02  # and above this share of the recording's largest swing (a recording without noise)
@@ -68,44 +64,13 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
     return [CriticalPoint(row, row / rate_hz, _source(row, by_band, by_friction, apart)) for row in fused.tolist()]
 
 
-def carried_bands(rate_hz: float) -> list[float]:
-    """The bands below half the rate, Hz."""
-    return [band for band in BANDS_HZ if band < rate_hz / 2]
-
-
-def bank_sections(rate_hz: float) -> list[FloatArray]:
-    """Second-order sections [3, 6] of every band the rate carries, for `scipy.signal.sosfilt`.
-
-    The first section is differentiator and low-pass in one: the differentiator's pole at q = -1 (it would
-    ring for ever) meets the low-pass's zero there and is cancelled by hand. The resonators follow twice,
-    each prewarped to the frequency it is named after. Raises RateError where no band is left.
-    """
-    bands = carried_bands(rate_hz)
-    if not bands:
-        raise RateError(
-            f"{rate_hz:.4g} Hz carries none of the bands from {BANDS_HZ[0]:g} Hz",
-            cause="too slow a recording",
-            next_step=f"record at more than {2 * BANDS_HZ[0]:g} Hz",
-        )
-    k, wl = 2.0 * rate_hz, 2 * np.pi * LOW_PASS_HZ
-    change = np.array([k * wl, -k * wl, 0.0, k + wl, wl - k, 0.0]) / (k + wl)
-    return [np.stack([change, *2 * [_resonator(band, rate_hz)]]) for band in bands]
-
-
-def _resonator(band_hz: float, rate_hz: float) -> FloatArray:
-    w = 2 * np.pi * band_hz
-    k = w / np.tan(w / (2 * rate_hz))
-    low, high = k * k - 2 * DAMPING * w * k + w * w, k * k + 2 * DAMPING * w * k + w * w
-    return np.array([w * w, 2 * w * w, w * w, high, 2 * (w * w - k * k), low]) / high
-
-
 def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
     """[T, C] -> [T, 2 C / 3]: per shear channel the largest |output| over the bands, unit per second.
 
     Each channel has a state of its own, settled at its first value, and starts afresh with every call.
     """
     shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
-    outputs = [sosfilt(sections, shear - shear[0], axis=0) for sections in bank_sections(rate_hz)]
+    outputs = [sosfilt(sections(rate_hz, band), shear - shear[0], axis=0) for band in bands_for(rate_hz)]
     return np.abs(outputs).max(axis=0)
 
 

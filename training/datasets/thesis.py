@@ -21,7 +21,7 @@ from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS
 from edge_runtime.errors import ChannelError, DataNotFound, LabelError, RateError, UnitError
 from edge_runtime.preparation import Preparation
 from edge_runtime.trial_file import Trial, read_trial
-from training.critical_points import carried_bands
+from export.bank import bands_for
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
@@ -92,7 +92,7 @@ def load(root: Path, *, seed: int = 0, balanced: bool = True) -> DataSet:
             "layout": "thesis",
             "recordings_by": str(meta.get("recordings by", "not stated")),
             "seed": seed,
-            "bands_hz": carried_bands(rate_hz),
+            "bands_hz": list(bands_for(rate_hz)),
             "samples": sample_counts(trials),
             "windows_natural": class_counts(natural),
             "windows": class_counts(chosen),
