@@ -16,14 +16,14 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test real ablation bench lint lock clean
+.PHONY: help setup demo test real ablation bench lint lock clean docs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
 
 setup: .venv/.stamp  ## build .venv from the hashed locks (does nothing when it is current)
 
-demo: setup  ## show the main job at work; says so in one line when it finds no data
+demo: setup  ## train on generated trials, export, watch unseen ones go by
 	$(BIN)/python -m holdfast.demo
 
 test: setup  ## run the tests
@@ -34,6 +34,10 @@ real: setup  ## train, export and evaluate on the public recordings, into build/
 
 ablation: setup  ## what each part of the method is worth, into build/ablation
 	$(BIN)/python -m training.ablation --out build/ablation $(ARGS)
+
+docs: setup  ## write the tables of README and docs from build/real and from the code
+	$(BIN)/python -m export.features_page > docs/features.md
+	$(BIN)/python -m training.real_table build/real/metrics.json README.md
 
 bench: setup  ## time one step on this machine, into build/bench
 	$(BIN)/python -m benchmarks.step --out build/bench $(ARGS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -14,13 +15,14 @@ Say = Callable[[str], None]
 @contextmanager
 def stages(total: int) -> Iterator[Say]:
     """Yields `say(line)`, which ends one stage and names the next; `total` is how many lines will come."""
-    console = Console(stderr=True)
+    started, console = time.perf_counter(), Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         bar = progress.add_task("starting", total=total)
 
         def say(line: str) -> None:
             progress.update(bar, description=line, advance=1)
-            progress.console.print(line, style="dim", highlight=False)
+            elapsed_s = time.perf_counter() - started
+            progress.console.print(f"{elapsed_s:6.0f} s  {line}", style="dim", highlight=False)
 
         yield say

@@ -1,0 +1,31 @@
+"""The README shows what its commands print."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from export.features_page import page
+from holdfast import demo
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+def test_the_readme_shows_the_real_output_of_the_demo(capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo.main([]) == 0
+    shown = re.search(r"<!-- demo:.*?-->\n```text\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert shown is not None
+    assert shown[1] == capsys.readouterr().out
+
+
+def test_the_page_of_features_is_written_from_the_groups() -> None:
+    assert (ROOT / "docs" / "features.md").read_text() == page()
+
+
+def test_every_path_the_readme_points_to_exists() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text())
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
