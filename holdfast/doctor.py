@@ -15,7 +15,7 @@ from typing import Literal
 
 EXTRAS = {
     "live path": ("numpy", "onnxruntime"),
-    "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "joblib", "rich"),
+    "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
     "viz": ("matplotlib",),
 }
 

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from edge_runtime import errors
+
 ROOT = Path(__file__).resolve().parent.parent
 
 # The table of "Rooms and who may call whom": a room, and the rooms it may import.
@@ -184,3 +186,13 @@ def test_the_version_is_the_same_wherever_it_is_written():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
     citation = (ROOT / "CITATION.cff").read_text("utf-8")
     assert re.findall(r"^version: \"?([^\"\n]+)\"?$", citation, re.MULTILINE) == [version]
+
+
+def test_every_error_stands_in_the_tree_and_below_its_parent() -> None:
+    drawn, path = {}, [""]
+    for bars, name in re.findall(r"^    ([|` -]*)([A-Z]\w+) ", str(errors.__doc__), re.MULTILINE):
+        depth = len(bars) // 4
+        path[depth:] = [name]
+        drawn[name] = path[depth - 1] if depth else "Exception"
+    ours = [value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, Exception)]
+    assert drawn == {error.__name__: str(error.__base__.__name__ if error.__base__ else "") for error in ours}

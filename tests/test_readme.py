@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from drivers.replay import open_replay
 from export.features_page import page
 from holdfast import demo
+
+if TYPE_CHECKING:
+    from conftest import Built
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -29,3 +34,12 @@ def test_every_path_the_readme_points_to_exists() -> None:
     links = re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text())
     assert links
     assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_the_five_lines_of_the_readme_answer_every_sample(eight_classes: Built) -> None:
+    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert code is not None
+    trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
+    said: dict[str, Any] = {"source": open_replay(trial)}
+    exec(code[1].replace("build/default/holdfast.onnx", str(eight_classes.model)), said)
+    assert said["answer"].sequence == len(open_replay(trial).values) - 1

@@ -24,8 +24,8 @@ def table(figures: dict[str, Any]) -> str:
 {rows}
 
 **Read with it:** {figures["caveat"]} Clock-free: {figures["clock_free"]}.
-The exported files agree with the reference on all of {checked["rows"]:,} rows ({checked["label_mismatches"]} labels differ).
-Features of all {cost["samples"]:,} samples take {cost["cpu_s"]:.1f} CPU s, the whole command {figures["seconds"]:.0f} s.
+Exported files and reference: {checked["label_mismatches"]} of {checked["rows"]:,} labels differ. Features of all
+{cost["samples"]:,} samples: {cost["cpu_s"]:.1f} CPU s. The whole command: {figures["seconds"]:.0f} s.
 """
 
 
