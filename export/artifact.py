@@ -61,10 +61,7 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
         heads[head.name] = {
             "classes": list(head.classes),
             "forest": name,
-            "calibration": {
-                "weights": head.calibration.weights.tolist(),
-                "bias": head.calibration.bias.tolist(),
-            },
+            "calibration": head.calibration.to_json(),
         }
     buffer = io.BytesIO()
     np.savez(buffer, rows=artifact.rows)

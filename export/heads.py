@@ -9,6 +9,7 @@ go through one affine map and a softmax (multinomial logistic calibration, fitte
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,10 @@ class Calibration:
 
     weights: npt.NDArray[np.float64]
     bias: npt.NDArray[np.float64]
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object, for the artifact and the metadata."""
+        return {"weights": self.weights.tolist(), "bias": self.bias.tolist()}
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,15 @@ from typing import Any
 
 import onnx
 
+from edge_runtime.contract import channel_names
 from edge_runtime.golden import golden_answers, golden_to_json
 from edge_runtime.graph import open_session
 from edge_runtime.model_file import CARD_KEY, DIGITS, FORMAT, GOLDEN_KEY, SEAL_KEY
 from export.artifact import Artifact
 from export.detectors import detector_names
+from export.features import NORMAL_FLOOR
 from export.forest import vote_bits
-from export.spec import StepSpec
+from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 
 TIE_RULE = "the riskier class wins"
 
@@ -25,6 +27,10 @@ def model_card(artifact: Artifact) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "spec": spec.to_json(),
+        "channels": list(channel_names(spec.n_sensors)),
+        "range_limit": RANGE_LIMIT[spec.unit],
+        "noise_rms": NOISE_RMS[spec.unit],
+        "normal_floor": NORMAL_FLOOR[spec.unit],
         "window_samples": spec.window_samples,
         "history_samples": spec.history_samples,
         "settle_samples": spec.settle_samples,
@@ -48,6 +54,7 @@ def _head_card(head: Any) -> dict[str, Any]:
         "nodes": int(sum(tree.tree_.node_count for tree in trees)),
         "vote_bits": vote_bits(len(trees)),
         "kind": type(head.forest).__name__,
+        "calibration": head.calibration.to_json(),
     }
 
 

@@ -1,7 +1,7 @@
 """An exported file must agree with the reference on every label, or it is not written.
 
 The forest is cut out of the very file at the tensor `features`, the labels at `votes`; rows come from
-held-out windows, from the trees' own thresholds +- 1 ulp, and from the edges of float32.
+windows, from the trees' own thresholds +- 1 ulp, and from the edges of float32.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ OF_THE_STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", 
 def verify(model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: FloatRows, seed: int = 0) -> dict[str, Any]:
     """Compare file and reference; returns counts, raises VerificationFailed on any disagreement.
 
-    rows: [N, F] held-out feature rows.
+    rows: [N, F] feature rows of windows (in cross-validation: all held-out ones).
     """
     forests = open_session(cut_forests(model))
-    report: dict[str, Any] = {"heldout_rows": len(rows), "heads": {}}
+    report: dict[str, Any] = {"given_rows": len(rows), "heads": {}}
     single = 0
     for head in heads:
         hard = np.concatenate([rows, threshold_rows(head.forest, rows, seed), edge_rows(head.forest)])
@@ -126,7 +126,7 @@ def _run(session: Any, rows: FloatRows, chunk: int) -> dict[str, npt.NDArray[Any
     return {n: np.concatenate([part[i] for part in parts]) for i, n in enumerate(names)}
 
 
-def _compare(head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], heldout: int) -> dict[str, Any]:
+def _compare(head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], given: int) -> dict[str, Any]:
     expected = reference_votes(head.forest, rows, len(head.classes))
     got = answers[_votes(head)]
     wrong_votes = int(np.any(got != expected, axis=1).sum())
@@ -143,7 +143,7 @@ def _compare(head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], 
         "rows": len(rows),
         "label_mismatches": wrong,
         "vote_mismatches": wrong_votes,
-        "predict_disagreement": _disagreement(head, rows[:heldout], expected[:heldout]),
+        "predict_disagreement": _disagreement(head, rows[:given], expected[:given]),
     }
 
 
