@@ -17,7 +17,7 @@ from edge_runtime.errors import ClassMissing
 from export.artifact import Artifact, write_artifact
 from export.heads import Head
 from training.crossval import HeldOut, Say, cross_validate, fit_calibration, fit_forest, main_task
-from training.featurise import features_of, spec_for
+from training.featurise import FloatRows, features_of, spec_for
 from training.metrics import report
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet, Recording
@@ -44,18 +44,25 @@ def train(
     say(f"features of {len(data.recordings)} recordings")
     features = features_of(data, spec)
     held_out = cross_validate(data, features, plan, seed=seed, say=say)
-    figures = held_out_figures(data, held_out, seed)
     say("final forests on all recordings")
-    artifact = Artifact(
-        spec=spec,
+    artifact = final_artifact(data, features, held_out, plan, seed)
+    write_artifact(out, artifact)
+    figures: dict[str, Any] = artifact.training["held_out"]
+    return figures
+
+
+def final_artifact(
+    data: DataSet, features: dict[str, FloatRows], held_out: HeldOut, plan: TrainingPlan, seed: int
+) -> Artifact:
+    """Forests on all windows, calibrated on the held-out votes, with an account of where they come from."""
+    return Artifact(
+        spec=spec_for(data, plan.groups),
         preparation=data.preparation,
         decision=DecisionRules().to_json(),
-        heads=[_final_head(data, features, plan, task, held_out, seed) for task in data.tasks],
+        heads=[_final_head(data, features[task], plan, task, held_out, seed) for task in data.tasks],
         rows=np.concatenate(list(features.values())),
-        training=_origin(data, plan, seed, figures),
+        training=_origin(data, plan, seed, held_out_figures(data, held_out, seed)),
     )
-    write_artifact(out, artifact)
-    return figures
 
 
 def require_classes(data: DataSet) -> None:
@@ -93,10 +100,10 @@ def fingerprint(recording: Recording) -> str:
 
 
 def _final_head(
-    data: DataSet, features: dict[str, Any], plan: TrainingPlan, task: str, held_out: HeldOut, seed: int
+    data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, held_out: HeldOut, seed: int
 ) -> Head:
     rows = data.tasks[task]
-    forest = fit_forest(data, features[task], plan, task, np.arange(len(rows)), seed)
+    forest = fit_forest(data, features, plan, task, np.arange(len(rows)), seed)
     return Head(TASK_HEADS[task], rows.classes, forest, fit_calibration(held_out.shares(task), rows.label))
 
 

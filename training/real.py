@@ -21,12 +21,14 @@ import numpy as np
 
 from edge_runtime.command import Parser, finish
 from edge_runtime.writing import write_whole
+from export.artifact import Artifact, write_artifact
+from export.exporting import export_artifact
 from training import baselines
 from training.crossval import HeldOut, cross_validate
 from training.datasets import load
 from training.eflesh_study import study_eflesh
 from training.featurise import cpu_cost, features_of, spec_for
-from training.fitting import held_out_figures, train, versions
+from training.fitting import final_artifact, held_out_figures, versions
 from training.plan import TrainingPlan
 from training.proactive_study import study_proactive
 from training.progress import Say, stages
@@ -62,7 +64,7 @@ def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
     say("proactive_slip_uskin: two slips replayed")
     pictures = study_proactive(load("proactive_slip_uskin"), plan, seed)
     say("final forests on all people, exported")
-    figures["model"] = final_model(data, plan, out, seed)
+    figures["model"] = final_model(final_artifact(data, features, held_out, plan, seed), out)
     figures |= {"seed": seed, "host": host(), "versions": versions()}
     figures["seconds"] = round(time.perf_counter() - started, 1)
     say("report")
@@ -104,13 +106,11 @@ def verification_of(held_out: HeldOut) -> dict[str, Any]:
     }
 
 
-def final_model(data: DataSet, plan: TrainingPlan, out: Path, seed: int) -> dict[str, Any]:
+def final_model(artifact: Artifact, out: Path) -> dict[str, Any]:
     """The file for the hand, from all people; its own windows are no test, so it is not scored on them."""
-    from export.exporting import export_artifact
-
-    train(data, out / "human", plan, seed=seed)
+    write_artifact(out / "human", artifact)
     path, report = export_artifact(out / "human")
-    return {"path": path.name, "bytes": report["bytes"], "verification": report}
+    return {"path": str(path.relative_to(out)), "bytes": report["bytes"], "verification": report}
 
 
 def host() -> dict[str, Any]:
