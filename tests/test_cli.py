@@ -250,7 +250,7 @@ def test_a_model_made_for_other_channels_another_unit_or_another_rate_refuses_th
 ) -> None:
     model, trial = four_situations.model, tmp_path / "trial_1.csv"
     trial.write_text("Time,X1,Y1,Z1\n" + "".join(f"{t:.3f},1,2,3\n" for t in STEPS))
-    fails(run, 3, "ChannelError", "replay", model, trial, says="the model wants 18")
+    fails(run, 3, "ChannelError", "replay", model, trial, says=f"{trial}: 3 channels, the model wants 18")
     trial.write_text(csv_of([k / 100 for k in range(60)]))
     fails(run, 3, "RateError", "replay", model, trial, says="the model wants 50 Hz")
     trial.write_text(csv_of())
@@ -395,8 +395,15 @@ def other_rows(folder: Path) -> None:
     np.savez(folder / "rows.npz", rows=np.zeros((5, 3), np.float32))
 
 
+class Trap:
+    """What a pickle could do to whoever reads it."""
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
+        return (exec, ("raise SystemExit('the pickle was read')",))
+
+
 def pickled_rows(folder: Path) -> None:
-    np.savez(folder / "rows.npz", rows=np.array([{"a": 1}], dtype=object))
+    np.savez(folder / "rows.npz", rows=np.array([Trap()], dtype=object))
 
 
 BAD_ARTIFACTS: dict[str, Callable[[Path], None]] = {
@@ -421,7 +428,7 @@ BAD_ARTIFACTS: dict[str, Callable[[Path], None]] = {
     "a model that is no forest": lambda folder: void(
         skops.io.dump(LogisticRegression().fit([[0.0], [1.0]], [0, 1]), folder / "situation.skops")
     ),
-    "a pickle for a forest": replace_text("situation.skops", pickle.dumps({"a": 1})),
+    "a pickle for a forest": lambda folder: void((folder / "situation.skops").write_bytes(pickle.dumps(Trap()))),
     "half a forest": truncate("situation.skops", 0.5),
     "an empty forest": truncate("situation.skops", 0.0),
     "half the rows": truncate("rows.npz", 0.5),
@@ -441,6 +448,12 @@ def test_an_artifact_with_this_fault_is_refused_and_nothing_is_written(
     before = everything_in(tmp_path)
     fails(run, 4, "ArtifactError", "export", artifact, says=str(artifact))
     assert everything_in(tmp_path) == before
+
+
+def test_a_foreign_type_in_a_forest_is_called_by_its_name(run: Run, four_situations: Built, tmp_path: Path) -> None:
+    artifact = shutil.copytree(four_situations.artifact, tmp_path / "artifact")
+    pickled_inside(artifact)
+    fails(run, 4, "ArtifactError", "export", artifact, says="do not belong in a forest: posixpath.basename")
 
 
 def test_a_folder_that_is_no_artifact_is_refused(run: Run, tmp_path: Path) -> None:

@@ -284,6 +284,16 @@ def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_
             assert np.nextafter(left.max(), np.float32(-np.inf)) in left
 
 
+def test_the_rule_for_ties_is_verified_where_no_row_is_tied() -> None:
+    x = np.arange(40.0, dtype=np.float32).reshape(-1, 1).repeat(N_FEATURES, axis=1)
+    forest = ExtraTreesClassifier(1, random_state=0).fit(x, np.arange(40) // 10)  # one tree of pure leaves
+    heads = [head_of(forest, SITUATIONS)]
+    model = whole_graph(SPEC, heads)
+    safer_wins(model)
+    with pytest.raises(VerificationFailed, match="ties"):
+        verify(model, SPEC, heads, x)
+
+
 def test_a_second_head_is_verified_as_the_first() -> None:
     forest, rows = fitted("random", (0, 1, 2, 3), 5)
     question, _ = fitted("random", (0, 1), 6)

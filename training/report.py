@@ -69,7 +69,7 @@ def _between(interval: list[float] | None) -> str:
 
 
 def _range(interval: list[float] | None) -> str:
-    return f".{1000 * interval[0]:.0f}-.{1000 * interval[1]:.0f}" if interval else ""
+    return "-".join(f"{edge:.3f}".removeprefix("0") for edge in interval) if interval else ""
 
 
 def _table(evidence: Evidence) -> str:
