@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import NoReturn, TextIO
 
-from edge_runtime.errors import HoldfastError, UsageError
+from edge_runtime.errors import HoldfastError, OutputError, UsageError
 
 
 class Parser(argparse.ArgumentParser):
@@ -40,6 +40,11 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+    except OSError as error:
+        if "--debug" in argv:
+            raise
+        sys.stderr.write(f"error: OutputError: {error}; next: choose another place, or see the whole with --debug\n")
+        return OutputError.exit_code
 
 
 def _not_installed(error: ModuleNotFoundError) -> UsageError:

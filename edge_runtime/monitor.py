@@ -54,9 +54,10 @@ class GripMonitor:
 
     def feed(self, sample: Sample, *, opening: bool = False, override: bool = False) -> Prediction:
         """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's unit."""
-        if sample.values.shape != (self.card.n_channels,):
+        if sample.values.shape != (self.card.n_channels,) or sample.valid.shape != (self.card.n_channels // 3,):
             raise ChannelError(
-                f"a sample of {sample.values.size} channels, the model wants {self.card.n_channels}",
+                f"a sample of {sample.values.shape} values and {sample.valid.shape} flags, "
+                f"the model wants {self.card.n_channels} channels of {self.card.n_channels // 3} sensors",
                 next_step="use a model made for this source",
             )
         np.copyto(self._graph.sample[0], sample.values)

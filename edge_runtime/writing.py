@@ -29,6 +29,20 @@ def write_whole(path: str | Path, data: bytes | str) -> Path:
     return path
 
 
+def require_writable(folder: str | Path) -> None:
+    """See that a folder, or the place it would be made in, takes a file, before long work is lost on it.
+
+    Leaves nothing behind. Raises OutputError.
+    """
+    folder = Path(folder)
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+
+
 def remove(path: Path) -> None:
     """Remove a file if it is there; OutputError where that cannot be done."""
     try:

@@ -7,7 +7,7 @@ from typing import Any
 
 import onnx
 
-from edge_runtime.writing import write_whole
+from edge_runtime.writing import require_writable, write_whole
 from export.artifact import read_artifact
 from export.builder import GraphBuilder
 from export.heads import Head, add_heads
@@ -30,8 +30,10 @@ def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
 def export_artifact(folder: str | Path, out: str | Path | None = None) -> tuple[Path, dict[str, Any]]:
     """Export an artifact folder; returns the file's path and the verification report."""
     folder = Path(folder)
+    path = Path(out or folder / MODEL_NAME)
     artifact = read_artifact(folder)
+    require_writable(path.parent)
     model = whole_graph(artifact.spec, artifact.heads)
     report = verify(model, artifact.spec, artifact.heads, artifact.rows)
     data = seal(model, model_card(artifact), artifact.spec)
-    return write_whole(out or folder / MODEL_NAME, data), {**report, "bytes": len(data)}
+    return write_whole(path, data), {**report, "bytes": len(data)}

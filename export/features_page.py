@@ -19,7 +19,8 @@ Written by `python -m export.features_page`; a test keeps it in step with the co
 x[t] is the guarded, prepared sample (C channels), Sum x the sum over the sensors, and l a lag of {lags} s
 (rounded to samples, at most 0.50 s back). Zs = max(Sum z, floor): the grip force, but never less than {floor}, because
 in the air a ratio of noise to noise says nothing. Memory is how far back a feature can see, exactly; a test alters
-older samples and finds every bit of the features unchanged. Numbers are for {sensors} sensors at {rate} Hz; nodes are
+older samples and finds every bit of the features unchanged (while a lost sample is bridged, its last good value
+stands in, which is at most 20 ms older). Numbers are for {sensors} sensors at {rate} Hz; nodes are
 what the group adds to a graph that has only `now`. What each brings and costs in microseconds: `make ablation`.
 
 | group | features | memory, s | nodes | formula | why |

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from edge_runtime.contract import SITUATIONS
 from export.forest import Forest, IntArray, leaf_votes
+from export.heads import Head
 
 FloatRows = npt.NDArray[np.float32]
 
@@ -25,6 +26,20 @@ def riskier_argmax(votes: IntArray) -> IntArray:
     """[N, K] votes -> [N] label: the largest, and of equal ones the riskier (the last)."""
     k = votes.shape[1]
     return np.asarray(k - 1 - np.argmax(votes[:, ::-1], axis=1), dtype=np.int64)
+
+
+def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64]:
+    """Calibrated probabilities [N, K] of exact votes [N, K], in float64."""
+    shares = votes / votes.sum(axis=1, keepdims=True)
+    logits = shares @ head.calibration.weights + head.calibration.bias
+    raised = np.exp(logits - logits.max(axis=1, keepdims=True))
+    return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float64)
+
+
+def reference_heavy(votes: IntArray) -> npt.NDArray[np.bool_]:
+    """[N, 8] votes -> [N]: at least as many for heavy as for light, "nothing" not counted."""
+    contact = votes[:, 2:]
+    return np.asarray(contact[:, 1::2].sum(axis=1) >= contact[:, 0::2].sum(axis=1), dtype=np.bool_)
 
 
 def situation_votes(votes: IntArray) -> IntArray:

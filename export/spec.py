@@ -13,7 +13,7 @@ from export.bank import BANDS_HZ, bands_for
 
 
 class BandsLeftOut(UserWarning):
-    """Some bands lie at or above half the sampling rate and are not part of the bank."""
+    """Some bands lie too near to half the sampling rate, or above it, and are not part of the bank."""
 
 
 WINDOW_S = 0.10

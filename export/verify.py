@@ -14,16 +14,25 @@ import numpy.typing as npt
 import onnx
 from onnx.utils import Extractor
 
-from edge_runtime.contract import SITUATIONS
+from edge_runtime.contract import CLASSES, SITUATIONS
 from edge_runtime.errors import VerificationFailed
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import BATCH, StepGraph, open_session, run_recording
+from export.hard_rows import edge_rows, threshold_rows
 from export.heads import MAIN_HEAD, Head
-from export.reference import FloatRows, reference_votes, riskier_argmax, situation_votes
+from export.reference import (
+    FloatRows,
+    reference_heavy,
+    reference_probability,
+    reference_votes,
+    riskier_argmax,
+    situation_votes,
+)
 from export.spec import StepSpec
 
-THRESHOLD_ROWS = 20_000
 SINGLE_ROWS = 2_000
+PROBABILITY_TOLERANCE = 1e-5
+"""Probabilities are float32 in the file and float64 in the reference."""
 CHUNK = 4096
 OF_THE_STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", "state_out")
 """Outputs that exist without a forest."""
@@ -46,62 +55,6 @@ def verify(model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: Floa
     report["single_rows"] = single
     report["stream_samples"] = _compare_streams(model, spec, seed)
     return report
-
-
-def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
-    """Rows that reach a node of a tree and sit on its threshold, or one float32 step to either side of it.
-
-    Every threshold equally often from all three sides, or a random choice of them where there are too many
-    for THRESHOLD_ROWS. A row is a held-out one, changed only in what keeps it from its node.
-    """
-    rng = np.random.default_rng(seed)
-    trees = [_Branches(tree.tree_) for tree in forest.estimators_]
-    places = [(tree, node) for tree in trees for node in tree.nodes]
-    if not places:
-        return rows[:0]
-    chosen = np.resize(rng.permutation(3 * len(places)), THRESHOLD_ROWS).tolist()
-    hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)].copy()
-    for row, (place, side) in zip(hard, (divmod(number, 3) for number in chosen), strict=True):
-        tree, node = places[place]
-        tree.lead(row, node)
-        row[tree.feature[node]] = tree.beside[side][node]
-    return hard
-
-
-class _Branches:
-    """A tree's branches as lists, because they are walked one by one.
-
-    beside: by node, the largest float32 that goes left, the one below it and the one above it, which goes right.
-    """
-
-    def __init__(self, tree: Any) -> None:
-        on = tree.threshold.astype(np.float32)
-        at = np.where(on > tree.threshold, np.nextafter(on, np.float32(-np.inf)), on)
-        around = (at, np.nextafter(at, np.float32(-np.inf)), np.nextafter(at, np.float32(np.inf)))
-        self.beside = [side.tolist() for side in around]
-        self.feature = tree.feature.tolist()
-        self.nodes = [node for node, feature in enumerate(self.feature) if feature >= 0]
-        left, right = tree.children_left.tolist(), tree.children_right.tolist()
-        self._above = {left[node]: (node, True) for node in self.nodes}
-        self._above |= {right[node]: (node, False) for node in self.nodes}
-
-    def lead(self, row: npt.NDArray[np.float32], node: int) -> None:
-        """Change a row [F] in place where it leaves the path to a node, from the root on down."""
-        path = []
-        while node in self._above:
-            node, left = self._above[node]
-            path.append((node, left))
-        for above, left in reversed(path):
-            feature, at = self.feature[above], self.beside[0][above]
-            if (row[feature] <= at) != left:
-                row[feature] = at if left else self.beside[2][above]
-
-
-def edge_rows(forest: Any) -> FloatRows:
-    """Whole rows of zeros of both signs, subnormals, tiniest and largest finite numbers."""
-    limits = np.finfo(np.float32)
-    values = [0.0, -0.0, limits.smallest_subnormal, -limits.smallest_subnormal, limits.tiny, limits.max, limits.min]
-    return np.repeat(np.array(values, dtype=np.float32)[:, None], forest.n_features_in_, axis=1)
 
 
 def cut_forests(model: onnx.ModelProto) -> bytes:
@@ -133,9 +86,11 @@ def _compare(head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], 
     label = riskier_argmax(situation_votes(expected)) if head.name == MAIN_HEAD else riskier_argmax(expected)
     answered = answers["situation"] if head.name == MAIN_HEAD else riskier_argmax(got.astype(np.int64))
     wrong = int((label != answered).sum())
-    if wrong or wrong_votes:
+    wrong_others = _wrong_others(head, expected, answers)
+    if wrong or wrong_votes or wrong_others:
         raise VerificationFailed(
-            f"head {head.name}: {wrong} labels and {wrong_votes} votes of {len(rows)} rows differ",
+            f"head {head.name}: {wrong} labels, {wrong_votes} votes and {wrong_others} other answers of "
+            f"{len(rows)} rows differ",
             cause="a converter or runtime that treats the trees differently",
             next_step="report the versions that holdfast doctor prints",
         )
@@ -145,6 +100,23 @@ def _compare(head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], 
         "vote_mismatches": wrong_votes,
         "predict_disagreement": _disagreement(head, rows[:given], expected[:given]),
     }
+
+
+def _wrong_others(head: Head, votes: npt.NDArray[np.int64], answers: dict[str, npt.NDArray[Any]]) -> int:
+    """Rows whose probabilities are more than PROBABILITY_TOLERANCE off, or whose weight is wrong."""
+    probability = reference_probability(head, votes)
+    if head.name != MAIN_HEAD:
+        return _far(answers[head.name], probability[:, 1])
+    if head.classes != CLASSES:
+        return _far(answers["p_situation"], probability)
+    by_situation = probability.reshape(len(votes), -1, 2).sum(axis=2)
+    wrong_weight = int((answers["heavy"] != reference_heavy(votes)).sum())
+    return _far(answers["p_class"], probability) + _far(answers["p_situation"], by_situation) + wrong_weight
+
+
+def _far(got: npt.NDArray[Any], expected: npt.NDArray[np.float64]) -> int:
+    apart = np.abs(got - expected).reshape(len(got), -1).max(axis=1)
+    return int(np.sum(~(apart <= PROBABILITY_TOLERANCE)))
 
 
 def _disagreement(head: Head, rows: FloatRows, votes: npt.NDArray[np.int64]) -> dict[str, Any]:

@@ -115,7 +115,9 @@ def test_a_tone_is_loudest_in_the_band_that_bears_its_name(rate_hz: float) -> No
         np.testing.assert_array_equal(loudness.argmax(axis=-1), place)
 
 
-@pytest.mark.parametrize(("rate_hz", "carried"), [(50.0, (10, 15, 20)), (50.1, (10, 15, 20, 25)), (1000.0, BANDS_HZ)])
+@pytest.mark.parametrize(
+    ("rate_hz", "carried"), [(50.0, (10, 15, 20)), (50.1, (10, 15, 20)), (58.9, (10, 15, 20, 25)), (1000.0, BANDS_HZ)]
+)
 def test_bands_at_or_above_half_the_rate_are_left_out(rate_hz: float, carried: tuple[float, ...]) -> None:
     spec = spec_at(rate_hz)
     assert spec.carried_bands() == carried

@@ -492,7 +492,6 @@ def test_so_it_is_for_what_training_leaves(four_situations: Built, tmp_path: Pat
     assert everything_in(tmp_path) == {"blocked": b"a file"}
 
 
-@pytest.mark.xfail(reason="training/train.py writes the fixture before it looks: NotADirectoryError and a traceback")
 def test_and_for_training_on_the_fixture(run: Run, tmp_path: Path) -> None:
     (tmp_path / "blocked").write_text("a file")
     fails(run, 5, "OutputError", "train", "--out", tmp_path / "blocked" / "out")

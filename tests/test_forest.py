@@ -23,10 +23,11 @@ from edge_runtime.errors import VerificationFailed
 from edge_runtime.graph import open_session
 from export.exporting import export_artifact, whole_graph
 from export.forest import Forest, leaf_votes, vote_bits
+from export.hard_rows import edge_rows, threshold_rows
 from export.heads import Calibration, Head
 from export.reference import reference_votes, riskier_argmax, situation_votes
 from export.spec import StepSpec
-from export.verify import edge_rows, threshold_rows, verify
+from export.verify import verify
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -282,6 +283,44 @@ def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_
             left, right = here[here <= tree.tree_.threshold[node]], here[here > tree.tree_.threshold[node]]
             assert right.min() == np.nextafter(left.max(), np.float32(np.inf))
             assert np.nextafter(left.max(), np.float32(-np.inf)) in left
+
+
+def renamed(op: str, other: str) -> Wrong:
+    def spoil(model: onnx.ModelProto) -> None:
+        producers = {name: node for node in model.graph.node for name in node.output}
+        (node,) = [n for n in model.graph.node if n.op_type == op and _behind_the_forest(n, producers)]
+        node.op_type = other
+        if other == "Identity":
+            del node.attribute[:]
+
+    return spoil
+
+
+def _behind_the_forest(node: onnx.NodeProto, producers: dict[str, onnx.NodeProto]) -> bool:
+    if node.op_type == "TreeEnsembleRegressor":
+        return True
+    return any(_behind_the_forest(producers[name], producers) for name in node.input if name in producers)
+
+
+@pytest.mark.parametrize(
+    ("classes", "op", "other"),
+    [
+        (SITUATIONS, "Softmax", "Identity"),
+        (SITUATIONS, "Add", "Sub"),
+        (CLASSES, "Softmax", "LogSoftmax"),
+        (CLASSES, "GreaterOrEqual", "LessOrEqual"),
+    ],
+    ids=str,
+)
+def test_probabilities_and_weight_are_verified_too(classes: tuple[str, ...], op: str, other: str) -> None:
+    forest, rows = fitted("extra", tuple(range(len(classes))), 5)
+    uneven = Calibration(np.eye(len(classes)) * 4.0, np.linspace(0.0, 1.0, len(classes)))
+    heads = [Head("situation", classes, forest, uneven)]
+    model = whole_graph(SPEC, heads)
+    verify(model, SPEC, heads, rows)
+    renamed(op, other)(model)
+    with pytest.raises(VerificationFailed, match="other answers"):
+        verify(model, SPEC, heads, rows)
 
 
 def test_the_rule_for_ties_is_verified_where_no_row_is_tied() -> None:

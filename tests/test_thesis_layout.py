@@ -264,7 +264,7 @@ def slowed_down_until_no_band_is_left(root: Path) -> None:
         (with_a_truth_without_phases, LabelError, "trial_1.truth.json"),
         (without_any_trial, DataNotFound, "no trials"),
         (without_heavy_objects, ClassMissing, "grasp_heavy"),
-        (slowed_down_until_no_band_is_left, RateError, "more than 20 Hz"),
+        (slowed_down_until_no_band_is_left, RateError, "more than 21.74 Hz"),
     ],
 )  # fmt: skip
 def test_a_set_is_refused_in_one_line_that_names_the_fault(

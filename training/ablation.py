@@ -20,7 +20,7 @@ import numpy as np
 from edge_runtime.command import Parser, finish
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
-from edge_runtime.writing import write_whole
+from edge_runtime.writing import require_writable, write_whole
 from export.features import GROUPS, feature_count
 from export.spec import StepSpec
 from export.step_graph import feature_graph
@@ -100,6 +100,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--out", type=Path, default=Path("build/ablation"), metavar="DIR")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     args = parser.parse_args(argv)
+    require_writable(args.out)
     plan, data = TrainingPlan(), load(HUMAN)
     with stages(len(rows_of(plan.groups))) as say:
         rows = run(data, plan, args.seed, say)

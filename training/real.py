@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.command import Parser, finish
-from edge_runtime.writing import write_whole
+from edge_runtime.writing import require_writable, write_whole
 from export.artifact import Artifact, write_artifact
 from export.exporting import export_artifact
 from training import baselines
@@ -124,6 +124,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--out", type=Path, default=Path("build/real"), metavar="DIR")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)
+    require_writable(args.out)
     with stages(STAGES) as say:
         figures = run(args.out, args.seed, say)
     write_whole(args.out / "metrics.json", json.dumps(figures, indent=2, allow_nan=False) + "\n")

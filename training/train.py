@@ -32,11 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train; prints what it does and the held-out figures."""
+    from edge_runtime.writing import require_writable
     from training.datasets import load
     from training.fitting import train
     from training.plan import TrainingPlan
     from training.summary import windows_table
 
+    require_writable(args.out)
     folder = args.data or _fixture(args.out)
     data = load(str(folder), channels=args.channels, groups=args.groups, seed=args.seed)
     print(f"{data.name}: {data.kind}; {len(data.recordings)} recordings at {data.rate_hz:.4g} Hz")
