@@ -16,6 +16,9 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
+# onnxruntime sends usage data otherwise; edge_runtime says so too.
+export ORT_DISABLE_TELEMETRY := 1
+
 .PHONY: help setup demo test real ablation bench lint lock clean docs
 
 help:  ## list the targets

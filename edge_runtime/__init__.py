@@ -2,3 +2,8 @@
 
 Start from `contract`; `monitor` is the live path. Loads numpy and onnxruntime, nothing else.
 """
+
+import os
+
+# onnxruntime from 1.31 on collects and sends usage data unless told not to before it is imported.
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"

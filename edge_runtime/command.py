@@ -22,12 +22,22 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message, next_step=f"{self.prog} --help")
 
 
+def seed(word: str) -> int:
+    """A seed from the command line: 0 .. 2^32 - 1, what every generator of ours takes."""
+    number = int(word) if word.isdecimal() else -1
+    if not 0 <= number < 2**32:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from 0 to {2**32 - 1}")
+    return number
+
+
 def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
     """Run a program's main; errors and warnings become one line each on stderr, unless --debug is given."""
     if "--debug" not in argv:
         warnings.showwarning = _one_line
     try:
-        return main([word for word in argv if word != "--debug"])
+        code = main([word for word in argv if word != "--debug"])
+        sys.stdout.flush()
+        return code
     except (HoldfastError, ModuleNotFoundError) as error:
         if "--debug" in argv:
             raise

@@ -43,11 +43,6 @@ RATE_TOLERANCE = 0.10
 """A source may run within +-10 % of the rate a model was built for (median step)."""
 
 
-def situation_of_class(class_id: int) -> int:
-    """Situation index (0..3) of an eight-class id (0..7)."""
-    return class_id // 2
-
-
 def class_id(situation: int, *, heavy: bool) -> int:
     """Eight-class id of a situation index and a weight."""
     return 2 * situation + int(heavy)
@@ -78,7 +73,7 @@ class Prediction:
     """What the hand is told at one sample (the output contract; one JSON line each).
 
     t_acquired_ns, t_decided_ns, latency_us: monotonic clock. p_situation: the four situations, always.
-    p_class and weight: None where the model knows no weight; weight also in "nothing".
+    p_class and weight: None where the model knows no weight, and in "nothing" and "unknown".
     state: "unknown" whenever fewer sensors than the model needs are usable and settled.
     extra: further heads by name, such as p_risky_250ms. detectors: which classical detectors fire.
     arm, act: the decision's debounced request. degraded: some sensor is missing, yet enough are left.

@@ -38,6 +38,7 @@ class ModelCard:
     unit: Unit
     n_channels: int
     settle_samples: int
+    gap_samples: int
     classes: tuple[str, ...]
     heads: tuple[str, ...]
     detectors: tuple[str, ...]
@@ -123,6 +124,7 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
             unit=raw["spec"]["unit"],
             n_channels=3 * int(raw["spec"]["n_sensors"]),
             settle_samples=int(raw["settle_samples"]),
+            gap_samples=int(raw["gap_samples"]),
             classes=tuple(raw["heads"]["situation"]["classes"]),
             heads=tuple(name for name in raw["heads"] if name != "situation"),
             detectors=tuple(raw["detectors"]),

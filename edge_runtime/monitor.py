@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import onnxruntime as ort
 
 from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample, State
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
-from edge_runtime.errors import BrokenSeal, ChannelError
+from edge_runtime.errors import BrokenSeal, ChannelError, TimeError
 from edge_runtime.golden import check_golden, golden_answers, golden_from_json
 from edge_runtime.graph import Outputs, StepGraph, open_session
 from edge_runtime.model_file import GOLDEN_KEY, ModelCard, check_runtime, read_card, read_sealed
@@ -49,17 +49,23 @@ class GripMonitor:
         self.card = model.card
         self._graph = StepGraph(model.session, 1, self._outputs())
         self._rules = DecisionRules(**self.card.decision)
-        self._decision = DecisionState()
         self._clock_ns = clock_ns
+        self.reset()
 
     def feed(self, sample: Sample, *, opening: bool = False, override: bool = False) -> Prediction:
-        """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's unit."""
+        """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's unit.
+
+        Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a gap of
+        more than 20 ms makes the state unknown until the history is whole again. Raises ChannelError, and
+        TimeError where time runs backwards.
+        """
         if sample.values.shape != (self.card.n_channels,) or sample.valid.shape != (self.card.n_channels // 3,):
             raise ChannelError(
                 f"a sample of {sample.values.shape} values and {sample.valid.shape} flags, "
                 f"the model wants {self.card.n_channels} channels of {self.card.n_channels // 3} sensors",
                 next_step="use a model made for this source",
             )
+        self._bridge_gap(sample.t_ns)
         np.copyto(self._graph.sample[0], sample.values)
         np.copyto(self._graph.valid[0], sample.valid)
         out = self._graph.step()
@@ -69,6 +75,22 @@ class GripMonitor:
         """Forget the stream; the next sample starts afresh and unsettled."""
         self._graph.reset()
         self._decision = DecisionState()
+        self._last_t_ns: int | None = None
+
+    def _bridge_gap(self, t_ns: int) -> None:
+        """Step over the samples that are missing since the last one, as invalid ones."""
+        passed_ns = 0 if self._last_t_ns is None else t_ns - self._last_t_ns
+        if passed_ns < 0:
+            raise TimeError(
+                f"a sample {-passed_ns / 1e6:.3f} ms older than the one before it",
+                cause="a clock that was set, or samples out of order",
+                next_step="reset the monitor and start again",
+            )
+        self._last_t_ns = t_ns
+        missing = round(passed_ns * 1e-9 * self.card.rate_hz) - 1
+        self._graph.valid[:] = False
+        for _ in range(min(missing, self.card.gap_samples + 1)):  # one more than is bridged, and it is all the same
+            self._graph.step()
 
     def _outputs(self) -> list[str]:
         weight = ["p_class", "heavy"] if self.card.has_weight else []
@@ -81,6 +103,7 @@ class GripMonitor:
         permille = _risky_permille(out["votes"][0])
         self._decision = decide(self._rules, self._decision, label, permille, opening=opening, override=override)
         state: State = "unknown" if unknown else _STATES[label]
+        weighs = self.card.has_weight and state not in ("unknown", "nothing")
         p_situation = _named(SITUATIONS, out["p_situation"][0])
         decided = self._clock_ns()
         return Prediction(
@@ -91,8 +114,8 @@ class GripMonitor:
             state=state,
             p_situation=p_situation,
             p_risky=p_situation["risky_slip"],
-            p_class=_named(CLASSES, out["p_class"][0]) if self.card.has_weight else None,
-            weight=self._weight(state, out),
+            p_class=_named(CLASSES, out["p_class"][0]) if weighs else None,
+            weight=("heavy" if out["heavy"][0] else "light") if weighs else None,
             extra={name: float(out[name][0]) for name in self.card.heads},
             detectors={n: bool(f) for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)},
             arm=self._decision.arm,
@@ -101,11 +124,6 @@ class GripMonitor:
             settled=bool(out["settled"][0]),
             model_id=self.card.model_id,
         )
-
-    def _weight(self, state: State, out: Outputs) -> Literal["light", "heavy"] | None:
-        if not self.card.has_weight or state in ("unknown", "nothing"):
-            return None
-        return "heavy" if out["heavy"][0] else "light"
 
 
 _STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")

@@ -21,7 +21,9 @@ TIME_COLUMN = "Time"
 RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
 MIN_ROWS = 2
 GAP_STEPS = 5.0
-"""A step longer than this many median steps is a gap, not jitter."""
+"""A step longer than this many median steps is a gap that splits the trial; rows lost in a shorter one are filled
+in as invalid, so that nobody downstream takes their neighbours for neighbours in time."""
+LONGEST_S = 1e6
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,21 @@ def read_trial(path: str | Path) -> Trial:
     n_sensors = _check_columns(header, path)
     table = _table(path, header)
     t_s = _check_time(table[:, 0], path)
-    channels = 3 * n_sensors
-    return Trial(path, t_s, table[:, 1 : 1 + channels], _valid(table, header, n_sensors))
+    raw = table[:, 1 : 1 + 3 * n_sensors]
+    return _with_lost_rows(Trial(path, t_s, raw, _valid(table, header, n_sensors)))
+
+
+def _with_lost_rows(trial: Trial) -> Trial:
+    """The trial with a row of nan, marked invalid, for every sample that never came."""
+    steps = np.diff(trial.t_s)
+    place = np.concatenate([[0], np.cumsum(np.maximum(1, np.round(steps / np.median(steps))))]).astype(np.int64)
+    if place[-1] == len(place) - 1:
+        return trial
+    rows = np.arange(place[-1] + 1)
+    raw = np.full((len(rows), trial.raw.shape[1]), np.nan)
+    valid = np.zeros((len(rows), trial.valid.shape[1]), dtype=np.bool_)
+    raw[place], valid[place] = trial.raw, trial.valid
+    return Trial(trial.path, np.interp(rows, place, trial.t_s), raw, valid)
 
 
 def _header(path: Path) -> list[str]:
@@ -59,6 +74,8 @@ def _header(path: Path) -> list[str]:
             header = next(csv.reader(lines), [])
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step="check the path") from None
+    except PermissionError:
+        raise DataNotFound("no permission to read it", where=path, next_step="change its permissions") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise NotANumber(
             f"cannot be read as a CSV text file ({type(error).__name__})",
@@ -103,7 +120,9 @@ def _table(path: Path, header: list[str]) -> FloatArray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, comments=None, encoding="utf-8-sig")
+            table = np.loadtxt(
+                path, delimiter=",", skiprows=1, ndmin=2, comments=None, quotechar='"', encoding="utf-8-sig"
+            )
     except (ValueError, UnicodeDecodeError):
         raise _first_bad_cell(path, header) from None
     if table.size and table.shape[1] != len(header):
@@ -173,8 +192,10 @@ def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
             cause="samples were lost",
             next_step="split the file there, or fill lost rows with nan at the usual step",
         )
-    if not math.isfinite(1.0 / median):
-        raise TimeError("time steps are too small for any rate", where=path, next_step="time is in seconds")
+    if not math.isfinite(1.0 / median) or time_s[-1] - time_s[0] > LONGEST_S:
+        raise TimeError(
+            f"{time_s[-1] - time_s[0]:.4g} s in steps of {median:.4g} s", where=path, next_step="time is in seconds"
+        )
     from_zero: FloatArray = time_s - time_s[0]
     return from_zero
 

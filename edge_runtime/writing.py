@@ -56,5 +56,5 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
         f"cannot write ({error.strerror})",
         where=path,
         cause="no permission, a full disk, or a file where a folder belongs",
-        next_step="choose another place with --out",
+        next_step="choose another place to write to",
     )

@@ -16,7 +16,6 @@ from export.spec import StepSpec
 from export.step_graph import add_step
 from export.verify import verify
 
-DEFAULT_ARTIFACT = Path("build/default")
 MODEL_NAME = "holdfast.onnx"
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import SITUATIONS
+from edge_runtime.contract import SITUATIONS, BoolArray, FloatArray
 from export.forest import Forest, IntArray, leaf_votes
 from export.heads import Head
+from export.spec import RANGE_LIMIT, StepSpec
 
 FloatRows = npt.NDArray[np.float32]
 
@@ -45,3 +48,19 @@ def reference_heavy(votes: IntArray) -> npt.NDArray[np.bool_]:
 def situation_votes(votes: IntArray) -> IntArray:
     """Votes for the four situations; of eight classes, light and heavy are added up."""
     return votes if votes.shape[1] == len(SITUATIONS) else votes.reshape(len(votes), -1, 2).sum(axis=2)
+
+
+def reference_flags(values: FloatArray, valid: BoolArray, spec: StepSpec) -> dict[str, npt.NDArray[Any]]:
+    """settled, unknown and usable_sensors [T] by the guard's rule, told in plain Python, from a fresh state."""
+    delivered, lost = np.zeros(spec.n_sensors, int), np.zeros(spec.n_sensors, int)
+    flags: dict[str, list[Any]] = {"settled": [], "unknown": [], "usable_sensors": []}
+    for row, said in zip(values.reshape(len(values), -1, 3), valid, strict=True):
+        good = said & np.isfinite(row).all(axis=1) & (np.abs(row) < RANGE_LIMIT[spec.unit]).all(axis=1)
+        lost = np.where(good, 0, lost + 1)
+        delivered = np.where(good, delivered + 1, np.where(lost > spec.gap_samples, 0, delivered))
+        settled = delivered >= spec.settle_samples
+        usable = int((good & settled).sum())
+        flags["settled"].append(int(settled.sum()) >= spec.min_valid_sensors)
+        flags["unknown"].append(usable < spec.min_valid_sensors)
+        flags["usable_sensors"].append(usable)
+    return {name: np.array(told) for name, told in flags.items()}

@@ -22,6 +22,7 @@ from export.hard_rows import edge_rows, threshold_rows
 from export.heads import MAIN_HEAD, Head
 from export.reference import (
     FloatRows,
+    reference_flags,
     reference_heavy,
     reference_probability,
     reference_votes,
@@ -171,11 +172,14 @@ def _tied_votes(n_classes: int) -> Iterator[npt.NDArray[np.int64]]:
 
 
 def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
-    """The whole step, from the sample on: one recording alone equals the same one among many."""
+    """The whole step, from the sample on: flags by the rule, and one recording alone equals the same among many."""
     session = open_session(model.SerializeToString())
     values, valid = golden_input(spec.n_channels, spec.unit, spec.settle_samples)
     names = [o.name for o in session.get_outputs()]
     alone = run_recording(session, values, valid, [n for n in names if n != "state_out"])
+    for name, told in reference_flags(values, valid, spec).items():
+        if not np.array_equal(alone[name], told):
+            raise VerificationFailed(f"output {name!r} does not follow the guard's rule", next_step="report this")
     scale = np.random.default_rng(seed).uniform(0.1, 2.0, size=BATCH)
     scale[BATCH // 2] = 1.0
     many = StepGraph(session, BATCH, [n for n in names if n != "state_out"])

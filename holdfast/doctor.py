@@ -61,6 +61,8 @@ def examine() -> list[Finding]:
 def _safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
     try:
         return check()
+    except ModuleNotFoundError as error:
+        return [Finding(name, "missing", f"needs {error.name}", "only the live path is here: get the whole repository")]
     except Exception as error:  # a doctor who faints helps nobody
         return [Finding(name, "broken", f"{type(error).__name__}: {error}", "report this line")]
 

@@ -7,8 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from edge_runtime.command import seed
 from edge_runtime.monitor import Model
-from edge_runtime.writing import write_whole
+from edge_runtime.writing import require_writable, write_whole
 from training.datasets import load
 from training.evaluation import evaluate
 
@@ -18,12 +19,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
     parser.add_argument("--data", required=True, metavar="SET|FOLDER", help="a labelled set by name or path")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the intervals and the choice of groups")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the intervals and the choice of groups")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures here")
 
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, and write them as JSON."""
+    if args.json is not None:
+        require_writable(args.json.parent)
     model = Model(args.model)
     data = load(args.data, channels=model.card.n_channels, groups=args.groups, seed=args.seed, balanced=False)
     figures = evaluate(model, data, seed=args.seed)
@@ -48,6 +51,11 @@ def in_words(figures: dict[str, Any]) -> list[str]:
         head = figures["predict_250ms"]
         lines.append(f"0.25 s prediction: AUC          {_with_interval(head['auc'], head['auc_ci'])}")
         lines.append(f"  average precision {_with_interval(head['average_precision'], head['average_precision_ci'])}")
+    if figures["unknown_windows"]:
+        lines.append(
+            f"WARNING: the state is unknown at {figures['unknown_windows']} windows (lost or unsettled sensors); "
+            "they count as misses."
+        )
     if figures["trained_on_recordings"]:
         lines.append(
             f"WARNING: the model was trained on {figures['trained_on_recordings']} of these {figures['n_trials']} "

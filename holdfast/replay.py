@@ -40,9 +40,10 @@ def run(args: argparse.Namespace) -> int:
 def open_trial(trial: str, model: Model) -> Replay:
     """A prepared stream that fits the model. Raises a DataError."""
     name = trial.removeprefix(SCHEME)
-    source = _from_set(name, model) if "#" in name and not Path(name).exists() else open_replay(name)
+    from_set = "#" in name and not Path(name).exists()
+    source = _from_set(name, model) if from_set else open_replay(name)
     require_fit(model.card, n_channels=source.values.shape[1], unit=source.unit, rate_hz=source.rate_hz, where=trial)
-    return source if "#" in name else source.prepared(model.card.preparation)
+    return source if from_set else source.prepared(model.card.preparation)
 
 
 class ReplayClock:
@@ -64,7 +65,7 @@ def _from_set(name: str, model: Model) -> Replay:
     from training.datasets import load
 
     folder, _, chosen = name.rpartition("#")
-    data = load(folder, channels=model.card.n_channels)
+    data = load(folder, channels=model.card.n_channels, balanced=False)
     names = [recording.trial_id for recording in data.recordings]
     index = names.index(chosen) if chosen in names else int(chosen) if chosen.isdecimal() else len(names)
     if index >= len(names):

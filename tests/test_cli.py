@@ -597,4 +597,22 @@ def test_the_doctor_runs_where_no_package_is_installed_at_all(tmp_path: Path) ->
     found = {line["what"]: line for line in map(json.loads, done.stdout.splitlines())}
     assert found["numpy (live path)"]["status"] == found["scikit-learn (train)"]["status"] == "missing"
     assert found["numpy (live path)"]["next_step"] == "pip install holdfast"
-    assert found["onnxruntime"]["status"] == "broken"
+    assert found["onnxruntime"]["status"] == "missing"
+
+
+def test_windows_at_which_the_hand_would_say_unknown_count_as_misses(
+    run: Run, eight_classes: Built, tmp_path: Path
+) -> None:
+    shutil.copytree(eight_classes.fixture, tmp_path / "blind")
+    for trial in (tmp_path / "blind").rglob("*.csv"):
+        head, *lines = trial.read_text().splitlines()
+        trial.write_text("\n".join([f"{head},valid1", *(f"{line},0" for line in lines)]) + "\n")
+    code, out, _ = run("evaluate", eight_classes.model, "--data", tmp_path / "blind", "--json", tmp_path / "f.json")
+    figures = json.loads((tmp_path / "f.json").read_text())
+    assert (code, figures["situations"]["macro_f1"]) == (0, 0.0)
+    assert f"unknown at {figures['unknown_windows']} windows" in out
+
+
+@pytest.mark.parametrize("word", ["-1", "99999999999", "1.5", "seed"])
+def test_a_seed_no_generator_takes_is_a_usage_error(run: Run, word: str) -> None:
+    fails(run, 2, "UsageError", "train", f"--seed={word}", says="whole number from 0 to")

@@ -323,6 +323,17 @@ def test_probabilities_and_weight_are_verified_too(classes: tuple[str, ...], op:
         verify(model, SPEC, heads, rows)
 
 
+@pytest.mark.parametrize("flag", ["settled", "unknown"])
+def test_the_flags_of_the_guard_are_verified_too(flag: str) -> None:
+    forest, rows = fitted("extra", (0, 1, 2, 3), 5)
+    heads = [head_of(forest, SITUATIONS)]
+    model = whole_graph(SPEC, heads)
+    (node,) = [node for node in model.graph.node if node.output[0] == flag]
+    node.op_type = {"Less": "Greater", "GreaterOrEqual": "LessOrEqual"}[node.op_type]
+    with pytest.raises(VerificationFailed, match=flag):
+        verify(model, SPEC, heads, rows)
+
+
 def test_the_rule_for_ties_is_verified_where_no_row_is_tied() -> None:
     x = np.arange(40.0, dtype=np.float32).reshape(-1, 1).repeat(N_FEATURES, axis=1)
     forest = ExtraTreesClassifier(1, random_state=0).fit(x, np.arange(40) // 10)  # one tree of pure leaves

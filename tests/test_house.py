@@ -1,16 +1,23 @@
 """Sentences about the house itself: who may call whom, what the hand loads, what the locks hold."""
 
+from __future__ import annotations
+
 import ast
+import os
 import re
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from edge_runtime import errors
+
+if TYPE_CHECKING:
+    from conftest import Built
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -196,3 +203,13 @@ def test_every_error_stands_in_the_tree_and_below_its_parent() -> None:
         drawn[name] = path[depth - 1] if depth else "Exception"
     ours = [value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, Exception)]
     assert drawn == {error.__name__: str(error.__base__.__name__ if error.__base__ else "") for error in ours}
+
+
+def test_nothing_that_opens_a_model_leaves_telemetry_behind(tmp_path: Path, eight_classes: Built) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    clean = {key: value for key, value in os.environ.items() if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")}
+    for first in ("edge_runtime.monitor", "benchmarks.step", "export.forest"):
+        code = f"import {first}; from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, env={**clean, "HOME": str(home)})
+    assert list(home.rglob("*onnxruntime*")) == []

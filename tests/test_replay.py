@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from drivers.replay import open_replay
-from edge_runtime.contract import CLASSES, SITUATIONS, Prediction
-from edge_runtime.errors import DataNotFound, UnitError
+from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample
+from edge_runtime.errors import DataNotFound, TimeError, UnitError
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.output import to_json_line
 from edge_runtime.trial_file import read_trial
@@ -64,10 +64,12 @@ def test_a_model_of_eight_classes_says_the_weight_of_what_is_held_and_of_nothing
     lines = replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL)
     assert {line["state"] for line in lines} >= {"unknown", "nothing", "risky_slip"}
     for line in lines:
-        assert set(line["p_class"]) == set(CLASSES)
         assert line["extra"] == {}
-        known = line["state"] not in ("unknown", "nothing")
-        assert line["weight"] in (("light", "heavy") if known else (None,))
+        if line["state"] in ("unknown", "nothing"):
+            assert (line["p_class"], line["weight"]) == (None, None)
+            continue
+        assert set(line["p_class"]) == set(CLASSES)
+        assert line["weight"] in ("light", "heavy")
         for situation in SITUATIONS:
             both = line["p_class"][f"{situation}_light"] + line["p_class"][f"{situation}_heavy"]
             assert line["p_situation"][situation] == pytest.approx(both, abs=1e-6)
@@ -104,6 +106,34 @@ def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
     broken.write_text("\n".join(rows) + "\n")
     lines = replayed(capsys, eight_classes.model, broken)
     assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(range(100, 135))
+
+
+@pytest.mark.parametrize(("missing", "blind"), [(1, False), (2, True), (500, True)])
+def test_samples_that_never_came_are_lost_samples(eight_classes: Built, missing: int, blind: bool) -> None:
+    """At 50 Hz, 20 ms are one sample: a longer gap leaves half a second of history that is not the hand's own."""
+    monitor = GripMonitor(Model(eight_classes.model))
+    step_ns, still = 20_000_000, (np.zeros(18), np.ones(6, dtype=np.bool_))
+    before = [monitor.feed(Sample(k * step_ns, *still, k)) for k in range(40)]
+    assert before[-1].state != "unknown"
+    after = [monitor.feed(Sample((40 + missing + k) * step_ns, *still, 40 + missing + k)) for k in range(20)]
+    assert {answer.state == "unknown" for answer in after} == {blind}
+
+
+def test_time_that_runs_backwards_is_refused(eight_classes: Built) -> None:
+    monitor = GripMonitor(Model(eight_classes.model))
+    monitor.feed(Sample(1_000_000, np.zeros(18), np.ones(6, dtype=np.bool_), 0))
+    with pytest.raises(TimeError, match="older than the one before"):
+        monitor.feed(Sample(999_999, np.zeros(18), np.ones(6, dtype=np.bool_), 1))
+
+
+def test_a_number_sign_in_a_path_changes_no_answer(
+    eight_classes: Built, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    moved = tmp_path / "set #2" / "trial.csv"
+    moved.parent.mkdir()
+    shutil.copy(eight_classes.fixture / TRIAL, moved)
+    there = replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL)
+    assert answers(replayed(capsys, eight_classes.model, moved)) == answers(there)
 
 
 def answers(lines: list[Line]) -> list[Line]:

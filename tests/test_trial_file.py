@@ -143,3 +143,12 @@ def one_line_that_names(path: Path, error: DataError) -> None:
     assert str(error).startswith(f"{path}: ")
     assert "\n" not in str(error)
     assert error.next_step
+
+
+def test_rows_lost_in_a_short_gap_come_back_as_invalid_rows(tmp_path: Path) -> None:
+    path = tmp_path / "trial_1.csv"
+    path.write_text("\n".join([HEADER, *rows([0.0, 0.02, 0.04, 0.10, 0.12])]))
+    trial = read_trial(path)
+    np.testing.assert_allclose(trial.t_s, [0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12], atol=1e-12)
+    assert trial.valid.all(axis=1).tolist() == [True, True, True, False, False, True, True]
+    assert np.isnan(trial.raw).all(axis=1).tolist() == [False, False, False, True, True, False, False]

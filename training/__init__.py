@@ -1,1 +1,3 @@
 """TODO."""
+
+import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off

@@ -81,8 +81,10 @@ def _delays(data: DataSet, alarms: list[BoolArray]) -> list[float]:
     return [delay for delay in found if delay is not None]
 
 
-def _percentiles(delays: list[float]) -> dict[str, float | int]:
-    low, middle, high = np.percentile(delays, [5, 50, 95]) if delays else (np.nan,) * 3
+def _percentiles(delays: list[float]) -> dict[str, float | int | None]:
+    if not delays:
+        return {"n": 0, "p5": None, "p50": None, "p95": None}
+    low, middle, high = np.percentile(delays, [5, 50, 95])
     return {"n": len(delays), "p5": float(low), "p50": float(middle), "p95": float(high)}
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from edge_runtime.contract import SITUATIONS, FloatArray
 from edge_runtime.fit import require_fit
 from edge_runtime.graph import run_recordings
 from edge_runtime.monitor import Model
@@ -17,15 +20,17 @@ from training.recording import DataSet
 def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
     """Figures of a model on a set, with the keys of the issue; says how much of it the model has seen.
 
-    Every recording is streamed from a fresh state, as on the hand. Raises ChannelError, UnitError or
+    Every recording is streamed from a fresh state, as on the hand; a window at which the state would be
+    unknown counts as a miss. Raises ChannelError, UnitError or
     RateError where the set does not fit the model.
     """
     require_fit(model.card, n_channels=3 * data.n_sensors, unit=data.unit, rate_hz=data.rate_hz, where=data.name)
     data = with_situations(data)
     heads = [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
-    answers = stream(model, data, ["situation", *heads])
-    score = answers["predict_250ms"]["p_risky_250ms"] if "p_risky_250ms" in heads else None
-    figures = report(data, answers["situations"]["situation"], score, seed=seed)
+    answers = stream(model, data, ["situation", "unknown", *heads])
+    withheld = answers["situations"]["unknown"]
+    situation = np.where(withheld, len(SITUATIONS), answers["situations"]["situation"])
+    figures = report(data, situation, _risky_score(answers, heads), seed=seed)
     seen = set(model.card.raw["training"].get("recordings", ()))
     overlap = sum(fingerprint(recording) in seen for recording in data.recordings)
     return {
@@ -34,9 +39,18 @@ def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
         "data": data.name,
         "kind": data.kind,
         "trained_on_recordings": overlap,
+        "unknown_windows": int(withheld.sum()),
         "caveat": data.caveat,
         "seed": seed,
     }
+
+
+def _risky_score(answers: dict[str, dict[str, Any]], heads: list[str]) -> FloatArray | None:
+    """The further head's answer; where the hand would say unknown it predicts nothing."""
+    if "p_risky_250ms" not in heads:
+        return None
+    said = answers["predict_250ms"]
+    return np.where(said["unknown"], 0.0, said["p_risky_250ms"].astype(np.float64))
 
 
 def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, dict[str, Any]]:

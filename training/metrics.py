@@ -58,10 +58,13 @@ def situation_scores(
     n_draws: int = N_DRAWS,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """macro_f1, f1 by class and their intervals, from labels [M], [M] and groups [M]."""
+    """macro_f1, f1 by class and their intervals, from labels [M], [M] and groups [M].
+
+    A prediction of len(classes) means "unknown": an answer withheld, which misses what was there.
+    """
     n, code = len(classes), _codes(groups)
-    cells = (code * n + np.asarray(truth)) * n + np.asarray(predicted)
-    by_group = np.bincount(cells, minlength=(code.max() + 1) * n * n).reshape(-1, n, n)
+    cells = (code * n + np.asarray(truth)) * (n + 1) + np.asarray(predicted)
+    by_group = np.bincount(cells, minlength=(code.max() + 1) * n * (n + 1)).reshape(-1, n, n + 1)
     total = by_group.sum(axis=0)[None]
     draws = np.einsum("bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group)
     f1, f1_draws = _f1(total)[0], _f1(draws)
@@ -138,14 +141,14 @@ def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
-    """[.., n, n] counts (truth, predicted) -> [.., n] F1; nan for a class in neither."""
-    both = confusion.sum(axis=-1) + confusion.sum(axis=-2)
+    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1; nan for a class in neither."""
+    both = confusion.sum(axis=-1) + confusion[..., :-1].sum(axis=-2)
     right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
     return np.divide(right, both, out=np.full(both.shape, np.nan), where=both > 0)
 
 
 def _macro(confusion: npt.NDArray[Any], f1: FloatArray) -> FloatArray:
-    """[.., n, n] and [.., n] -> [..] mean F1 over the classes present in truth."""
+    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth."""
     present = confusion.sum(axis=-1) > 0
     return np.where(present, f1, 0.0).sum(axis=-1) / present.sum(axis=-1)
 

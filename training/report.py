@@ -116,8 +116,8 @@ def _eflesh(evidence: Evidence) -> str:
     figures = evidence.figures["eflesh_slip"]
     simple, delay, held = figures["one_threshold"], figures["delay_s"], figures["held_trials_with_an_alarm"]
     lines = "".join(
-        f"<tr><td>{name}<td>{trial:.3f}<td>{window:.3f}<td>{1000 * delay[name]['p5']:.0f}<td>{1000 * delay[name]['p50']:.0f}"
-        f"<td>{1000 * delay[name]['p95']:.0f}<td>{delay[name]['n']}<td>{held[name]}"
+        f"<tr><td>{name}<td>{trial:.3f}<td>{window:.3f}<td>{_ms(delay[name]['p5'])}<td>{_ms(delay[name]['p50'])}"
+        f"<td>{_ms(delay[name]['p95'])}<td>{delay[name]['n']}<td>{held[name]}"
         for name, trial, window in (
             ("forest", figures["trial_vote_accuracy"], figures["window_accuracy"]),
             ("one threshold", simple["trial_accuracy"], simple["window_accuracy"]),
@@ -131,6 +131,10 @@ The one threshold for the delays is 300 uT, a round number.</p>
 <div class=wide><table><tr><th><th>trials right<th>windows right<th>delay ms, 5 %<th>50 %<th>95 %<th>tugs counted<th>held trials with an alarm
 {lines}</table></div>
 {pictures.delays(evidence.eflesh.delays_s)}"""
+
+
+def _ms(seconds: float | None) -> str:
+    return "none" if seconds is None else f"{1000 * seconds:.0f}"
 
 
 def _replays(evidence: Evidence) -> str:

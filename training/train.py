@@ -14,7 +14,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import Parser, finish
+from edge_runtime.command import Parser, finish, seed
 
 DEFAULT_OUT = Path("build/default")
 FIXTURE_TRIALS = 8
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="artifact folder")
     parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of every random choice (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
 
 
 def run(args: argparse.Namespace) -> int:
