@@ -9,7 +9,8 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,9 @@ import onnx
 import onnxruntime as ort
 
 from edge_runtime.command import Parser, finish
-from edge_runtime.contract import FloatArray
+from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.golden import golden_input
-from edge_runtime.graph import StepGraph, open_session
+from edge_runtime.graph import StepGraph, open_session, run_recording
 from edge_runtime.monitor import Model
 from edge_runtime.timing import busy_wait, time_in_turns
 from edge_runtime.writing import write_whole
@@ -35,7 +36,7 @@ def run(path: Path) -> dict[str, Any]:
     model = Model(path)
     step = _step(model)
     floor_us = float(np.median(time_in_turns({"step": step}, turns=5)["step"]))
-    calls = {"whole step": step, "bare forests": _forests(path), "busy-wait (floor)": busy_wait(floor_us)}
+    calls = {"whole step": step, "bare forests": _forests(model), "busy-wait (floor)": busy_wait(floor_us)}
     times = time_in_turns(calls)
     rows = {name: _percentiles(values) for name, values in times.items()}
     return {
@@ -48,12 +49,10 @@ def run(path: Path) -> dict[str, Any]:
     }
 
 
-def _step(model: Model) -> Any:
+def _step(model: Model) -> Callable[[], object]:
     """Steps over the golden sequence, again and again: signal, gaps and faults in it."""
-    card = model.card
-    values, valid = golden_input(card.n_channels, card.unit, card.settle_samples)
-    graph = StepGraph(model.session)
-    turn = iter(np.tile(np.arange(len(values)), 1000))
+    values, valid = _golden(model)
+    graph, turn = StepGraph(model.session), cycle(range(len(values)))
 
     def step() -> None:
         index = next(turn)
@@ -64,21 +63,25 @@ def _step(model: Model) -> Any:
     return step
 
 
-def _forests(path: Path) -> Any:
-    """The forests alone on one row, bound to buffers as the whole step is."""
-    session = open_session(cut_forests(onnx.load(path)))
-    width = session.get_inputs()[0].shape[1]
-    row = np.random.default_rng(0).normal(size=(1, width)).astype(np.float32)
+def _forests(model: Model) -> Callable[[], object]:
+    """The forests alone, on the very rows the whole step hands them, bound to buffers as the whole step is."""
+    session = open_session(cut_forests(onnx.load(model.path)))
+    rows = run_recording(model.session, *_golden(model), ["features"])["features"]
+    row, turn = rows[:1].copy(), cycle(range(len(rows)))
     binding = session.io_binding()
     binding.bind_input("features", "cpu", 0, np.float32, row.shape, row.ctypes.data)
     for output in session.get_outputs():
         binding.bind_output(output.name, "cpu")
 
     def call() -> None:
+        row[0] = rows[next(turn)]
         session.run_with_iobinding(binding)
 
-    call.keep = row  # type: ignore[attr-defined]  # the bound buffer must outlive the call
     return call
+
+
+def _golden(model: Model) -> tuple[FloatArray, BoolArray]:
+    return golden_input(model.card.n_channels, model.card.unit, model.card.settle_samples)
 
 
 def _percentiles(times: FloatArray) -> dict[str, float]:
