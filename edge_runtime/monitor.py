@@ -93,7 +93,7 @@ class GripMonitor:
             self._graph.step()
 
     def _outputs(self) -> list[str]:
-        weight = ["p_class", "heavy"] if self.card.has_weight else []
+        weight = ["p_class", "weight"] if self.card.has_weight else []
         flags = ["detectors", "settled", "unknown", "usable_sensors"]
         return ["votes", "situation", "p_situation", *weight, *self.card.heads, *flags]
 
@@ -115,7 +115,7 @@ class GripMonitor:
             p_situation=p_situation,
             p_risky=p_situation["risky_slip"],
             p_class=_named(CLASSES, out["p_class"][0]) if weighs else None,
-            weight=("heavy" if out["heavy"][0] else "light") if weighs else None,
+            weight=("heavy" if out["weight"][0] else "light") if weighs else None,
             extra={name: float(out[name][0]) for name in self.card.heads},
             detectors={n: bool(f) for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)},
             arm=self._decision.arm,

@@ -111,7 +111,7 @@ def _wrong_others(head: Head, votes: npt.NDArray[np.int64], answers: dict[str, n
     if head.classes != CLASSES:
         return _far(answers["p_situation"], probability)
     by_situation = probability.reshape(len(votes), -1, 2).sum(axis=2)
-    wrong_weight = int((answers["heavy"] != reference_heavy(votes)).sum())
+    wrong_weight = int((answers["weight"] != reference_heavy(votes)).sum())
     return _far(answers["p_class"], probability) + _far(answers["p_situation"], by_situation) + wrong_weight
 
 

@@ -56,7 +56,7 @@ def fitted(
 
 def cut(model: onnx.ModelProto, rows: Rows) -> dict[str, npt.NDArray[Any]]:
     """What the forest in the whole graph answers to feature rows."""
-    names: list[str] = [n for n in ("votes", "situation", "p_situation", "p_class", "heavy") if n in published(model)]
+    names: list[str] = [n for n in ("votes", "situation", "p_situation", "p_class", "weight") if n in published(model)]
     part = Extractor(onnx.shape_inference.infer_shapes(model)).extract_model(["features"], names)
     return dict(zip(names, open_session(part.SerializeToString()).run(None, {"features": rows}), strict=True))
 
@@ -198,7 +198,7 @@ def test_light_and_heavy_are_added_up_before_situations_are_compared() -> None:
 def test_weight_is_voted_on_outside_of_nothing_and_a_tie_is_heavy(labels: list[int], heavy: bool) -> None:
     x = np.zeros((len(labels), N_FEATURES), dtype=np.float32)
     forest = ExtraTreesClassifier(1, bootstrap=False).fit(x, labels)
-    assert bool(cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])["heavy"][0]) == heavy
+    assert bool(cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])["weight"][0]) == heavy
 
 
 Wrong = Callable[[onnx.ModelProto], None]
