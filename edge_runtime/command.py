@@ -30,6 +30,22 @@ def seed(word: str) -> int:
     return number
 
 
+def run_script(
+    prog: str,
+    about: str,
+    add_arguments: Callable[[argparse.ArgumentParser], None],
+    run: Callable[[argparse.Namespace], int],
+) -> int:
+    """A verb run as a script of its own: parse sys.argv, run, end as every program of ours ends."""
+
+    def main(argv: Sequence[str]) -> int:
+        parser = Parser(prog=prog, description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+        add_arguments(parser)
+        return run(parser.parse_args(argv))
+
+    return finish(main, sys.argv[1:])
+
+
 def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
     """Run a program's main; errors and warnings become one line each on stderr, unless --debug is given."""
     if "--debug" not in argv:

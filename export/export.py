@@ -6,7 +6,6 @@ Without arguments it exports build/default. Nothing is written unless file and r
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 if not __package__:  # run as a script: the folder of the script is first on sys.path, where we shadow our own room
@@ -14,7 +13,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import Parser, finish
+from edge_runtime.command import run_script
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,12 +38,5 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse and run."""
-    parser = Parser(prog="export.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser)
-    return run(parser.parse_args(argv))
-
-
 if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))
+    sys.exit(run_script("export.py", str(__doc__), add_arguments, run))

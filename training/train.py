@@ -6,7 +6,6 @@ Without arguments it trains on the small generated fixture, into build/default.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 if not __package__:  # run as a script: the folder of the script is first on sys.path and shadows the rooms
@@ -14,7 +13,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import Parser, finish, seed
+from edge_runtime.command import run_script, seed
 
 DEFAULT_OUT = Path("build/default")
 FIXTURE_TRIALS = 8
@@ -61,12 +60,5 @@ def _fixture(out: Path) -> Path:
     return folder
 
 
-def main(argv: Sequence[str]) -> int:
-    """Parse and run."""
-    parser = Parser(prog="train.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser)
-    return run(parser.parse_args(argv))
-
-
 if __name__ == "__main__":
-    sys.exit(finish(main, sys.argv[1:]))
+    sys.exit(run_script("train.py", str(__doc__), add_arguments, run))
