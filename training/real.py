@@ -86,7 +86,9 @@ def table_rows(data: DataSet, figures: dict[str, Any], plan: TrainingPlan, seed:
     say("warning: a clock")
     rows["WARNING: a clock, time since contact and summed force"] = baselines.clock(everything, seed=seed)
     say("warning: windows split at random")
-    rows["WARNING: leaky, raw forest on random windows, 18 channels"] = baselines.leaky(data, seed=seed)
+    rows[f"WARNING: leaky, raw forest on random windows, {baselines.LEAKY_FOLDS} folds"] = baselines.leaky(
+        data, seed=seed
+    )
     return {name: {key: row[key] for key in ("situations", "predict_250ms")} for name, row in rows.items()}
 
 
