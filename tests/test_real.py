@@ -1,0 +1,144 @@
+"""The whole main job on real recordings, in small: few people, few trees."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from training import baselines
+from training.ablation import rows_of, table
+from training.crossval import HeldOut, cross_validate
+from training.datasets import keep_groups, load
+from training.eflesh_study import EfleshStudy, study_eflesh
+from training.featurise import FloatRows, cpu_cost, features_of, spec_for
+from training.fitting import held_out_figures, versions
+from training.plan import CLOCK_FREE_GROUPS, ForestPlan, TrainingPlan
+from training.proactive_study import ReplayPicture, study_proactive
+from training.real import verification_of
+from training.real_table import main as write_table
+from training.recording import DataSet
+from training.report import Evidence, write_report
+from training.streamed_fold import stream_one_fold
+
+pytestmark = pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)
+PLAN = TrainingPlan(situation=FEW, prediction=FEW, folds=3)
+Small = tuple[DataSet, dict[str, FloatRows], HeldOut]
+
+
+@pytest.fixture(scope="module")
+def small(real_set: Callable[[str], Path]) -> Small:
+    data = keep_groups(load(real_set("human_slip_uskin")), 3)
+    spec = spec_for(data, PLAN.groups)
+    features = features_of(data, spec)
+    return data, features, cross_validate(data, features, PLAN, verify_spec=spec)
+
+
+@pytest.fixture(scope="module")
+def eflesh(real_set: Callable[[str], Path]) -> EfleshStudy:
+    return study_eflesh(load(real_set("eflesh_slip")), PLAN)
+
+
+@pytest.fixture(scope="module")
+def replays(real_set: Callable[[str], Path]) -> list[ReplayPicture]:
+    return study_proactive(load(real_set("proactive_slip_uskin")), PLAN)
+
+
+def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(small: Small) -> None:
+    """Labels that only say who it is cannot be learned from other people."""
+    data, features, _ = small
+    people = np.unique(data.group_of("situations"), return_inverse=True)[1]
+    rows = data.tasks["situations"]
+    named = DataSet(**{**vars(data), "tasks": {"situations": type(rows)(rows.trial, rows.row, people, rows.classes)}})
+    votes = cross_validate(named, {"situations": features["situations"]}, PLAN).votes["situations"]
+    assert not votes[np.arange(len(votes)), people].any()
+
+
+def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out_row(small: Small) -> None:
+    data, _, held_out = small
+    checked = verification_of(held_out)
+    assert checked["heldout_rows"] == sum(len(rows) for rows in data.tasks.values())
+    assert (checked["folds"], checked["label_mismatches"], checked["vote_mismatches"]) == (3, 0, 0)
+
+
+def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(small: Small, tmp_path: Path) -> None:
+    data, features, held_out = small
+    streamed = stream_one_fold(data, features, PLAN, held_out, tmp_path, 0)
+    assert streamed["label_mismatches"] == 0
+    assert streamed["trained_on_recordings"] == streamed["unknown_windows"] == 0
+    assert streamed["rows"] > 1000
+
+
+def test_a_leaky_split_flatters(small: Small, monkeypatch: pytest.MonkeyPatch) -> None:
+    data, _, _ = small
+    monkeypatch.setattr(baselines, "RAW_BASELINE", TrainingPlan(groups=("window",), situation=FEW, prediction=FEW))
+    honest, wrong = baselines.raw_forest(data, folds=3), baselines.leaky(data)
+    assert wrong["situations"]["macro_f1"] > honest["situations"]["macro_f1"]
+    assert wrong["predict_250ms"]["auc"] > honest["predict_250ms"]["auc"]
+
+
+def test_eflesh_stands_beside_one_threshold_with_a_delay_for_every_tug_that_departs(eflesh: EfleshStudy) -> None:
+    figures = eflesh.figures
+    assert figures["one_threshold"]["trial_accuracy"] == pytest.approx(136 / 137)
+    assert 0.9 < figures["trial_vote_accuracy"] <= 1.0
+    for name, delay in figures["delay_s"].items():
+        assert delay["n"] == len(eflesh.delays_s[name]) > 90
+        assert delay["p5"] <= delay["p50"] <= delay["p95"] < 0.5
+
+
+def test_two_slips_are_replayed_one_that_recovers_and_one_that_fails(replays: list[ReplayPicture]) -> None:
+    assert sorted(picture.title for picture in replays) == ["a slip that ends in failure", "a slip that recovers"]
+    for picture in replays:
+        assert 3 in picture.truth if "failure" in picture.title else 2 in picture.truth
+        assert (picture.answer[: picture.settled_from] == -1).all()
+
+
+@pytest.fixture
+def evidence(small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture], tmp_path: Path) -> Evidence:
+    data, _, held_out = small
+    figures: dict[str, Any] = held_out_figures(data, held_out)
+    figures |= {"data": data.name, "caveat": data.caveat, "clock_free": "nothing old", "seed": 0, "seconds": 1.0}
+    figures |= {"rows": {"ours": dict(figures), "WARNING: a clock": dict(figures)}, "versions": versions()}
+    figures |= {"eflesh_slip": eflesh.figures, "verification": verification_of(held_out)}
+    figures["streamed_fold"] = {"rows": 1, "label_mismatches": 0}
+    figures["features_cost"] = cpu_cost(data, spec_for(data, PLAN.groups))
+    return Evidence(data, held_out, figures, eflesh, replays)
+
+
+def test_the_report_is_one_file_that_asks_nobody_for_anything_and_says_its_caveat(
+    evidence: Evidence, tmp_path: Path
+) -> None:
+    page = write_report(tmp_path / "report.html", evidence).read_text()
+    assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", page) == []
+    assert page.count("<svg") == 7
+    assert evidence.data.caveat.replace("'", "&#x27;") in page
+    assert f"{evidence.figures['situations']['macro_f1']:.3f}" in page
+
+
+def test_the_readmes_table_is_replaced_and_nothing_else(evidence: Evidence, tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text(json.dumps(evidence.figures))
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- real: by command -->\nstale\n<!-- /real -->\nafter\n")
+    write_table(str(tmp_path / "metrics.json"), str(page))
+    text = page.read_text()
+    assert text.startswith("before\n<!-- real: by command -->\n")
+    assert text.endswith("<!-- /real -->\nafter\n")
+    assert "stale" not in text
+    assert f"| ours | {evidence.figures['situations']['macro_f1']:.3f} (" in text
+    assert evidence.data.caveat in text
+
+
+def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free() -> None:
+    rows = rows_of(CLOCK_FREE_GROUPS)
+    assert rows["default"] == CLOCK_FREE_GROUPS
+    assert all(f"without {group}" in rows for group in CLOCK_FREE_GROUPS)
+    assert "bands" in rows["with bands"]
+    cost = {"macro_f1": 0.5, "auc": 0.5, "us": 1.0, "nodes": 3, "features": 2}
+    text = table({"default": cost | {"clock_free": True}, "with bands": cost | {"clock_free": False}})
+    assert [line.rsplit("| ", 1)[1] for line in text.splitlines()[2:]] == ["yes |", "NO |"]
