@@ -18,7 +18,7 @@ import numpy as np
 import onnx
 import onnxruntime as ort
 
-from edge_runtime.command import Parser, finish
+from edge_runtime.command import Parser, finish, place
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import StepGraph, open_session, run_recording
@@ -91,8 +91,8 @@ def _percentiles(times: FloatArray) -> dict[str, float]:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write step.json, print the table."""
     parser = Parser(prog="step.py", description="one step beside its bare forests and the machine's jitter")
-    parser.add_argument("--model", type=Path, default=DEFAULT_MODEL, metavar="FILE")
-    parser.add_argument("--out", type=Path, default=Path("build/bench"), metavar="DIR")
+    parser.add_argument("--model", type=place, default=DEFAULT_MODEL, metavar="FILE")
+    parser.add_argument("--out", type=place, default=Path("build/bench"), metavar="DIR")
     args = parser.parse_args(argv)
     result = run(args.model)
     write_whole(args.out / "step.json", json.dumps(result, indent=2) + "\n")

@@ -9,6 +9,7 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NoReturn, TextIO
 
 from edge_runtime.errors import HoldfastError, OutputError, UsageError
@@ -28,6 +29,13 @@ def seed(word: str) -> int:
     if not 0 <= number < 2**32:
         raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from 0 to {2**32 - 1}")
     return number
+
+
+def place(word: str) -> Path:
+    """A path from the command line; an empty one is a variable somebody forgot to set, not the folder we are in."""
+    if not word.strip():
+        raise argparse.ArgumentTypeError("an empty path")
+    return Path(word)
 
 
 def run_script(

@@ -13,13 +13,13 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import run_script
+from edge_runtime.command import place, run_script
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast export`."""
-    parser.add_argument("artifact", nargs="?", type=Path, default=Path("build/default"), metavar="DIR")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="default: DIR/holdfast.onnx")
+    parser.add_argument("artifact", nargs="?", type=place, default=Path("build/default"), metavar="DIR")
+    parser.add_argument("--out", type=place, metavar="FILE", help="default: DIR/holdfast.onnx")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
-from edge_runtime.command import seed
+from edge_runtime.command import place, seed
 from edge_runtime.monitor import Model
 from edge_runtime.writing import require_writable, write_whole
 from training.datasets import load
@@ -20,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", required=True, metavar="SET|FOLDER", help="a labelled set by name or path")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the intervals and the choice of groups")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the figures here")
+    parser.add_argument("--json", type=place, metavar="OUT", help="write the figures here")
 
 
 def run(args: argparse.Namespace) -> int:

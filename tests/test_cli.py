@@ -616,3 +616,8 @@ def test_windows_at_which_the_hand_would_say_unknown_count_as_misses(
 @pytest.mark.parametrize("word", ["-1", "99999999999", "1.5", "seed"])
 def test_a_seed_no_generator_takes_is_a_usage_error(run: Run, word: str) -> None:
     fails(run, 2, "UsageError", "train", f"--seed={word}", says="whole number from 0 to")
+
+
+@pytest.mark.parametrize("words", [("train", "--out", ""), ("export", ""), ("export", "x", "--out", " ")])
+def test_an_empty_path_is_a_usage_error_and_not_the_folder_we_are_in(run: Run, words: tuple[str, ...]) -> None:
+    fails(run, 2, "UsageError", *words, says="an empty path")

@@ -116,7 +116,7 @@ def test_the_report_is_one_file_that_asks_nobody_for_anything_and_says_its_cavea
 ) -> None:
     page = write_report(tmp_path / "report.html", evidence).read_text()
     assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", page) == []
-    assert page.count("<svg") == 7
+    assert page.count("<svg") == 8
     assert evidence.data.caveat.replace("'", "&#x27;") in page
     assert f"{evidence.figures['situations']['macro_f1']:.3f}" in page
 

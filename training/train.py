@@ -13,7 +13,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import run_script, seed
+from edge_runtime.command import place, run_script, seed
 
 DEFAULT_OUT = Path("build/default")
 FIXTURE_TRIALS = 8
@@ -23,7 +23,7 @@ FIXTURE_TRIALS = 8
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast train`."""
     parser.add_argument("--data", metavar="SET|FOLDER", help="a set by name or path (default: the fixture)")
-    parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="artifact folder")
+    parser.add_argument("--out", type=place, default=DEFAULT_OUT, metavar="DIR", help="artifact folder")
     parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
