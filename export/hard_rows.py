@@ -32,6 +32,12 @@ def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
     return hard
 
 
+def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
+    """What a float64 threshold means to float32 rows: the largest float32 that still goes left."""
+    near = threshold.astype(np.float32)
+    return np.where(near > threshold, np.nextafter(near, np.float32(-np.inf)), near)
+
+
 class _Branches:
     """A tree's branches as lists, because they are walked one by one.
 
@@ -39,8 +45,7 @@ class _Branches:
     """
 
     def __init__(self, tree: Any) -> None:
-        on = tree.threshold.astype(np.float32)
-        at = np.where(on > tree.threshold, np.nextafter(on, np.float32(-np.inf)), on)
+        at = largest_float32_not_above(tree.threshold)
         around = (at, np.nextafter(at, np.float32(-np.inf)), np.nextafter(at, np.float32(np.inf)))
         self.beside = [side.tolist() for side in around]
         self.feature = tree.feature.tolist()

@@ -30,6 +30,7 @@ from export.reference import (
     situation_votes,
 )
 from export.spec import StepSpec
+from export.structure import require_same_trees
 
 SINGLE_ROWS = 2_000
 PROBABILITY_TOLERANCE = 1e-5
@@ -50,7 +51,8 @@ def verify(model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: Floa
     for head in heads:
         hard = np.concatenate([rows, threshold_rows(head.forest, rows, seed), edge_rows(head.forest)])
         votes = _run(forests, hard, CHUNK)
-        report["heads"][head.name] = _compare(head, hard, votes, len(rows))
+        nodes = require_same_trees(model, head, _votes(head))
+        report["heads"][head.name] = {**_compare(head, hard, votes, len(rows)), "nodes": nodes}
         single += _compare_single(forests, hard, votes, seed)
     report["ties_checked"] = _check_ties(model, heads)
     report["single_rows"] = single

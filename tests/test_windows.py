@@ -16,7 +16,7 @@ from edge_runtime.errors import ClassMissing
 from export.spec import StepSpec, window_samples
 from training.datasets import thesis
 from training.fixture import write_fixture
-from training.objects import OBJECTS, is_heavy
+from training.objects import MASSES_G, is_heavy
 from training.recording import DataSet, Recording
 from training.timeline import Phase, whole
 from training.windows import (
@@ -195,7 +195,7 @@ def test_no_soft_ball_is_ever_labelled_heavy_nor_any_other_object_against_its_ma
     for trial, label in zip(task.trial, task.label, strict=True):
         name = data.recordings[trial].object_name
         if name is not None:
-            assert label % 2 == is_heavy(OBJECTS[name].mass_g)
+            assert label % 2 == is_heavy(MASSES_G[name])
 
 
 def test_grasping_a_soft_ball_before_its_release_is_a_grasp_and_not_a_risky_slip(data: DataSet) -> None:

@@ -24,12 +24,12 @@ from edge_runtime.writing import require_writable, write_whole
 from export.features import GROUPS, feature_count
 from export.spec import StepSpec
 from export.step_graph import feature_graph
-from training.crossval import cross_validate
+from training.crossval import Say, cross_validate
 from training.datasets import load
 from training.featurise import features_of, spec_for
 from training.fitting import held_out_figures, versions
 from training.plan import TrainingPlan
-from training.progress import Say, stages
+from training.progress import stages
 from training.recording import DataSet
 
 HUMAN = "human_slip_uskin"

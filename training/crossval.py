@@ -1,7 +1,7 @@
 """Cross-validation in which a person is never on both sides, and calibration from its held-out votes.
 
 Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported file's:
-with `verified` every fold's forest really is exported and compared on every held-out row.
+with `verify_spec` every fold's forest really is exported and compared on every held-out row.
 """
 
 from __future__ import annotations

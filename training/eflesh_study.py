@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
+from edge_runtime.decision import DecisionRules
 from export.reference import reference_votes, riskier_argmax
 from training.crossval import fit_forest
 from training.datasets.eflesh_slip import amplitude, detection_delay_s, threshold_baseline
@@ -18,8 +19,8 @@ from training.plan import TrainingPlan
 from training.recording import DataSet
 from training.splits import assign_groups, folds_of
 
-ACT_SAMPLES = 2
-"""An alarm is so many risky samples in a row, as the default decision rules act."""
+ACT_SAMPLES = DecisionRules().act_samples
+"""An alarm is so many risky samples in a row, as the hand would act on it."""
 AMPLITUDE_ALARM_UT = 300.0
 """The one-threshold alarm the delays stand beside (norm over 18 channels); a round number, not tuned."""
 

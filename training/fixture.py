@@ -22,7 +22,7 @@ from edge_runtime.contract import (
     channel_names,
 )
 from edge_runtime.trial_file import TIME_COLUMN
-from training.objects import OBJECTS, is_heavy
+from training.objects import MASSES_G, is_heavy
 from training.timeline import ACTIONS, truth_path
 
 KIND = "generated fixture"
@@ -106,7 +106,7 @@ def write_fixture(folder: Path, *, trials_per_cell: int = 4, rate_hz: float = 50
     rng = np.random.default_rng(seed)
     hand = _Hand(rng)
     for name in FIXTURE_OBJECTS:
-        risky = "fall" if is_heavy(OBJECTS[name].mass_g) else "pull"
+        risky = "fall" if is_heavy(MASSES_G[name]) else "pull"
         for action in ("pass", risky, "put-down"):
             for number in range(1, trials_per_cell + 1):
                 scene = _trial(name, action, rng.spawn(1)[0], rate_hz)
@@ -120,7 +120,7 @@ def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> 
     """Nothing, grasp, hold, act at about 7 s, after a put-down release at about 10 s, nothing."""
     in_steps = action == "put-down" or (name, action) == ("full-bottle", "pass")
     scene = _Scene(rng, (10.5 if in_steps else 7.5) + TAIL_S, rate_hz)
-    weight_n = OBJECTS[name].mass_g * NEWTON_PER_GRAM / N_SENSORS
+    weight_n = MASSES_G[name] * NEWTON_PER_GRAM / N_SENSORS
     act_s = scene.some(6.8, 7.5)
     _grasp(scene, weight_n, held_by_other=action == "fall")
     if in_steps:

@@ -7,30 +7,19 @@ window of it: the mass comes from the table below or from `meta.json` beside the
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.contract import LIGHT_BELOW_G
 from edge_runtime.errors import LabelError
 
-
-@dataclass(frozen=True)
-class KnownObject:
-    """One object: mass_g, widths_mm where a hand closes on it (largest first), height_mm if it differs."""
-
-    mass_g: float
-    widths_mm: tuple[float, ...]
-    height_mm: float | None = None
-
-
-OBJECTS = {
-    "soft-ball": KnownObject(15.1, (69.0,)),
-    "empty-bottle": KnownObject(21.2, (63.0,), 230.0),
-    "basket-ball": KnownObject(83.1, (60.0,)),
-    "hard-ball": KnownObject(197.9, (60.0,)),
-    "full-bottle": KnownObject(517.3, (63.0,), 230.0),
-    "apple": KnownObject(20.3, (77.0, 56.0), 86.5),
+MASSES_G = {
+    "soft-ball": 15.1,
+    "empty-bottle": 21.2,
+    "basket-ball": 83.1,
+    "hard-ball": 197.9,
+    "full-bottle": 517.3,
+    "apple": 20.3,
 }
 ALIASES = {"colabottle": "full-bottle"}
 
@@ -38,7 +27,7 @@ ALIASES = {"colabottle": "full-bottle"}
 def object_name(folder_name: str) -> str:
     """The table's name of a folder: `softball`, `Soft_Ball` and `soft-ball` are one object."""
     plain = plain_word(folder_name)
-    known = {plain_word(name): name for name in OBJECTS} | ALIASES
+    known = {plain_word(name): name for name in MASSES_G} | ALIASES
     return known.get(plain, folder_name)
 
 
@@ -59,8 +48,8 @@ def mass_g(folder: Path) -> float:
     """
     name = object_name(folder.name)
     told = read_json(folder / "meta.json").get("mass_g")
-    if told is None and name in OBJECTS:
-        return OBJECTS[name].mass_g
+    if told is None and name in MASSES_G:
+        return MASSES_G[name]
     if told is None:
         raise LabelError(
             f"nobody knows how heavy {folder.name!r} is",

@@ -24,14 +24,14 @@ from edge_runtime.writing import require_writable, write_whole
 from export.artifact import Artifact, write_artifact
 from export.exporting import export_artifact
 from training import baselines
-from training.crossval import HeldOut, cross_validate
+from training.crossval import HeldOut, Say, cross_validate
 from training.datasets import load
 from training.eflesh_study import study_eflesh
 from training.featurise import cpu_cost, features_of, spec_for
 from training.fitting import final_artifact, held_out_figures, versions
 from training.plan import TrainingPlan
 from training.proactive_study import study_proactive
-from training.progress import Say, stages
+from training.progress import stages
 from training.recording import DataSet
 from training.report import Evidence, write_report
 from training.streamed_fold import stream_one_fold
