@@ -1,0 +1,71 @@
+"""What is held: mass, size, shape, friction and stiffness.
+
+Masses and sizes are the thesis'; friction against silicone and stiffness are ours, plausible for foam, PET, rubber
+and printed plastic, and varied from trial to trial by the card. A card may add objects of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from simulation.values import Parameter
+
+OBJECT_KEYS = {
+    "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),
+    "radius_mm": Parameter(30.0, "mm", 5.0, 60.0, "radius of curvature across the grip"),
+    "axial_radius_mm": Parameter(0.0, "mm", 0.0, 1000.0, "radius of curvature along the axis; 0: a cylinder"),
+    "half_length_mm": Parameter(0.0, "mm", 0.0, 500.0, "half the straight length of a cylinder; 0 for a ball"),
+    "friction": Parameter(0.7, "", 0.0, 3.0, "static friction coefficient on silicone"),
+    "kinetic_share": Parameter(0.8, "", 0.0, 1.0, "kinetic over static friction"),
+    "stiffness_n_per_m": Parameter(1e4, "N/m", 50.0, 1e7, "of the object, in series with a finger"),
+}
+EDGE_RADIUS_MM = 5.0
+"""A cylinder ends in a rounded edge of this radius."""
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One object; a ball where axial_radius_mm is above zero, else a cylinder with rounded ends."""
+
+    name: str
+    mass_g: float
+    radius_mm: float
+    axial_radius_mm: float
+    half_length_mm: float
+    friction: float
+    kinetic_share: float
+    stiffness_n_per_m: float
+
+    @property
+    def curvature_per_m(self) -> tuple[float, float]:
+        """(across the grip, along the axis or at its edge), 1/m."""
+        return 1e3 / self.radius_mm, 1e3 / (self.axial_radius_mm or EDGE_RADIUS_MM)
+
+
+def thing(name: str, told: Mapping[str, Any]) -> Thing:
+    """An object from a card's table; what is not told has the default."""
+    return Thing(name, **{key: float(told.get(key, p.default)) for key, p in OBJECT_KEYS.items()})
+
+
+def _ball(name: str, mass_g: float, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0) -> Thing:
+    return Thing(name, mass_g, diameter_mm / 2, (tall_mm or diameter_mm) / 2, 0.0, friction, 0.8, stiffness)
+
+
+def _bottle(name: str, mass_g: float, stiffness: float) -> Thing:
+    return Thing(name, mass_g, 31.5, 0.0, 100.0, 0.6, 0.8, stiffness)
+
+
+OBJECTS = {
+    thing.name: thing
+    for thing in (
+        _ball("soft-ball", 15.1, 69.0, 0.8, 1.5e3),
+        _bottle("empty-bottle", 21.2, 3e3),
+        _ball("basket-ball", 83.1, 60.0, 0.8, 5e3),
+        _ball("hard-ball", 197.9, 60.0, 0.6, 1e5),
+        _bottle("full-bottle", 517.3, 2e4),
+        _ball("apple", 20.3, 66.5, 0.5, 2e4, tall_mm=86.5),
+    )
+}
+OBJECT_FIELDS = tuple(field.name for field in fields(Thing) if field.name != "name")

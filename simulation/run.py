@@ -1,0 +1,169 @@
+"""Trials through the core, a batch at a time: forces at every sample, and what really happened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray
+from simulation.core import N_CONTACTS, SIDE, State, at_rest, step
+from simulation.effect import NO_EFFECTS, PhysicsEffects
+from simulation.protocol import Trial
+from simulation.script import Interval, Script, Times, body_of, busy, step_times
+
+CHUNK = 64
+SLIDES_M_S = 2e-4
+"""Slower than this an element creeps about its equilibrium and does not slip."""
+ONE_ELEMENT = np.ones(1)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """How a batch is stepped: step_s where anything can happen, pressure [E] of the brush, effects, averaging.
+
+    average_s: the sensor reports the mean over so long before each sample (0: the value at the sample).
+    busy: further fine intervals of every lane. everywhere_fine: no coarse steps at all.
+    """
+
+    rate_hz: float
+    step_s: float
+    pressure: FloatArray = field(default_factory=lambda: ONE_ELEMENT)
+    effects: PhysicsEffects = NO_EFFECTS
+    average_s: float = 0.0
+    busy: tuple[tuple[Interval, ...], ...] = ()
+    everywhere_fine: bool = False
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What one trial left: forces_n [T, 6, 3] at t_s [T], and per step [K] what really happened.
+
+    position_m [T, 3] of the object; shut [T] of the hand (0 open, 1 closed on the object); per step: at_s,
+    agents_n [K, 3], gripped [K] (any contact), slips and slides [K] (any, every touching element slides),
+    slip_m [K] (mean travel of the touching contacts so far).
+    """
+
+    t_s: FloatArray
+    forces_n: FloatArray
+    position_m: FloatArray
+    at_s: FloatArray
+    agents_n: FloatArray
+    gripped: FloatArray
+    slips: FloatArray
+    slides: FloatArray
+    slip_m: FloatArray
+
+
+class _Tape:
+    """Arrays that a batch writes while it runs."""
+
+    def __init__(self, n_steps: int, n_samples: int, lanes: int) -> None:
+        self.forces = np.zeros((n_samples, N_CONTACTS, 3, lanes))
+        self.position = np.zeros((n_samples, 3, lanes))
+        self.agents = np.zeros((n_steps, 3, lanes), dtype=np.float32)
+        self.gripped, self.slips, self.slides = (np.zeros((n_steps, lanes), dtype=np.bool_) for _ in range(3))
+        self.slip = np.zeros((n_steps, lanes), dtype=np.float32)
+
+
+def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
+    """Step a batch of trials to their ends; a trial's result does not depend on the batch it is in."""
+    if len(trials) == 1:  # numpy sums a single lane in another order
+        return run_batch([trials[0], trials[0]], _twice(loop))[:1]
+    grids = [_grid(trial, loop, index) for index, trial in enumerate(trials)]
+    at_s, sample = _stack(grids)
+    body = body_of(trials, loop.pressure)
+    script = Script(trials, body)
+    before_s = np.vstack([np.zeros((1, len(trials))), at_s[:-1]])
+    first = script.chunk(np.zeros((1, len(trials))))[0]
+    state = at_rest(body, first.closure_m)
+    tape = _Tape(len(at_s), int(sample.max()) + 1, len(trials))
+    mean = _Mean(loop, body.mass_kg.shape[0]) if loop.average_s else None
+    travel = np.zeros((N_CONTACTS, len(trials)))
+    for start in range(0, len(at_s), CHUNK):
+        inputs = script.chunk(at_s[start : start + CHUNK])
+        for k, now in enumerate(inputs, start):
+            dt_s = at_s[k] - before_s[k]
+            step(body, state, now, dt_s, at_s[k], loop.effects)
+            travel += state.slip_m_s.mean(axis=0) * dt_s
+            _note(tape, k, state, travel)
+            if mean is not None:
+                mean.add(body, state, at_s[k], dt_s)
+            ends = np.flatnonzero(sample[k] >= 0)
+            if ends.size:
+                _sample(tape, sample[k, ends], ends, body.brush_n_per_m, state, mean)
+    return [_motion(tape, loop.rate_hz, lane, *grid) for lane, grid in enumerate(grids)]
+
+
+def _twice(loop: Loop) -> Loop:
+    raise NotImplementedError
+
+
+def _grid(trial: Trial, loop: Loop, index: int) -> tuple[FloatArray, FloatArray]:
+    end_s = Times.of(trial).end
+    fine = [(0.0, end_s)] if loop.everywhere_fine else busy(trial)
+    more = loop.busy[index] if loop.busy else ()
+    return step_times(loop.rate_hz, loop.step_s, end_s, [*fine, *more])
+
+
+def _stack(grids: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """[K, B] times and samples; a lane that has ended goes on in steps of its last one, unheard."""
+    longest = max(len(at) for at, _ in grids)
+    at_s, sample = np.empty((longest, len(grids))), np.full((longest, len(grids)), -1, dtype=np.int64)
+    for lane, (at, number) in enumerate(grids):
+        n = len(at)
+        at_s[:n, lane], sample[:n, lane] = at, number
+        at_s[n:, lane] = at[-1] + (at[-1] - at[-2]) * np.arange(1, longest - n + 1)
+    return at_s, sample
+
+
+def _note(tape: _Tape, k: int, state: State, travel: FloatArray) -> None:
+    touching = state.normal_n > 0.0
+    count = touching.sum(axis=0)
+    fast = state.slip_m_s > SLIDES_M_S
+    tape.agents[k] = state.agents_n
+    tape.gripped[k] = count > 0
+    tape.slips[k] = (fast.any(axis=0) & touching).any(axis=0)
+    tape.slides[k] = (fast.all(axis=0) | ~touching).all(axis=0) & (count > 0)
+    tape.slip[k] = (travel * touching).sum(axis=0) / np.maximum(count, 1)
+
+
+def _forces(brush: FloatArray, state: State, lanes: FloatArray) -> FloatArray:
+    """[6, 3, n] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it moves."""
+    shear = (brush[..., lanes] * state.stretch_m[..., lanes]).sum(axis=1)
+    return np.stack([shear[0], shear[1] * -SIDE, state.normal_n[:, lanes]], axis=1)
+
+
+class _Mean:
+    """Averaging as the chip does: the mean over its conversion time before each sample."""
+
+    def __init__(self, loop: Loop, lanes: int) -> None:
+        self.window_s, self.period_s = loop.average_s, 1.0 / loop.rate_hz
+        self.total, self.weight = np.zeros((N_CONTACTS, 3, lanes)), np.zeros(lanes)
+        self.lanes = np.arange(lanes)
+
+    def add(self, body: object, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
+        raise NotImplementedError
+
+
+def _sample(
+    tape: _Tape, rows: FloatArray, lanes: FloatArray, brush: FloatArray, state: State, mean: _Mean | None
+) -> None:
+    tape.position[rows, :, lanes] = state.position_m[:, lanes].T
+    tape.forces[rows, :, :, lanes] = np.moveaxis(_forces(brush, state, lanes), 2, 0)
+
+
+def _motion(tape: _Tape, rate_hz: float, lane: int, at_s: FloatArray, sample: FloatArray) -> Motion:
+    n, k = int(sample.max()) + 1, len(at_s)
+    return Motion(
+        t_s=np.arange(n) / rate_hz,
+        forces_n=tape.forces[:n, :, :, lane],
+        position_m=tape.position[:n, :, lane],
+        at_s=at_s,
+        agents_n=tape.agents[:k, :, lane],
+        gripped=tape.gripped[:k, lane],
+        slips=tape.slips[:k, lane],
+        slides=tape.slides[:k, lane],
+        slip_m=tape.slip[:k, lane],
+    )
