@@ -12,6 +12,7 @@
     |   |-- UnitError                 a unit that does not fit the model
     |   |-- ChannelError              a number of channels that does not fit
     |   |-- LabelError                what labels need (mass, action, truth) is missing or broken
+    |   |-- CardError                 a scene's card says what cannot be
     |   |-- ClassMissing              a class without a single window
     |   `-- TooFewGroups              fewer people (or blocks) than a split needs
     |-- ModelError                4   a model file cannot be used
@@ -98,6 +99,10 @@ class ChannelError(DataError):
 
 class LabelError(DataError):
     """What labels need (an object's mass, its action, its truth) is missing or broken."""
+
+
+class CardError(DataError):
+    """A scene's card says what cannot be: an unknown key, a value out of range, a contradiction."""
 
 
 class ClassMissing(DataError):

@@ -14,6 +14,7 @@ from edge_runtime.command import Parser, finish
 from edge_runtime.errors import UsageError
 
 VERBS = {
+    "simulate": ("holdfast.simulate", "a scene card -> trials with their truth, no hardware needed"),
     "doctor": ("holdfast.doctor", "say what is here, what is missing, and how to get it"),
     "train": ("training.train", "recordings -> an artifact folder (forests, spec, held-out figures)"),
     "export": ("export.export", "artifact folder -> one verified, sealed holdfast.onnx"),

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
+from edge_runtime.contract import BoolArray, FloatArray
 from simulation.core import N_CONTACTS, SIDE, State, at_rest, step
 from simulation.effect import NO_EFFECTS, PhysicsEffects
 from simulation.protocol import Trial
@@ -17,6 +18,7 @@ CHUNK = 64
 SLIDES_M_S = 2e-4
 """Slower than this an element creeps about its equilibrium and does not slip."""
 ONE_ELEMENT = np.ones(1)
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class Loop:
     """How a batch is stepped: step_s where anything can happen, pressure [E] of the brush, effects, averaging.
 
     average_s: the sensor reports the mean over so long before each sample (0: the value at the sample).
-    busy: further fine intervals of every lane. everywhere_fine: no coarse steps at all.
+    busy: further fine intervals of every lane.
     """
 
     rate_hz: float
@@ -33,14 +35,13 @@ class Loop:
     effects: PhysicsEffects = NO_EFFECTS
     average_s: float = 0.0
     busy: tuple[tuple[Interval, ...], ...] = ()
-    everywhere_fine: bool = False
 
 
 @dataclass(frozen=True)
 class Motion:
     """What one trial left: forces_n [T, 6, 3] at t_s [T], and per step [K] what really happened.
 
-    position_m [T, 3] of the object; shut [T] of the hand (0 open, 1 closed on the object); per step: at_s,
+    position_m [T, 3] of the object; per step: at_s,
     agents_n [K, 3], gripped [K] (any contact), slips and slides [K] (any, every touching element slides),
     slip_m [K] (mean travel of the touching contacts so far).
     """
@@ -50,9 +51,9 @@ class Motion:
     position_m: FloatArray
     at_s: FloatArray
     agents_n: FloatArray
-    gripped: FloatArray
-    slips: FloatArray
-    slides: FloatArray
+    gripped: BoolArray
+    slips: BoolArray
+    slides: BoolArray
     slip_m: FloatArray
 
 
@@ -68,9 +69,7 @@ class _Tape:
 
 
 def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
-    """Step a batch of trials to their ends; a trial's result does not depend on the batch it is in."""
-    if len(trials) == 1:  # numpy sums a single lane in another order
-        return run_batch([trials[0], trials[0]], _twice(loop))[:1]
+    """Step a batch of trials to their ends; a trial's result does not depend on the batch it is in (of at least two)."""
     grids = [_grid(trial, loop, index) for index, trial in enumerate(trials)]
     at_s, sample = _stack(grids)
     body = body_of(trials, loop.pressure)
@@ -89,25 +88,20 @@ def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
             travel += state.slip_m_s.mean(axis=0) * dt_s
             _note(tape, k, state, travel)
             if mean is not None:
-                mean.add(body, state, at_s[k], dt_s)
+                mean.add(body.brush_n_per_m, state, at_s[k], dt_s)
             ends = np.flatnonzero(sample[k] >= 0)
             if ends.size:
                 _sample(tape, sample[k, ends], ends, body.brush_n_per_m, state, mean)
     return [_motion(tape, loop.rate_hz, lane, *grid) for lane, grid in enumerate(grids)]
 
 
-def _twice(loop: Loop) -> Loop:
-    raise NotImplementedError
-
-
-def _grid(trial: Trial, loop: Loop, index: int) -> tuple[FloatArray, FloatArray]:
+def _grid(trial: Trial, loop: Loop, index: int) -> tuple[FloatArray, IntArray]:
     end_s = Times.of(trial).end
-    fine = [(0.0, end_s)] if loop.everywhere_fine else busy(trial)
     more = loop.busy[index] if loop.busy else ()
-    return step_times(loop.rate_hz, loop.step_s, end_s, [*fine, *more])
+    return step_times(loop.rate_hz, loop.step_s, end_s, [*busy(trial), *more])
 
 
-def _stack(grids: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+def _stack(grids: Sequence[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:
     """[K, B] times and samples; a lane that has ended goes on in steps of its last one, unheard."""
     longest = max(len(at) for at, _ in grids)
     at_s, sample = np.empty((longest, len(grids))), np.full((longest, len(grids)), -1, dtype=np.int64)
@@ -129,32 +123,44 @@ def _note(tape: _Tape, k: int, state: State, travel: FloatArray) -> None:
     tape.slip[k] = (travel * touching).sum(axis=0) / np.maximum(count, 1)
 
 
-def _forces(brush: FloatArray, state: State, lanes: FloatArray) -> FloatArray:
+def _forces(brush: FloatArray, state: State, lanes: IntArray) -> FloatArray:
     """[6, 3, n] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it moves."""
     shear = (brush[..., lanes] * state.stretch_m[..., lanes]).sum(axis=1)
     return np.stack([shear[0], shear[1] * -SIDE, state.normal_n[:, lanes]], axis=1)
 
 
 class _Mean:
-    """Averaging as the chip does: the mean over its conversion time before each sample."""
+    """Averaging as the chip does: the mean of the forces over its conversion time before each sample."""
 
     def __init__(self, loop: Loop, lanes: int) -> None:
         self.window_s, self.period_s = loop.average_s, 1.0 / loop.rate_hz
-        self.total, self.weight = np.zeros((N_CONTACTS, 3, lanes)), np.zeros(lanes)
+        self.total, self.weight_s = np.zeros((N_CONTACTS, 3, lanes)), np.zeros(lanes)
         self.lanes = np.arange(lanes)
 
-    def add(self, body: object, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
-        raise NotImplementedError
+    def add(self, brush: FloatArray, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
+        """The part of the step that lies within the window before the next sample counts."""
+        opens_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s - self.window_s
+        weight_s = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))
+        lanes = np.flatnonzero(weight_s > 0.0)
+        self.total[..., lanes] += _forces(brush, state, lanes) * weight_s[lanes]
+        self.weight_s += weight_s
+
+    def take(self, lanes: IntArray) -> FloatArray:
+        """[6, 3, n] the mean, and begin anew."""
+        mean: FloatArray = self.total[..., lanes] / self.weight_s[lanes]
+        self.total[..., lanes], self.weight_s[lanes] = 0.0, 0.0
+        return mean
 
 
 def _sample(
-    tape: _Tape, rows: FloatArray, lanes: FloatArray, brush: FloatArray, state: State, mean: _Mean | None
+    tape: _Tape, rows: IntArray, lanes: IntArray, brush: FloatArray, state: State, mean: _Mean | None
 ) -> None:
+    forces = _forces(brush, state, lanes) if mean is None else mean.take(lanes)
     tape.position[rows, :, lanes] = state.position_m[:, lanes].T
-    tape.forces[rows, :, :, lanes] = np.moveaxis(_forces(brush, state, lanes), 2, 0)
+    tape.forces[rows, :, :, lanes] = np.moveaxis(forces, 2, 0)
 
 
-def _motion(tape: _Tape, rate_hz: float, lane: int, at_s: FloatArray, sample: FloatArray) -> Motion:
+def _motion(tape: _Tape, rate_hz: float, lane: int, at_s: FloatArray, sample: IntArray) -> Motion:
     n, k = int(sample.max()) + 1, len(at_s)
     return Motion(
         t_s=np.arange(n) / rate_hz,

@@ -1,0 +1,48 @@
+"""`holdfast simulate CARD --out DIR`: a card's trials, in the thesis' layout, with the truth beside each."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from edge_runtime.command import place, seed
+from simulation.card import read_card, shipped
+from simulation.folder import require_new, write_set
+from simulation.scene import Scene
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument("card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}")
+    parser.add_argument("--out", type=place, required=True, metavar="DIR", help="a new folder")
+    parser.add_argument("--trials", type=_count, metavar="N", help="N trials in the card's proportions (default: all)")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="samples a second (default: the card's)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate and write; the same card and seed write the same bytes."""
+    require_new(args.out)
+    scene = Scene(read_card(args.card, rate_hz=args.rate), args.seed)
+    total = len(scene.trials(args.trials))
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        bar = progress.add_task(scene.card.name, total=total)
+        files = write_set(scene, args.out, args.trials, lambda n: progress.update(bar, completed=n))
+    print(f"{scene.card.title}")
+    print(f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}")
+    return 0
+
+
+def _next(out: Path) -> str:
+    return f"holdfast train --data {out} --out build/model"
+
+
+def _count(word: str) -> int:
+    number = int(word) if word.isdecimal() else 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from 1")
+    return number

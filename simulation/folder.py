@@ -1,0 +1,164 @@
+"""What simulated trials leave on disk: the thesis' layout, a truth beside each trial, and the card itself.
+
+    OUT/card.toml, OUT/meta.json                       the card as it was read; name, unit, seed, rate, effects
+    OUT/<object>/meta.json                             its mass
+    OUT/<object>/<action>/trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. valid6 where one can be invalid)
+    OUT/<object>/<action>/trial_<n>.truth.json         phases, events, draws, card and seed
+    OUT/<object>/<action>/trial_<n>.motion.csv         object and hand, mm
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray, channel_names
+from edge_runtime.errors import OutputError
+from edge_runtime.trial_file import TIME_COLUMN
+from edge_runtime.writing import require_writable, write_whole
+from simulation.card import Card
+from simulation.effect import Signal
+from simulation.effects import EFFECTS
+from simulation.scene import Scene, Told
+from simulation.table import csv_bytes
+
+KIND = "simulated"
+STREAM = "daily"
+"""Folder of recordings that are several trials joined."""
+DECIMALS = {"N": 4, "uT": 1, "count": 0}
+Done = Callable[[int], None]
+
+
+def write_set(scene: Scene, out: Path, total: int | None = None, done: Done = lambda n: None) -> int:
+    """Simulate a card's trials into a new folder; returns how many files of samples. Raises OutputError."""
+    require_new(out)
+    card = scene.card
+    trials = scene.trials(total)
+    write_whole(out / "card.toml", card.text)
+    write_whole(out / "meta.json", _json(_meta(card, scene.seed)))
+    for thing in {t.thing.name: t.thing for t in trials if t.action != "nothing"}.values():
+        write_whole(out / thing.name / "meta.json", _json({"mass_g": thing.mass_g}))
+    if card.join > 1:
+        return _write_streams(scene, out, trials, done)
+    names = _names(trials)
+    for n, told in enumerate(scene.run(trials), 1):
+        write_recording(out / names[told.trial.number], scene, [told])
+        done(n)
+    return len(trials)
+
+
+def require_new(out: Path) -> None:
+    """Refuse a folder with anything in it: nothing is ever written over."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutputError("is there already", where=out, next_step="name a new folder, or remove it yourself")
+    require_writable(out)
+
+
+def write_recording(path: Path, scene: Scene, told: Sequence[Told]) -> None:
+    """One recording of one trial, or of several end to end: samples, truth, motion; path without its ending."""
+    signal, starts_s = join([one.signal for one in told], scene.card.rate_hz)
+    write_whole(path.with_name(f"{path.name}.csv"), _samples(signal, scene))
+    write_whole(path.with_name(f"{path.name}.motion.csv"), _motion(told, starts_s))
+    write_whole(path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, told, starts_s)))
+
+
+def join(signals: Sequence[Signal], rate_hz: float) -> tuple[Signal, list[float]]:
+    """Recordings end to end, one sample apart, and when each begins."""
+    starts_s = [0.0]
+    for signal in signals[:-1]:
+        starts_s.append(starts_s[-1] + float(signal.t_s[-1]) + 1.0 / rate_hz)
+    t_s = np.concatenate([signal.t_s + start for signal, start in zip(signals, starts_s, strict=True)])
+    values, valid = (np.concatenate([getattr(signal, name) for signal in signals]) for name in ("values", "valid"))
+    return Signal(t_s, values, valid, signals[0].unit), starts_s
+
+
+def _write_streams(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
+    """Trials of an object in random order, card.join of them to a recording."""
+    streams = 0
+    for name in dict.fromkeys(t.thing.name for t in trials):
+        here = [t for t in trials if t.thing.name == name]
+        order = np.random.default_rng([scene.seed, len(here)]).permutation(len(here))
+        for number, start in enumerate(range(0, len(here), scene.card.join), 1):
+            chosen = [here[k] for k in order[start : start + scene.card.join]]
+            write_recording(out / name / STREAM / f"trial_{number}", scene, scene.run_together(chosen))
+            streams += 1
+            done(streams * scene.card.join)
+    return streams
+
+
+def _names(trials: Sequence[Any]) -> dict[int, str]:
+    """Trial number -> <object>/<action>/trial_<n>, n counting within the folder."""
+    counts: dict[str, int] = {}
+    names = {}
+    for trial in trials:
+        folder = "nothing" if trial.action == "nothing" else f"{trial.thing.name}/{trial.action}"
+        counts[folder] = counts.get(folder, 0) + 1
+        names[trial.number] = f"{folder}/trial_{counts[folder]}"
+    return names
+
+
+def _meta(card: Card, seed: int) -> dict[str, Any]:
+    return {
+        "name": card.name,
+        "title": card.title,
+        "kind": KIND,
+        "unit": card.unit,
+        "rate_hz": card.rate_hz,
+        "recordings by": "nobody: simulated",
+        "redistributable": True,
+        "card_sha256": card.sha256,
+        "seed": seed,
+        "step_s": card.step_s,
+        "effects": list(card.effects),
+    }
+
+
+def _samples(signal: Signal, scene: Scene) -> bytes:
+    n_sensors = signal.values.shape[1]
+    header = [TIME_COLUMN, *channel_names(n_sensors)]
+    columns: list[tuple[FloatArray, int]] = [(signal.t_s, 6)]
+    columns += [(column, DECIMALS[signal.unit]) for column in signal.values.reshape(len(signal.t_s), -1).T]
+    if any(EFFECTS[name].marks_invalid for name in scene.card.effects):
+        header += [f"valid{k}" for k in range(1, n_sensors + 1)]
+        columns += [(column.astype(np.float64), 0) for column in signal.valid.T]
+    return csv_bytes(header, columns)
+
+
+def _motion(told: Sequence[Told], starts_s: Sequence[float]) -> bytes:
+    t_s = np.concatenate([one.motion.t_s + start for one, start in zip(told, starts_s, strict=True)])
+    object_mm = 1e3 * np.concatenate([one.motion.position_m for one in told])
+    hand = [one.hand_m if one.hand_m is not None else np.zeros_like(one.motion.position_m) for one in told]
+    hand_mm = 1e3 * np.concatenate(hand)
+    header = ["Time", *(f"object_{axis}_mm" for axis in "xyz"), *(f"hand_{axis}_mm" for axis in "xyz")]
+    return csv_bytes(header, [(t_s, 6), *((column, 3) for column in np.hstack([object_mm, hand_mm]).T)])
+
+
+def _truth(scene: Scene, told: Sequence[Told], starts_s: Sequence[float]) -> dict[str, Any]:
+    """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
+    parts = [one.truth.shifted(start).to_json() for one, start in zip(told, starts_s, strict=True)]
+    trials = [_origin(one) | {k: v for k, v in part.items() if k != "phases"} for one, part in zip(told, parts, strict=True)]
+    card = {"card": scene.card.name, "card_sha256": scene.card.sha256, "seed": scene.seed}
+    phases = [phase for part in parts for phase in part["phases"]]
+    return {"phases": phases, **card, **(trials[0] if len(trials) == 1 else {"trials": trials})}
+
+
+def _origin(told: Told) -> dict[str, Any]:
+    trial = told.trial
+    return {
+        "number": trial.number,
+        "object": trial.thing.name,
+        "action": trial.action,
+        "style": trial.style,
+        "supported": bool(trial.supported),
+        "grip_n": round(trial.grip_n, 4),
+        "drawn": {name: round(value, 6) for name, value in trial.drawn.items()},
+        "effects": told.effects,
+    }
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, indent=1) + "\n"

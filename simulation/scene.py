@@ -1,0 +1,143 @@
+"""A card compiled: the trials it asks for, the effects it names, and each trial simulated to what its sensors report.
+
+Only what is on the card is in the lists below; nothing else is called, drawn or kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray
+from simulation.card import Card, Row
+from simulation.effect import PhysicsEffects, Signal, stream
+from simulation.effects import EFFECTS, conversion_s
+from simulation.loop import pressure
+from simulation.protocol import Trial, draw_trial
+from simulation.run import Loop, Motion, run_batch
+from simulation.script import Times, busy, step_times
+from simulation.sensor.calibration import calibrate
+from simulation.truth import Truth, truth_of
+
+BATCH = 256
+"""Trials stepped together: fewer waste time on calls, more on memory."""
+HOOKS = {"acceleration_m_s2": "shakes", "scale": "textures", "terms": "lags", "turn": "turns"}
+
+
+@dataclass(frozen=True)
+class Told:
+    """One trial simulated: what the sensors report, what really happened, and the effects' draws."""
+
+    trial: Trial
+    signal: Signal
+    motion: Motion
+    truth: Truth
+    effects: dict[str, dict[str, Any]]
+    hand_m: FloatArray | None
+
+
+class Scene:
+    """A card, ready to simulate any of its trials from one seed."""
+
+    def __init__(self, card: Card, seed: int) -> None:
+        self.card, self.seed = card, seed
+        named = {name: EFFECTS[name] for name in card.effects}
+        self.loop_effects = {n: e for n, e in named.items() if e.stage == "physics" and n not in ("brush", "averaging")}
+        self.sensor_effects = {n: e for n, e in named.items() if e.stage == "sensor"}
+        self.average_s = conversion_s(self._constant("averaging", "averages")) if "averaging" in named else 0.0
+        self.pressure = pressure(int(self._constant("brush", "count"))) if "brush" in named else pressure(1)
+
+    def trials(self, total: int | None = None) -> list[Trial]:
+        """The card's trials; with a total, so many, spread over its rows as the card's counts are."""
+        cells = [(row, name) for row in self.card.rows for name in row.objects or (None,)]
+        counts = [row.count for row, _ in cells]
+        if total is not None:
+            counts = apportion(total, counts)
+        return [
+            self.trial(row, name, repetition * len(cells) + cell)
+            for cell, ((row, name), count) in enumerate(zip(cells, counts, strict=True))
+            for repetition in range(count)
+        ]
+
+    def trial(self, row: Row, name: str | None, number: int) -> Trial:
+        """One trial; its number picks its random streams."""
+        thing = self.card.objects[name] if name else next(iter(self.card.objects.values()))
+        return draw_trial(number, thing, row.action, row.style, row.told, self.seed)
+
+    def run(self, trials: Sequence[Trial]) -> Iterator[Told]:
+        """Simulate trials, long ones together with long ones; yields them as they are done."""
+        order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
+        for start in range(0, len(order), BATCH):
+            yield from self.run_together(order[start : start + BATCH])
+
+    def run_together(self, trials: Sequence[Trial]) -> list[Told]:
+        """One batch, in the order given."""
+        if len(trials) == 1:  # numpy would sum a single lane in another order
+            return self.run_together([trials[0], trials[0]])[:1]
+        drawn = {name: [self._draw(name, trial) for trial in trials] for name in self.loop_effects}
+        made = {
+            name: effect.make(drawn[name], trials, [self._rng(name, trial) for trial in trials])
+            for name, effect in self.loop_effects.items()
+        }
+        motions = run_batch(trials, self._loop(list(made.values()), len(trials)))
+        arm = made.get("arm")
+        return [
+            self._told(trial, motion, {name: values[lane] for name, values in drawn.items()}, arm, lane)
+            for lane, (trial, motion) in enumerate(zip(trials, motions, strict=True))
+        ]
+
+    def _loop(self, made: list[Any], lanes: int) -> Loop:
+        lists: dict[str, tuple[Any, ...]] = {
+            field: tuple(effect for effect in made if hasattr(effect, hook)) for hook, field in HOOKS.items()
+        }
+        intervals = tuple(tuple(span for effect in made for span in effect.busy_s(lane)) for lane in range(lanes))
+        return Loop(
+            self.card.rate_hz, self.card.step_s, self.pressure, PhysicsEffects(**lists), self.average_s, intervals
+        )
+
+    def _told(
+        self, trial: Trial, motion: Motion, drawn: dict[str, dict[str, Any]], arm: Any, lane: int
+    ) -> Told:
+        hand_m = None if arm is None else np.stack([arm.motion_m(np.full(arm.lanes, t))[:, lane] for t in motion.t_s])
+        signal, sensed = self.sense(trial, motion)
+        return Told(trial, signal, motion, truth_of(trial, motion), drawn | sensed, hand_m)
+
+    def sense(self, trial: Trial, motion: Motion) -> tuple[Signal, dict[str, dict[str, Any]]]:
+        """The forces of a trial through the sensor effects of the card, in the card's unit."""
+        signal = Signal(motion.t_s, motion.forces_n, np.ones(motion.forces_n.shape[:2], dtype=np.bool_))
+        drawn = {name: self._draw(name, trial) for name in self.sensor_effects}
+        timing = ("timing_jitter", "dropped_samples", "stale_sensor")
+        for name, effect in self.sensor_effects.items():
+            if name in timing:
+                signal = self._in_card_unit(signal)
+            signal = effect.make(signal, drawn[name], self._rng(name, trial))
+        return self._in_card_unit(signal), drawn
+
+    def _in_card_unit(self, signal: Signal) -> Signal:
+        return calibrate(signal) if signal.unit == "uT" and self.card.unit == "N" else signal
+
+    def _draw(self, name: str, trial: Trial) -> dict[str, Any]:
+        return EFFECTS[name].draw(self.card.effects[name], stream(self.seed, trial.number, f"{name} parameters"))
+
+    def _rng(self, name: str, trial: Trial) -> np.random.Generator:
+        return stream(self.seed, trial.number, name)
+
+    def _constant(self, name: str, parameter: str) -> float:
+        return float(self.card.effects[name].get(parameter, EFFECTS[name].parameters[parameter].default))
+
+    def _steps(self, trial: Trial) -> int:
+        at_s, _ = step_times(self.card.rate_hz, self.card.step_s, Times.of(trial).end, busy(trial))
+        return len(at_s)
+
+
+def apportion(total: int, counts: Sequence[int]) -> list[int]:
+    """Whole shares of a total as the counts are to each other (largest remainders, earlier first)."""
+    exact = [total * count / sum(counts) for count in counts]
+    shares = [int(share) for share in exact]
+    by_remainder = sorted(range(len(counts)), key=lambda k: (shares[k] - exact[k], k))
+    for k in by_remainder[: total - sum(shares)]:
+        shares[k] += 1
+    return shares

@@ -1,0 +1,162 @@
+"""What really happened in a trial, read from the core's own state, never from a sensor: events and phases.
+
+load onset     the first change, after the action began, of what people and box do to the object by LOAD_N
+incipient slip from then on, the first element of any touching brush that slides
+gross slip     all elements of all touching contacts slide, or the object has slipped 2 mm since the load's onset
+contact lost   no finger touches any more, for good
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, SITUATIONS, BoolArray, FloatArray
+from simulation.protocol import Trial
+from simulation.run import Motion
+from simulation.script import Times
+
+LOAD_N = 0.1
+GROSS_SLIP_M = 2e-3
+TRANSFERRED = 0.95
+PROVENANCE = "scene"
+RISKY_ACTIONS = ("pull", "fall")
+Mark = tuple[float, int]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Times in s, None where a thing never happened; marks: (since when, situation), in order, until end_s."""
+
+    contact_s: float | None
+    load_onset_s: float | None
+    incipient_slip_s: float | None
+    gross_slip_s: float | None
+    contact_lost_s: float | None
+    slip_mm: float
+    marks: tuple[Mark, ...]
+    end_s: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As the sidecar has it: events, and phases as intervals with their provenance."""
+        stops = [since for since, _ in self.marks[1:]] + [self.end_s]
+        events = ("contact_s", "load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")
+        phases = [
+            {
+                "t0_s": round(t0, 6),
+                "t1_s": round(t1, 6),
+                "onset_s": round(t0, 6),
+                "duration_s": round(t1 - t0, 6),
+                "label": SITUATIONS[situation],
+                "provenance": PROVENANCE,
+            }
+            for (t0, situation), t1 in zip(self.marks, stops, strict=True)
+            if t1 > t0
+        ]
+        told = {name: _rounded(getattr(self, name)) for name in events}
+        return {"phases": phases, **told, "slip_mm": round(self.slip_mm, 4)}
+
+    def shifted(self, by_s: float) -> Truth:
+        """The same, later."""
+        names = ("contact_s", "load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")
+        moved = {n: None if getattr(self, n) is None else getattr(self, n) + by_s for n in names}
+        marks = tuple((since + by_s, situation) for since, situation in self.marks)
+        return Truth(**moved, slip_mm=self.slip_mm, marks=marks, end_s=self.end_s + by_s)
+
+
+def truth_of(trial: Trial, motion: Motion) -> Truth:
+    """Read the events of a trial from its steps."""
+    end_s = float(motion.at_s[-1]) + 1.0 / 1e3
+    held = np.flatnonzero(motion.gripped)
+    if not held.size:
+        return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
+    times = Times.of(trial)
+    contact, lost = held[0], held[-1] + 1
+    onset = _onset(motion, times.act)
+    since = np.arange(len(motion.at_s)) >= (len(motion.at_s) if onset is None else onset)
+    since[lost:] = False
+    incipient = _first(motion.slips & since)
+    gross = _first((motion.slides | (motion.slip_m - motion.slip_m[onset or 0] >= GROSS_SLIP_M)) & since)
+    at = _clock(motion, len(motion.at_s) if lost >= len(motion.at_s) else None)
+    marks = _marks(trial, motion, times, contact, onset, gross, lost)
+    return Truth(
+        at(contact), at(onset), at(incipient), at(gross), at(lost),
+        slip_mm=1e3 * float(motion.slip_m[lost - 1] - motion.slip_m[contact]),
+        marks=tuple(marks), end_s=end_s,
+    )  # fmt: skip
+
+
+def _clock(motion: Motion, beyond: int | None) -> Any:
+    def at(step: int | None) -> float | None:
+        return None if step is None or step == beyond else float(motion.at_s[step])
+
+    return at
+
+
+def _onset(motion: Motion, act_s: float) -> int | None:
+    first = int(np.searchsorted(motion.at_s, act_s))
+    if first >= len(motion.at_s):
+        return None
+    change = motion.agents_n[first:] - motion.agents_n[max(first - 1, 0)]
+    found = _first(np.sqrt((change * change).sum(axis=1)) > LOAD_N)
+    return None if found is None else first + found
+
+
+def _marks(
+    trial: Trial, motion: Motion, times: Times, contact: int, onset: int | None, gross: int | None, lost: int
+) -> list[Mark]:
+    at_s = motion.at_s
+    gone = (float(at_s[lost]) if lost < len(at_s) else float(at_s[-1]), NOTHING)
+    marks: list[Mark] = [(0.0, NOTHING), (float(at_s[contact]), GRASP)]
+    if trial.action == "hold":
+        return [*marks, *_perturbed(motion, times, lost), gone]
+    if onset is None or onset >= lost:
+        return [*marks, gone]
+    if trial.action in RISKY_ACTIONS:
+        slipped = gross is not None
+        return [*marks, *([(float(at_s[onset]), RISKY_SLIP)] if slipped else []), gone]
+    marks.append((float(at_s[onset]), SAFE_SLIP))
+    transferred = _transferred(trial, motion, times, onset)
+    if transferred is not None and transferred < times.open:
+        marks += [(transferred, GRASP), (max(times.open, transferred), SAFE_SLIP)]
+    return [*[mark for mark in marks if mark[0] < gone[0]], gone]
+
+
+def _transferred(trial: Trial, motion: Motion, times: Times, onset: int) -> float | None:
+    """When a put-down (or a taker who waits) has taken the weight over; None where there is no such pause."""
+    if trial.action == "pass" and trial.drawn["wait_s"] == 0.0:
+        return None
+    before_opening = motion.at_s < times.open
+    if not before_opening[onset:].any():
+        return None
+    given = motion.agents_n - motion.agents_n[onset - 1]
+    size = np.sqrt((given * given).sum(axis=1))
+    plateau = float(size[before_opening][-1])
+    return float(motion.at_s[onset + (_first(size[onset:] >= TRANSFERRED * plateau) or 0)])
+
+
+def _perturbed(motion: Motion, times: Times, lost: int) -> list[Mark]:
+    """A disturbed hold is a grasp, unless the object slips 2 mm or goes before the hand opens."""
+    acts, opens = (int(np.searchsorted(motion.at_s, t)) for t in (times.act, times.open))
+    marks: list[Mark] = []
+    within = slice(acts, min(opens, lost))
+    slipped = motion.slip_m[within] - motion.slip_m[min(acts, len(motion.slip_m) - 1)]
+    gross = _first(slipped >= GROSS_SLIP_M)
+    if gross is not None:
+        start = acts + (_first(motion.slips[within]) or 0)
+        sliding = np.flatnonzero(motion.slips[within])
+        marks.append((float(motion.at_s[start]), RISKY_SLIP))
+        if lost > opens:
+            marks.append((float(motion.at_s[acts + sliding[-1]]), GRASP))
+    return [*marks, (float(times.open), SAFE_SLIP)] if lost > opens else marks
+
+
+def _first(found: BoolArray | FloatArray) -> int | None:
+    where = np.flatnonzero(found)
+    return int(where[0]) if where.size else None
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 6)
