@@ -205,6 +205,8 @@ def _keep_the_balance(
     share = np.sqrt(np.maximum(left_j, 0.0) / np.maximum(moving_j[too_much], TINY))
     state.velocity_m_s[:, too_much] *= np.minimum(share, 1.0)
     stuck = too_much[left_j < 0.0]
+    if not stuck.size:
+        return
     state.position_m[:, stuck] = old.position_m[:, stuck]
     state.stretch_m[..., stuck] = np.minimum(state.rho, 1.0)[..., stuck] * old.stretch_m[..., stuck]
     state.brush_j[stuck] = brush_j(body, state)[stuck]

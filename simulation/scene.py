@@ -22,7 +22,7 @@ from simulation.script import Times, busy, step_times
 from simulation.sensor.calibration import calibrate
 from simulation.truth import Truth, truth_of
 
-BATCH = 256
+BATCH = 500
 """Trials stepped together: fewer waste time on calls, more on memory."""
 HOOKS = {"acceleration_m_s2": "shakes", "scale": "textures", "terms": "lags", "turn": "turns"}
 

@@ -1,0 +1,82 @@
+"""Source URLs: where samples come from, one way to say it for every verb.
+
+    replay://PATH, PATH         a recorded trial
+    replay://SET#N, SET#N       trial N (or its name) of a data set
+    sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0); trials=K: K of them end to end
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+
+from drivers.replay import Replay, open_replay
+from edge_runtime.errors import DataNotFound, UsageError
+from edge_runtime.preparation import Preparation
+
+REPLAY, SIM = "replay://", "sim://"
+SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
+
+
+def open_source(url: str, *, channels: int | None = None, preparation: Preparation | None = None) -> Replay:
+    """Open a source, its bias removed as `preparation` says (sets come prepared). Raises a DataError or UsageError."""
+    if url.startswith(SIM):
+        source = _simulated(url)
+    else:
+        name = url.removeprefix(REPLAY)
+        if "#" in name and not Path(name).exists():
+            return _from_set(name, channels)
+        source = open_replay(name)
+    return source if preparation is None else source.prepared(preparation)
+
+
+def _simulated(url: str) -> Replay:
+    """Trials of a card, one after another, as one stream."""
+    from simulation.card import read_card
+    from simulation.folder import join
+    from simulation.scene import Scene
+
+    told = _numbers(url)
+    scene = Scene(read_card(urlsplit(url).netloc + urlsplit(url).path, rate_hz=told.get("rate_hz")), int(told["seed"]))
+    trials, first, count = scene.trials(), int(told["trial"]), int(told["trials"])
+    if not 0 <= first < first + count <= len(trials):
+        raise UsageError(
+            f"{url!r}: no trials {first} to {first + count - 1}", next_step=f"the card has 0..{len(trials) - 1}"
+        )
+    signal, _ = join([one.signal for one in scene.run_together(trials[first : first + count])], scene.card.rate_hz)
+    t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
+    return Replay(t_ns, signal.values.reshape(len(t_ns), -1), signal.valid, scene.card.rate_hz, signal.unit)
+
+
+def _numbers(url: str) -> dict[str, float]:
+    told = parse_qs(urlsplit(url).query, keep_blank_values=True)
+    numbers: dict[str, float] = {"seed": 0, "trial": 0, "trials": 1}
+    for key, values in told.items():
+        if key not in SIM_KEYS:
+            raise UsageError(f"{url!r}: {key!r} is not known", next_step=f"allowed: {', '.join(SIM_KEYS)}")
+        try:
+            numbers[key] = float(values[-1]) if key == "rate_hz" else int(values[-1])
+        except ValueError:
+            raise UsageError(f"{url!r}: {key}={values[-1]!r} is no number", next_step=f"{key}=1") from None
+    return numbers
+
+
+def _from_set(name: str, channels: int | None) -> Replay:
+    """SET#N: sets come prepared from their reader."""
+    from training.datasets import load
+
+    folder, _, chosen = name.rpartition("#")
+    data = load(folder, channels=channels, balanced=False)
+    names = [recording.trial_id for recording in data.recordings]
+    index = names.index(chosen) if chosen in names else int(chosen) if chosen.isdecimal() else len(names)
+    if index >= len(names):
+        raise DataNotFound(
+            f"no trial {chosen!r} among {len(names)}",
+            where=folder,
+            next_step=f"give 0..{len(names) - 1} or {names[0]!r}",
+        )
+    recording = data.recordings[index]
+    t_ns = np.round(np.arange(len(recording.samples)) / recording.rate_hz * 1e9).astype(np.int64)
+    return Replay(t_ns, recording.samples, recording.valid, recording.rate_hz, recording.unit)

@@ -1,0 +1,141 @@
+"""The hand itself moves: in the hand's frame the object feels minus its acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray
+from simulation.effect import Drawn, Effect
+from simulation.values import Parameter
+
+FOREVER_S = 1e9
+Span = tuple[float, float]
+_COMPONENTS = 2
+
+
+def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
+    """[3, B] a random unit vector a lane."""
+    raw = np.stack([rng.normal(size=3) for rng in rngs], axis=1)
+    unit: FloatArray = raw / np.sqrt((raw * raw).sum(axis=0))
+    return unit
+
+
+class Arm:
+    """Reaches of the arm, forth and back: minimum jerk, x = amplitude (10 u^3 - 15 u^4 + 6 u^5), u = t / duration.
+
+    Acceleration amplitude / duration^2 (60 u - 180 u^2 + 120 u^3), m/s^2 (Flash & Hogan, J. Neurosci. 5, 1985).
+    """
+
+    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
+        self.lanes = len(drawn)
+        self.along = _directions(rngs) * np.array([d["amplitude_m"] for d in drawn])
+        self.start_s, self.lasts_s, self.rest_s = (np.array([d[k] for d in drawn]) for k in ("at_s", "lasts_s", "rest_s"))
+        self.count = np.round(np.array([d["count"] for d in drawn]))
+
+    def _now(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Progress [B] of the reach under way, and which way it goes [B]; 0 between reaches."""
+        cycle = self.lasts_s + self.rest_s
+        number = np.floor((t_s - self.start_s) / cycle)
+        u = np.clip((t_s - self.start_s - number * cycle) / self.lasts_s, 0.0, 1.0)
+        way = np.where((number >= 0) & (number < self.count), np.where(number % 2 == 0, 1.0, -1.0), 0.0)
+        return u, way
+
+    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
+        """[3, B] of the hand."""
+        u, way = self._now(t_s)
+        shape = way * u * (60.0 - u * (180.0 - 120.0 * u)) / (self.lasts_s * self.lasts_s)
+        acceleration: FloatArray = self.along * shape
+        return acceleration
+
+    def motion_m(self, t_s: FloatArray) -> FloatArray:
+        """[3, B] of the hand, from where it began."""
+        u, way = self._now(t_s)
+        gone = u * u * u * (10.0 - u * (15.0 - 6.0 * u))
+        done = np.clip(np.floor((t_s - self.start_s) / (self.lasts_s + self.rest_s)), 0.0, self.count)
+        before = np.where(done % 2 == 1, 1.0, 0.0)
+        place: FloatArray = self.along * (before + way * gone)
+        return place
+
+    def busy_s(self, lane: int) -> list[Span]:
+        """Every reach."""
+        cycle = self.lasts_s[lane] + self.rest_s[lane]
+        starts = [self.start_s[lane] + k * cycle for k in range(int(self.count[lane]))]
+        return [(start, start + self.lasts_s[lane]) for start in starts]
+
+
+class Tremor:
+    """Two sines of 4 to 12 Hz in random directions and phases, each of half the amplitude, m/s^2.
+
+    Frequencies of physiological and essential tremor: Elble & Koller, "Tremor", 1990.
+    """
+
+    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
+        amplitude = np.array([d["amplitude_m_s2"] for d in drawn])
+        self.along = [_directions(rngs) * (amplitude / _COMPONENTS) for _ in range(_COMPONENTS)]
+        self.phase = np.stack([rng.uniform(0.0, 2.0 * np.pi, _COMPONENTS) for rng in rngs], axis=1)
+        self.rate = 2.0 * np.pi * np.array([d["frequency_hz"] for d in drawn])
+        self.detune = np.stack([rng.uniform(0.85, 1.15, _COMPONENTS) for rng in rngs], axis=1)
+
+    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
+        """[3, B] of the hand."""
+        waves = np.sin(self.rate * self.detune * t_s + self.phase)
+        total: FloatArray = self.along[0] * waves[0] + self.along[1] * waves[1]
+        return total
+
+    def busy_s(self, lane: int) -> list[Span]:
+        """All the time."""
+        return [(0.0, FOREVER_S)]
+
+
+class Knock:
+    """Somebody bumps into the hand: half a sine of peak (m/s^2) and duration; impulse 2/pi peak * duration, m/s."""
+
+    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
+        self.along = _directions(rngs) * np.array([d["peak_m_s2"] for d in drawn])
+        self.at_s, self.lasts_s = (np.array([d[name] for d in drawn]) for name in ("at_s", "lasts_s"))
+
+    def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
+        """[3, B] of the hand."""
+        u = (t_s - self.at_s) / self.lasts_s
+        pulse = np.where((u > 0.0) & (u < 1.0), np.sin(np.pi * np.clip(u, 0.0, 1.0)), 0.0)
+        acceleration: FloatArray = self.along * pulse
+        return acceleration
+
+    def busy_s(self, lane: int) -> list[Span]:
+        """The pulse and what comes after."""
+        return [(self.at_s[lane] - 0.01, self.at_s[lane] + self.lasts_s[lane] + 0.3)]
+
+
+ARM = Effect(
+    "arm",
+    "physics",
+    make=Arm,
+    parameters={
+        "amplitude_m": Parameter({"uniform": [0.05, 0.3]}, "m", 0, 2, "length of a reach"),
+        "lasts_s": Parameter({"uniform": [0.6, 1.5]}, "s", 0.1, 10, "time of a reach"),
+        "rest_s": Parameter({"uniform": [0.3, 1.0]}, "s", 0, 60, "between reaches"),
+        "at_s": Parameter({"uniform": [4.2, 5.0]}, "s", 0, 600, "when the first begins"),
+        "count": Parameter(2.0, "", 0, 1000, "reaches, forth and back in turn"),
+    },
+)
+TREMOR = Effect(
+    "tremor",
+    "physics",
+    make=Tremor,
+    parameters={
+        "frequency_hz": Parameter({"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"),
+        "amplitude_m_s2": Parameter({"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"),
+    },
+)
+KNOCK = Effect(
+    "knock",
+    "physics",
+    make=Knock,
+    parameters={
+        "peak_m_s2": Parameter({"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"),
+        "lasts_s": Parameter({"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"),
+        "at_s": Parameter({"uniform": [4.5, 6.0]}, "s", 0, 600, "when"),
+    },
+)

@@ -1,0 +1,70 @@
+"""Clock and bus: samples that come late, not at all, or again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from simulation.effect import Drawn, Effect, Signal
+from simulation.values import Parameter
+
+STALE_AFTER_S = 0.02
+LONGEST_BURST = 3
+LATEST = 0.45
+"""A sample is late or early by less than half a step, so that none overtakes another."""
+
+
+def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+    """A sample is taken at t + e, e normal with sd_ms: its value is the one at that time, its stamp tells it."""
+    step_s = float(signal.t_s[1] - signal.t_s[0])
+    late_s = np.clip(1e-3 * drawn["sd_ms"] * rng.normal(size=len(signal.t_s)), -LATEST * step_s, LATEST * step_s)
+    late_s[[0, -1]] = 0.0
+    if not late_s.any():
+        return signal
+    t_s = signal.t_s + late_s
+    flat = signal.values.reshape(len(t_s), -1)
+    values = np.stack([np.interp(t_s, signal.t_s, column) for column in flat.T], axis=1)
+    return replace(signal, t_s=t_s, values=values.reshape(signal.values.shape))
+
+
+def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+    """A share of the samples never comes, in bursts of 1 to 3 rows, never the first two or the last."""
+    n = len(signal.t_s)
+    bursts = rng.integers(1, LONGEST_BURST + 1, n)
+    begins = rng.uniform(size=n) < drawn["share"] / bursts.mean()
+    kept = np.ones(n, dtype=np.bool_)
+    last = -LONGEST_BURST
+    for start in np.flatnonzero(begins):
+        if start >= last + 2:
+            last = min(start + bursts[start], n - 1)
+            kept[max(start, 2) : last] = False
+    return replace(signal, t_s=signal.t_s[kept], values=signal.values[kept], valid=signal.valid[kept])
+
+
+def stale_sensor(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+    """From at_s on for lasts_s a sensor repeats its last value; after 20 ms the driver knows, and it is invalid."""
+    values, valid = signal.values.copy(), signal.valid.copy()
+    stuck = np.flatnonzero((signal.t_s >= drawn["at_s"]) & (signal.t_s < drawn["at_s"] + drawn["lasts_s"]))
+    known = stuck[signal.t_s[stuck] - drawn["at_s"] > STALE_AFTER_S] if stuck.size else stuck
+    for number in drawn["sensors"] if stuck.size else ():
+        values[stuck, int(number) - 1] = values[max(stuck[0] - 1, 0), int(number) - 1]
+        valid[known, int(number) - 1] = False
+    return replace(signal, values=values, valid=valid)
+
+
+TIMING = (
+    Effect("timing_jitter", "sensor", timing_jitter, {"sd_ms": Parameter(0.3, "ms", 0, 20, "of a sample's time")}),
+    Effect("dropped_samples", "sensor", dropped_samples, {"share": Parameter(0.01, "", 0, 0.3, "of the samples")}),
+    Effect(
+        "stale_sensor",
+        "sensor",
+        stale_sensor,
+        {
+            "sensors": Parameter([], "", 1, 6, "which sensors", many=True),
+            "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "from when"),
+            "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "how long"),
+        },
+        marks_invalid=True,
+    ),
+)

@@ -1,0 +1,122 @@
+"""Cards: read like an experiment, checked to the last key, and nothing on them that does not run."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from edge_runtime.errors import CardError
+from simulation.card import CARDS, STYLES, read_card, shipped
+from simulation.effects import EFFECTS
+from simulation.scene import Scene, apportion
+
+PROTOCOLS = {"thesis", "apple", "p1", "p2", "perturbed-hold", "daily", "broad"}
+PLAIN = """
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+"""
+
+
+def card(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_every_protocol_of_the_study_has_a_card():
+    assert set(shipped()) >= PROTOCOLS
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_card_is_valid_at_every_rate(name):
+    for rate_hz in (50.0, 100.0, 150.0, 300.0):
+        assert read_card(name, rate_hz=rate_hz).rate_hz == rate_hz
+
+
+def test_the_thesis_card_has_a_thousand_trials_and_one_of_nothing():
+    counts: dict[str, int] = {}
+    for trial in Scene(read_card("thesis"), 0).trials():
+        counts[trial.action] = counts.get(trial.action, 0) + 1
+    assert counts == {"pass": 300, "pull": 240, "fall": 160, "put-down": 300, "nothing": 1}
+
+
+def test_a_participant_does_five_objects_three_actions_three_times():
+    assert len(Scene(read_card("p1"), 0).trials()) == len(Scene(read_card("p2"), 0).trials()) == 45
+
+
+def test_a_new_card_needs_no_code(tmp_path):
+    text = '[objects.pear]\nmass_g = 180\nradius_mm = 32\naxial_radius_mm = 50\nfriction = 0.5\n' + PLAIN
+    trials = Scene(read_card(card(tmp_path, text.replace("soft-ball", "pear"))), 0).trials()
+    assert [trial.thing.mass_g for trial in trials] == [180.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (PLAIN.replace("pull", "throw"), ["trials[0].action", "throw", "put-down"]),
+        (PLAIN.replace("soft-ball", "melon"), ["trials[0].objects", "melon", "soft-ball"]),
+        (PLAIN + 'style = "p9"\n', ["trials[0].style", "p9", "author"]),
+        (PLAIN + "hold_s = -1\n", ["trials[0].hold_s", "-1", "0.8 to 600 s"]),
+        (PLAIN + "hold_s = { uniform = [3, 2] }\n", ["hold_s", "low before high"]),
+        (PLAIN + "hold_s = { gamma = [3, 2] }\n", ["hold_s", "gamma", "uniform"]),
+        (PLAIN + "open_after_s = 1\n", ["open_after_s", "not known", "distance_m"]),
+        (PLAIN + "count = 1.5\n", ["trials[0].count", "1.5", "whole number"]),
+        (PLAIN + "[effects.magic]\n", ["magic", "not known", "hall_noise"]),
+        (PLAIN + "[effects.brush]\nnumber = 3\n", ["effects.brush", "number", "count"]),
+        (PLAIN + "[effects.hall_noise]\n", ["effects.hall_noise", "only together with [effects.dipole]"]),
+        (PLAIN + "[effects.camera_frames]\n", ["effects.camera_frames", "only together with [camera]"]),
+        (PLAIN + '[record]\nunit = "uT"\n', ["record.unit", "uT", "dipole"]),
+        (PLAIN + '[record]\nunit = "lb"\n', ["record.unit", "lb", "N or uT"]),
+        (PLAIN + "[record]\nrate_hz = 1000\n[effects.averaging]\n", ["record.rate_hz", "1000", "412 Hz"]),
+        (PLAIN + "[record]\nrate_hz = 10\n", ["record.rate_hz", "10", "40 to 10000"]),
+        (PLAIN + "[physics]\nstep_s = 0.01\n[effects.texture]\n", ["physics.step_s", "0.01", "0.001 s"]),
+        (PLAIN + "[objects.stone]\nmass_g = -3\n", ["objects.stone.mass_g", "-3", "0.1 to 5000 g"]),
+        (
+            '[objects.lead]\nmass_g = 5000\nfriction = 0.3\n' + PLAIN.replace("soft-ball", "lead"),
+            ["trials[0].objects", "lead", "70 N"],
+        ),
+        ("title = 3", ["trials", "at least one"]),
+        ("[trails]\n" + PLAIN, ["trails", "not known", "trials"]),
+        ("[[trials]\n", ["no TOML"]),
+    ],
+)
+def test_a_card_that_cannot_be_is_refused_in_one_line(tmp_path, text, named):
+    with pytest.raises(CardError) as error:
+        read_card(card(tmp_path, text))
+    assert "\n" not in str(error.value)
+    assert "mine.toml" in str(error.value)
+    for word in named:
+        assert word in str(error.value)
+
+
+def test_a_card_that_is_not_there_names_those_that_are():
+    with pytest.raises(CardError, match="thesis"):
+        read_card("theses")
+
+
+def test_styles_say_only_what_actions_know():
+    from simulation.protocol import ACTIONS, COMMON
+
+    for style in tomllib.loads(STYLES.read_text("utf-8")).values():
+        for action, told in style.items():
+            table = COMMON if action == "all" else COMMON | ACTIONS[action]
+            assert {name: table[name].problem(value) for name, value in told.items()} == dict.fromkeys(told)
+
+
+def test_every_effect_has_a_default_that_is_allowed():
+    for effect in EFFECTS.values():
+        assert [name for name, p in effect.parameters.items() if p.problem(p.default)] == []
+        assert set(effect.needs) <= set(EFFECTS)
+
+
+def test_shares_of_a_total_are_whole_and_add_up():
+    assert apportion(10, [60, 60, 1]) == [5, 5, 0]
+    assert sum(apportion(17, [3, 5, 7])) == 17
+
+
+def test_no_card_writes_over_the_styles():
+    assert STYLES.parent == CARDS
+    assert "styles" not in shipped()
