@@ -5,6 +5,7 @@ PYTHON ?= python3
 UV     := .tools/bin/uv
 BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
+PEERS  := .venv-peers
 ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
@@ -19,7 +20,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test real ablation bench lint lock clean docs
+.PHONY: help setup demo test real ablation bench peers lint lock clean docs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -45,6 +46,9 @@ docs: setup  ## write the tables of README and docs from build/real and from the
 bench: setup  ## time one step on this machine, into build/bench
 	$(BIN)/python -m benchmarks.step --out build/bench $(ARGS)
 
+peers: $(PEERS)/.stamp  ## hold and pull in MuJoCo, in an environment of its own, into build/bench/mujoco.json
+	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
+
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/mypy $(ROOMS) tests
@@ -52,8 +56,8 @@ lint: setup  ## ruff and mypy
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
-clean:  ## remove .venv, .tools, build and caches
-	rm -rf .venv .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+clean:  ## remove .venv, .venv-peers, .tools, build and caches
+	rm -rf .venv $(PEERS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # pip is used once, to fetch uv: `--target` works where Debian marks its Python as externally managed.
@@ -68,4 +72,11 @@ clean:  ## remove .venv, .tools, build and caches
 	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
 	$(UV) pip sync --quiet --python $(BIN)/python --only-binary :all: --require-hashes $(LOCKS)
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
+	@touch $@
+
+# Beside .venv, which keeps to what is tested: everything of dev.lock, so that ours and peers run on the same numpy.
+$(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
+	@test -x $(PEERS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(PEERS)
+	$(UV) pip sync --quiet --python $(PEERS)/bin/python --only-binary :all: --require-hashes \
+	    $(LOCKS) requirements/peers.lock
 	@touch $@

@@ -16,6 +16,10 @@ compile requirements/build.in --output-file requirements/build.lock
 compile pyproject.toml --extra train --extra viz --group dev --constraint requirements/build.lock \
     --output-file requirements/dev.lock
 compile pyproject.toml --constraint requirements/dev.lock --output-file requirements/live.lock
+# Only what an environment of dev.lock lacks: the peers' environment is built from both.
+locked=$(sed -n 's/^\([A-Za-z0-9][A-Za-z0-9._-]*\)==.*/--no-emit-package \1/p' requirements/dev.lock)
+# shellcheck disable=SC2086
+compile requirements/peers.in --constraint requirements/dev.lock $locked --output-file requirements/peers.lock
 
 if grep -nE '://|--(extra-)?index-url|--find-links' tools/uv.txt requirements/*.lock; then
     echo "a lock names an index: remove the lines above" >&2
