@@ -80,10 +80,11 @@ class Pull:
 
 @dataclass(frozen=True)
 class Floor:
-    """A box from below: a unilateral spring at height_m [B] that pushes with at most cap_n [B]."""
+    """A box from below: a unilateral spring at height_m [B] that pushes with at most cap_n [B], and hardly slides."""
 
     stiffness_n_per_m: float
     damping_n_s_per_m: float
+    sideways_n_s_per_m: float
     height_m: FloatArray
     cap_n: FloatArray
 
@@ -102,7 +103,8 @@ class State:
     """Where everything is: position_m, velocity_m_s [3, B]; stretch_m [2, E, 6, B] of the brush elements.
 
     rho [E, 6, B]: share of a trial stretch that friction could hold in the last step; slip_m_s [E, 6, B];
-    depth_m, normal_n [6, B]; agents_n [3, B]: what people and the box did to the object in the last step; brush_j [B]: energy in the brushes.
+    depth_m, normal_n [6, B]; agents_n [3, B]: what people and the box did to the object in the last step; brush_j [B]: energy in the
+    brushes; offset_m [2, 6, B], recess_m [6, B]: of the contacts, kept from the last step.
     """
 
     position_m: FloatArray
@@ -114,11 +116,14 @@ class State:
     normal_n: FloatArray
     agents_n: FloatArray
     brush_j: FloatArray
+    offset_m: FloatArray
+    recess_m: FloatArray
 
 
 def at_rest(body: Body, closure_m: FloatArray) -> State:
     """Nothing moves, nothing is stretched; closure_m [6, B]."""
     elements, _, lanes = body.brush_n_per_m.shape
+    offset = offset_m(body, np.zeros((2, lanes)))
     state = State(
         np.zeros((3, lanes)),
         np.zeros((3, lanes)),
@@ -129,8 +134,10 @@ def at_rest(body: Body, closure_m: FloatArray) -> State:
         np.zeros((N_CONTACTS, lanes)),
         np.zeros((3, lanes)),
         np.zeros(lanes),
+        offset,
+        recess_m(body, offset),
     )
-    state.depth_m = closure_m - recess_m(body, offset_m(body, state.position_m[1:]))
+    state.depth_m = closure_m - state.recess_m
     return state
 
 
@@ -144,23 +151,21 @@ def step(
 ) -> None:
     """Move every lane by its own dt_s [B], to the time t_s [B]; changes the state in place."""
     old = replace(state)
-    offset = offset_m(body, old.position_m[1:])
     load_n, drag = _loads(body, old, inputs, dt_s)
     held_n = load_n + body.mass_kg * body.gravity_m_s2
     for shake in effects.shakes:
         held_n = held_n - body.mass_kg * shake.acceleration_m_s2(t_s)
     speed_x, memory_n = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
-    squeeze_n = (body.curvature_per_m[:, None] * offset * state.normal_n).sum(axis=1)
+    squeeze_n = (body.curvature_per_m[:, None] * old.offset_m * state.normal_n).sum(axis=1)
     sideways = _sideways(body, state, held_n[1:] + squeeze_n, drag[1:], limit_m, dt_s)
     state.velocity_m_s = np.concatenate([speed_x[None], sideways])
     state.position_m = old.position_m + state.velocity_m_s * dt_s
-    _slide(state, limit_m, dt_s)
     state.agents_n = load_n - drag * state.velocity_m_s
     given_j = ((held_n - drag * state.velocity_m_s) * (state.velocity_m_s * dt_s)).sum(axis=0)
     if memory_n is not None:
         given_j = given_j - (memory_n * (np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0))).sum(axis=0)
-    _keep_the_balance(body, old, state, inputs.closure_m, offset, given_j)
+    _keep_the_balance(body, old, state, inputs.closure_m, given_j)
     for turn in effects.turns:
         turn.turn(body, state, limit_m, dt_s)
 
@@ -175,29 +180,30 @@ def kinetic_j(body: Body, state: State) -> FloatArray:
 def brush_j(body: Body, state: State) -> FloatArray:
     """[B] energy in the brushes."""
     y, z = state.stretch_m
-    energy: FloatArray = 0.5 * (body.brush_n_per_m * (y * y + z * z)).sum(axis=(0, 1))
+    energy: FloatArray = 0.5 * np.einsum("eib,eib->b", body.brush_n_per_m, y * y + z * z)
     return energy
 
 
-def normal_j(body: Body, closure_m: FloatArray, x_m: FloatArray, offset: FloatArray) -> FloatArray:
-    """[B] energy in the normal springs with the object at x_m [B] and contacts at an offset [2, 6, B]."""
-    depth = np.maximum(closure_m - recess_m(body, offset) - SIDE * x_m, 0.0)
+def normal_j(body: Body, closure_m: FloatArray, x_m: FloatArray, recess: FloatArray) -> FloatArray:
+    """[B] energy in the normal springs with the object at x_m [B] and the surface recessed by [6, B]."""
+    depth = np.maximum(closure_m - recess - SIDE * x_m, 0.0)
     energy: FloatArray = 0.5 * (body.stiffness_n_per_m * (depth * depth)).sum(axis=0)
     return energy
 
 
 def _keep_the_balance(
-    body: Body, old: State, state: State, closure_m: FloatArray, offset: FloatArray, given_j: FloatArray
+    body: Body, old: State, state: State, closure_m: FloatArray, given_j: FloatArray
 ) -> None:
     """Slow a lane that ended with more energy than it had and was given; at a fine step there is none.
 
     Normals and brushes are solved one after the other and the squeeze at the old place, so a long step can miss
     the balance. Where all of its motion is not enough, the object stays where it was.
     """
-    new_offset = offset_m(body, state.position_m[1:])
-    had_j = kinetic_j(body, old) + old.brush_j + normal_j(body, closure_m, old.position_m[0], offset)
+    state.offset_m = offset_m(body, state.position_m[1:])
+    state.recess_m = recess_m(body, state.offset_m)
+    had_j = kinetic_j(body, old) + old.brush_j + normal_j(body, closure_m, old.position_m[0], old.recess_m)
     moving_j, state.brush_j = kinetic_j(body, state), brush_j(body, state)
-    still_j = state.brush_j + normal_j(body, closure_m, state.position_m[0], new_offset)
+    still_j = state.brush_j + normal_j(body, closure_m, state.position_m[0], state.recess_m)
     too_much = np.flatnonzero(moving_j + still_j > had_j + given_j)
     if not too_much.size:
         return
@@ -210,6 +216,7 @@ def _keep_the_balance(
     state.position_m[:, stuck] = old.position_m[:, stuck]
     state.stretch_m[..., stuck] = np.minimum(state.rho, 1.0)[..., stuck] * old.stretch_m[..., stuck]
     state.brush_j[stuck] = brush_j(body, state)[stuck]
+    state.offset_m[..., stuck], state.recess_m[..., stuck] = old.offset_m[..., stuck], old.recess_m[..., stuck]
 
 
 def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
@@ -239,7 +246,7 @@ def _loads(body: Body, state: State, inputs: Inputs, dt_s: FloatArray) -> tuple[
         load_n -= pull.weight_share * body.mass_kg * body.gravity_m_s2
         drag += spring * dt_s + damper
     if inputs.floor is not None:
-        _add_floor(inputs.floor, state, load_n[2], drag[2], dt_s)
+        _add_floor(inputs.floor, state, load_n[2], drag, dt_s)
     return load_n, drag
 
 
@@ -248,7 +255,8 @@ def _add_floor(floor: Floor, state: State, load_n: FloatArray, drag: FloatArray,
     pressed_m = np.maximum(above_m - state.velocity_m_s[2] * dt_s, 0.0)
     share = np.minimum(1.0, floor.cap_n / np.maximum(floor.stiffness_n_per_m * pressed_m, TINY)) * (pressed_m > 0.0)
     load_n += share * floor.stiffness_n_per_m * above_m
-    drag += share * (floor.stiffness_n_per_m * dt_s + floor.damping_n_s_per_m)
+    drag[2] += share * (floor.stiffness_n_per_m * dt_s + floor.damping_n_s_per_m)
+    drag[:2] += share * floor.sideways_n_s_per_m
 
 
 def _normals(
@@ -310,22 +318,26 @@ def _stretch_limit(
 def _sideways(
     body: Body, state: State, held_n: FloatArray, drag: FloatArray, limit_m: FloatArray, dt_s: FloatArray
 ) -> FloatArray:
-    """[2, B] velocity at the end of the step; state.rho becomes the share each element holds."""
+    """[2, B] velocity at the end of the step; stretches the brushes by it and lets go what friction cannot hold."""
     drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
     mass = body.mass_kg + dt_s * drag
-    velocity, rho = _sweep(drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s, body.loss_s)
+    velocity, rho, trial, length = _sweep(
+        drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s, body.loss_s
+    )
     open_ = np.flatnonzero(np.abs(rho - state.rho).max(axis=(0, 1)) > RHO_TOLERANCE)
-    state.rho = rho
     for _ in range(MAX_SWEEPS):
         if not open_.size:
             break
         before = rho[..., open_]
-        velocity[:, open_], after = _sweep(
+        velocity[:, open_], after, trial[..., open_], length[..., open_] = _sweep(
             drive[:, open_], mass[:, open_], body.brush_n_per_m[..., open_],
             state.stretch_m[..., open_], before, limit_m[..., open_], dt_s[open_], body.loss_s,
         )  # fmt: skip
         rho[..., open_] = after
         open_ = open_[np.abs(after - before).max(axis=(0, 1)) > RHO_TOLERANCE]
+    state.rho = rho
+    state.stretch_m = rho * trial
+    state.slip_m_s = (1.0 - rho) * length / dt_s
     return velocity
 
 
@@ -338,21 +350,12 @@ def _sweep(
     limit: FloatArray,
     dt_s: FloatArray,
     loss_s: float,
-) -> tuple[FloatArray, FloatArray]:
-    """One reweighting: velocity [2, B] with the springs weakened by rho, and the rho of that velocity."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """One reweighting: velocity [2, B] with the springs weakened by rho; rho, stretch and its length after it."""
     spring = brush * rho
     stiffness = spring.sum(axis=(0, 1))
     pull = (spring * stretch).sum(axis=(1, 2))
     velocity = (drive - dt_s * pull) / (mass + dt_s * (dt_s + loss_s) * stiffness)
     trial = stretch + (velocity * dt_s)[:, None, None]
     length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
-    return velocity, np.minimum(1.0, limit / np.maximum(length, TINY))
-
-
-def _slide(state: State, limit_m: FloatArray, dt_s: FloatArray) -> None:
-    """Stretch the brushes by the motion and let go what friction cannot hold (return mapping)."""
-    trial = state.stretch_m + (state.velocity_m_s[1:] * dt_s)[:, None, None]
-    length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
-    state.rho = np.minimum(1.0, limit_m / np.maximum(length, TINY))
-    state.stretch_m = state.rho * trial
-    state.slip_m_s = (1.0 - state.rho) * length / dt_s
+    return velocity, np.minimum(1.0, limit / np.maximum(length, TINY)), trial, length

@@ -12,7 +12,7 @@ from edge_runtime.contract import BoolArray, FloatArray
 from simulation.core import N_CONTACTS, SIDE, State, at_rest, step
 from simulation.effect import NO_EFFECTS, PhysicsEffects
 from simulation.protocol import Trial
-from simulation.script import Interval, Script, Times, body_of, busy, step_times
+from simulation.script import Grid, Interval, Script, body_of, grid_of
 
 CHUNK = 64
 SLIDES_M_S = 2e-4
@@ -61,8 +61,8 @@ class _Tape:
     """Arrays that a batch writes while it runs."""
 
     def __init__(self, n_steps: int, n_samples: int, lanes: int) -> None:
-        self.forces = np.zeros((n_samples, N_CONTACTS, 3, lanes))
-        self.position = np.zeros((n_samples, 3, lanes))
+        self.forces = np.zeros((lanes, n_samples, N_CONTACTS, 3))
+        self.position = np.zeros((lanes, n_samples, 3))
         self.agents = np.zeros((n_steps, 3, lanes), dtype=np.float32)
         self.gripped, self.slips, self.slides = (np.zeros((n_steps, lanes), dtype=np.bool_) for _ in range(3))
         self.slip = np.zeros((n_steps, lanes), dtype=np.float32)
@@ -70,14 +70,14 @@ class _Tape:
 
 def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
     """Step a batch of trials to their ends; a trial's result does not depend on the batch it is in (of at least two)."""
-    grids = [_grid(trial, loop, index) for index, trial in enumerate(trials)]
+    spans = loop.busy or [()] * len(trials)
+    grids = [grid_of(trial, loop.rate_hz, loop.step_s, more) for trial, more in zip(trials, spans, strict=True)]
     at_s, sample = _stack(grids)
     body = body_of(trials, loop.pressure)
     script = Script(trials, body)
-    before_s = np.vstack([np.zeros((1, len(trials))), at_s[:-1]])
-    first = script.chunk(np.zeros((1, len(trials))))[0]
-    state = at_rest(body, first.closure_m)
-    tape = _Tape(len(at_s), int(sample.max()) + 1, len(trials))
+    before_s = np.vstack([[grid.start_s for grid in grids], at_s[:-1]])
+    state = at_rest(body, script.chunk(before_s[:1])[0].closure_m)
+    tape = _Tape(len(at_s), max(grid.n_samples for grid in grids), len(trials))
     mean = _Mean(loop, body.mass_kg.shape[0]) if loop.average_s else None
     travel = np.zeros((N_CONTACTS, len(trials)))
     for start in range(0, len(at_s), CHUNK):
@@ -92,23 +92,17 @@ def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
             ends = np.flatnonzero(sample[k] >= 0)
             if ends.size:
                 _sample(tape, sample[k, ends], ends, body.brush_n_per_m, state, mean)
-    return [_motion(tape, loop.rate_hz, lane, *grid) for lane, grid in enumerate(grids)]
+    return [_motion(tape, loop.rate_hz, lane, grid) for lane, grid in enumerate(grids)]
 
 
-def _grid(trial: Trial, loop: Loop, index: int) -> tuple[FloatArray, IntArray]:
-    end_s = Times.of(trial).end
-    more = loop.busy[index] if loop.busy else ()
-    return step_times(loop.rate_hz, loop.step_s, end_s, [*busy(trial), *more])
-
-
-def _stack(grids: Sequence[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:
+def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
     """[K, B] times and samples; a lane that has ended goes on in steps of its last one, unheard."""
-    longest = max(len(at) for at, _ in grids)
+    longest = max(len(grid.at_s) for grid in grids)
     at_s, sample = np.empty((longest, len(grids))), np.full((longest, len(grids)), -1, dtype=np.int64)
-    for lane, (at, number) in enumerate(grids):
-        n = len(at)
-        at_s[:n, lane], sample[:n, lane] = at, number
-        at_s[n:, lane] = at[-1] + (at[-1] - at[-2]) * np.arange(1, longest - n + 1)
+    for lane, grid in enumerate(grids):
+        n, last_s = len(grid.at_s), np.concatenate([[grid.start_s], grid.at_s])[-2:]
+        at_s[:n, lane], sample[:n, lane] = grid.at_s, grid.sample
+        at_s[n:, lane] = last_s[1] + (last_s[1] - last_s[0]) * np.arange(1, longest - n + 1)
     return at_s, sample
 
 
@@ -156,17 +150,18 @@ def _sample(
     tape: _Tape, rows: IntArray, lanes: IntArray, brush: FloatArray, state: State, mean: _Mean | None
 ) -> None:
     forces = _forces(brush, state, lanes) if mean is None else mean.take(lanes)
-    tape.position[rows, :, lanes] = state.position_m[:, lanes].T
-    tape.forces[rows, :, :, lanes] = np.moveaxis(forces, 2, 0)
+    tape.position[lanes, rows] = state.position_m[:, lanes].T
+    tape.forces[lanes, rows] = np.moveaxis(forces, 2, 0)
 
 
-def _motion(tape: _Tape, rate_hz: float, lane: int, at_s: FloatArray, sample: IntArray) -> Motion:
-    n, k = int(sample.max()) + 1, len(at_s)
+def _motion(tape: _Tape, rate_hz: float, lane: int, grid: Grid) -> Motion:
+    n, k = grid.n_samples, len(grid.at_s)
+    tape.position[lane, grid.sample[-1] + 1 : n] = tape.position[lane, grid.sample[-1]]
     return Motion(
         t_s=np.arange(n) / rate_hz,
-        forces_n=tape.forces[:n, :, :, lane],
-        position_m=tape.position[:n, :, lane],
-        at_s=at_s,
+        forces_n=tape.forces[lane, :n],
+        position_m=tape.position[lane, :n],
+        at_s=grid.at_s,
         agents_n=tape.agents[:k, :, lane],
         gripped=tape.gripped[:k, lane],
         slips=tape.slips[:k, lane],

@@ -18,7 +18,7 @@ from simulation.effects import EFFECTS, conversion_s
 from simulation.loop import pressure
 from simulation.protocol import Trial, draw_trial
 from simulation.run import Loop, Motion, run_batch
-from simulation.script import Times, busy, step_times
+from simulation.script import grid_of
 from simulation.sensor.calibration import calibrate
 from simulation.truth import Truth, truth_of
 
@@ -129,8 +129,7 @@ class Scene:
         return float(self.card.effects[name].get(parameter, EFFECTS[name].parameters[parameter].default))
 
     def _steps(self, trial: Trial) -> int:
-        at_s, _ = step_times(self.card.rate_hz, self.card.step_s, Times.of(trial).end, busy(trial))
-        return len(at_s)
+        return len(grid_of(trial, self.card.rate_hz, self.card.step_s).at_s)
 
 
 def apportion(total: int, counts: Sequence[int]) -> list[int]:

@@ -6,10 +6,11 @@ steps depend on nothing but the trial.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.contract import FloatArray
 from simulation.core import Body, Floor, Inputs, Pull
@@ -19,7 +20,10 @@ OPEN_GAP_M = 0.03
 SETTLE_S = 0.4
 """After something ends, fine steps go on for so long."""
 GIVER_N_PER_M, GIVER_CAP_N = 800.0, 40.0
-BOX_N_PER_M, BOX_DAMPING, BOX_GAP_M, BOX_OVERSHOOT_M = 4e3, 40.0, 0.01, 0.003
+BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS = 4e3, 40.0, 300.0
+BOX_GAP_M, BOX_OVERSHOOT_M = 0.01, 0.003
+CATCH_S = 0.5
+"""So long before a hand that was only disturbed opens, the person comes back to take the object."""
 DAMPING_RATIO = 0.7
 Interval = tuple[float, float]
 
@@ -53,8 +57,8 @@ class Times:
         if trial.supported:
             give = act + {"fall": 0.0, "pull": 0.0, "pass": d.get("take_s", 0.0)}.get(trial.action, NEVER_S)
         lasts, opens = _lasts(trial, act)
-        if trial.supported and trial.action in ("put-down", "hold"):
-            give = opens - 0.2 if trial.action == "hold" else act + BOX_GAP_M / d["box_m_s"]
+        if trial.supported and trial.action == "put-down":
+            give = act + BOX_GAP_M / d["box_m_s"]
         return Times(close, give, act, opens, act + lasts + d["tail_s"])
 
 
@@ -68,7 +72,7 @@ def _lasts(trial: Trial, act: float) -> tuple[float, float]:
         opens = act + BOX_GAP_M / d["box_m_s"] + d["open_after_s"]
         return opens + d["opening_s"] - act, opens
     if trial.action == "hold":
-        opens = act + d["times"] * d["every_s"] + 0.5
+        opens = act + d["times"] * d["every_s"] + 2.0 * CATCH_S
         return opens + d["opening_s"] - act, opens
     return (d["move_s"] if trial.action == "pull" else d["watch_s"]), NEVER_S
 
@@ -83,7 +87,7 @@ def busy(trial: Trial) -> list[Interval]:
         found.append((t.open, t.open + d["opening_s"]))
     if trial.action == "hold":
         starts = [t.act + k * d["every_s"] for k in range(round(d["times"]))]
-        found += [(start, start + d["pulse_s"]) for start in starts]
+        found += [(start, start + d["pulse_s"]) for start in starts] + [(t.open - CATCH_S, t.open)]
     elif trial.action == "put-down":
         found.append((t.act, t.act + (BOX_GAP_M + BOX_OVERSHOOT_M) / d["box_m_s"]))
     elif trial.action == "pass":
@@ -97,25 +101,39 @@ def _giving_s(trial: Trial) -> float:
     return trial.drawn["vanish_s"] if trial.action == "fall" else trial.drawn["give_s"]
 
 
-def step_times(rate_hz: float, step_s: float, end_s: float, fine: Iterable[Interval]) -> tuple[FloatArray, FloatArray]:
-    """Times of the steps of one trial [K] and the sample each ends at, -1 between samples [K].
+@dataclass(frozen=True)
+class Grid:
+    """Steps of one trial: at_s [K] their ends, sample [K] the sample each ends at (-1 between samples).
 
-    Samples are at 0, 1/rate, ..; the step to the next sample is cut into ceil(1 / (rate * step_s)) where it touches
-    an interval in which anything can happen.
+    n_samples: of the whole trial; before the first step and after the last nothing touches, and nothing is stepped.
     """
-    n, pieces = int(np.floor(end_s * rate_hz)), max(1, int(np.ceil(1.0 / (rate_hz * step_s) - 1e-9)))
-    from_s = np.arange(n) / rate_hz
-    is_fine = np.zeros(n, dtype=np.bool_)
-    for start, stop in fine:
-        is_fine |= (from_s + 1.0 / rate_hz > start) & (from_s < stop)
+
+    at_s: FloatArray
+    sample: npt.NDArray[np.int64]
+    start_s: float
+    n_samples: int
+
+
+def grid_of(trial: Trial, rate_hz: float, step_s: float, more: Sequence[Interval] = ()) -> Grid:
+    """Samples are at 0, 1/rate, ..; the step to the next is cut into ceil(1 / (rate * step_s)) where it touches an
+    interval in which anything can happen. Stepping begins as the hand begins to close, and ends when it is open."""
+    times, fine = Times.of(trial), [*busy(trial), *more]
+    n, pieces = int(np.floor(times.end * rate_hz)), max(1, int(np.ceil(1.0 / (rate_hz * step_s) - 1e-9)))
+    first = int(np.clip(np.floor((times.close - 0.02) * rate_hz), 0, n - 1))
+    opened_s = times.open + trial.drawn.get("opening_s", 0.0) + SETTLE_S
+    stop = int(min(n, np.ceil(opened_s * rate_hz)))
+    index = np.arange(first, max(stop, first + 1))
+    from_s = index / rate_hz
+    is_fine = np.zeros(len(index), dtype=np.bool_)
+    for start, end in fine:
+        is_fine |= (from_s + 1.0 / rate_hz > start) & (from_s < end)
     counts = np.where(is_fine, pieces, 1)
     last = np.cumsum(counts) - 1
-    sample = np.repeat(np.arange(n), counts)
-    within = np.arange(len(sample)) - np.repeat(last - counts + 1, counts) + 1
-    at = (sample + within / counts[sample]) / rate_hz
-    number = np.full(len(sample), -1, dtype=np.int64)
-    number[last] = np.arange(1, n + 1)
-    return at, number
+    place = np.repeat(np.arange(len(index)), counts)
+    within = np.arange(len(place)) - (last - counts + 1)[place] + 1
+    sample = np.full(len(place), -1, dtype=np.int64)
+    sample[last] = index + 1
+    return Grid((index[place] + within / counts[place]) / rate_hz, sample, first / rate_hz, n + 1)
 
 
 def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
@@ -178,7 +196,7 @@ class Script:
             Inputs(
                 self._closure(shut[k], pulse[k]),
                 tuple(Pull(*(part[k] for part in person)) for person in people),
-                None if floor is None else Floor(BOX_N_PER_M, BOX_DAMPING, floor[0][k], floor[1][k]),
+                None if floor is None else Floor(BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS, floor[0][k], floor[1][k]),
             )
             for k in range(len(t_s))
         ]
@@ -207,6 +225,9 @@ class Script:
         """The person who holds the object out: there until he lets go; a falling object's support just vanishes."""
         lasts = np.where(self.falls, self.d("vanish_s", 1.0), self.d("give_s", 1.0))
         there = 1.0 - smooth((t_s - self.t["give"]) / lasts)
+        if self.holds.any():
+            back = smooth((t_s - self.t["open"] + CATCH_S) / (0.5 * CATCH_S))
+            there = np.where(self.holds, np.maximum(there, back), there)
         damping = 2.0 * DAMPING_RATIO * np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
         still = np.zeros((len(t_s), *self.push.shape))
         return there * GIVER_N_PER_M, there * damping, there * GIVER_CAP_N + 1e-9, there, still, still

@@ -68,7 +68,7 @@ class Truth:
 
 def truth_of(trial: Trial, motion: Motion) -> Truth:
     """Read the events of a trial from its steps."""
-    end_s = float(motion.at_s[-1]) + 1.0 / 1e3
+    end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     held = np.flatnonzero(motion.gripped)
     if not held.size:
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
