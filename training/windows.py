@@ -1,10 +1,12 @@
 """Labelled windows of the eight classes, and their balance.
 
-A window is the N samples that end at its row. Four kinds of row are used:
+A window is the N samples that end at its row. Five kinds of row are used:
 
 critical points  labelled by the phase they fall in. At an edge between phases both claim the points within
                  0.10 s of it, one window, and the higher situation wins, as in every tie: the grasp point
                  is the contact onset, a slip begins with its first sign and ends when the object is gone
+slip             where the truth is known from the moment (a simulated trial, a camera), not from a script: evenly
+                 spaced over each slip, since a short or faint one may have no critical point at all
 keep             steady holding: in the middle of each hold and just before what ends it, with no critical
                  point near (critical points alone would never show a forest a hand that simply holds)
 nothing          the same in each phase without contact, at the start and at the end of a trial; they bear
@@ -35,6 +37,8 @@ EDGE_S = WINDOW_S
 STEADY_MARGIN_S = 0.3
 """A steady window keeps this far from the end of its phase and from every critical point."""
 EMPTY_HAND_EVERY_S = 0.5
+SLIP_EVERY_S = 0.02
+MOST_OF_A_SLIP = 12
 NO_OBJECT = "-"
 COLUMNS = ("trial", "row", "label", "object", "action", "source")
 STRATA = ["object", "action", "source"]
@@ -42,11 +46,15 @@ STRATA = ["object", "action", "source"]
 
 @dataclass(frozen=True)
 class TimedTrial:
-    """A recording, what happens in it, and whether its object is heavy (None: there is no object)."""
+    """A recording, what happens in it, and whether its object is heavy (None: there is no object).
+
+    timed: the phases are known to the moment and not from a script.
+    """
 
     recording: Recording
     phases: tuple[Phase, ...]
     heavy: bool | None
+    timed: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,7 @@ class _Spot:
 
 def natural_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
     """Every window there is, one line each: trial (index), row (the window's last), label (0..7), object,
-    action and source (band-pass, friction, both, keep, nothing)."""
+    action and source (band-pass, friction, both, slip, keep, nothing)."""
     lines = [
         (index, spot.row, spot.label, trial.recording.object_name or NO_OBJECT,
          trial.recording.action or NO_OBJECT, spot.source)
@@ -129,7 +137,20 @@ def _spots(trial: TimedTrial) -> list[_Spot]:
         return _empty_hand(trial)
     points = offline_critical_points(trial.recording)
     spots = [*_critical(trial, points, trial.heavy), *_steady(trial, points, trial.heavy)]
+    if trial.timed:
+        taken = {spot.row for spot in spots}
+        spots += [spot for spot in _slipping(trial, trial.heavy) if spot.row not in taken]
     return sorted(spots, key=lambda spot: spot.row)
+
+
+def _slipping(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:
+    every = SLIP_EVERY_S * trial.recording.rate_hz
+    for phase in trial.phases:
+        if phase.situation in (NOTHING, GRASP):
+            continue
+        count = int(np.clip((phase.stop - phase.first) / every, 1, MOST_OF_A_SLIP))
+        for row in np.unique(np.linspace(phase.first, phase.stop - 1, count + 2).round()[1:-1].astype(np.int64)):
+            yield _Spot(int(row), class_id(phase.situation, heavy=heavy), "slip")
 
 
 def _critical(trial: TimedTrial, points: list[CriticalPoint], heavy: bool) -> Iterator[_Spot]:

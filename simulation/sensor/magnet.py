@@ -18,7 +18,7 @@ MAGNET_M3 = np.pi * 0.75e-3**2 * 0.5e-3
 MOMENT_A_M2 = REMANENCE_T * MAGNET_M3 / (4e-7 * np.pi)
 """Of an N45 disc, 1.5 x 0.5 mm: 0.95 mA m^2."""
 NORMAL_N_PER_M, SHEAR_N_PER_M = 30e3, 15e3
-STIFFENING_N = 45.0
+STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
 EARTH_UT = np.array([20.0, 0.0, 43.0])
 N_SENSORS = 6
@@ -54,7 +54,7 @@ def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
 def dipole(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
     """Force moves a magnet in silicone, and the chip under it reads the field of a dipole, uT, rest field included.
 
-    Displacement F / (k (1 + |F| / 45 N)), k 30 N/mm in and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
+    Displacement F / (k (1 + |F| / 30 N)), k 30 N/mm in and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
     """
     return replace(signal, values=dipole_ut(place_m(signal.values, drawn["height_mm"])), unit="uT")
 
@@ -122,7 +122,7 @@ def _indices(sensors: Sequence[float]) -> list[int]:
     return [int(number) - 1 for number in sensors]
 
 
-HEIGHT = Parameter(3.0, "mm", 2.0, 20, "from chip to magnet, unloaded")
+HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
 SENSORS = Parameter([], "", 1, 6, "which sensors", many=True)
 MAGNET = (
     Effect("dipole", "sensor", dipole, {"height_mm": HEIGHT}),

@@ -159,7 +159,7 @@ def _timed(place: _Place, root: Path, unit: Any) -> TimedTrial:
         action=place.action,
     )
     heavy = is_heavy(mass_g(place.object_folder)) if place.object_folder else None
-    return TimedTrial(recording, _phases(trial, recording), heavy)
+    return TimedTrial(recording, _phases(trial, recording), heavy, timed=truth_path(trial.path).exists())
 
 
 def _phases(trial: Trial, recording: Recording) -> tuple[Phase, ...]:
