@@ -1,0 +1,267 @@
+"""Scenes: what a simulated trial leaves behind, and that nothing runs that the card does not name."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.replay import Replay
+from edge_runtime.contract import SITUATIONS
+from edge_runtime.errors import OutputError, UsageError
+from edge_runtime.trial_file import read_trial
+from holdfast.cli import main
+from holdfast.sources import open_source
+from simulation import scene as scenes
+from simulation.card import Card, read_card
+from simulation.effects import EFFECTS
+from simulation.folder import write_set
+from simulation.scene import Scene, Told
+from training.datasets.thesis import load
+from training.timeline import read_truth
+
+CORE = """
+[record]
+rate_hz = 100
+[[trials]]
+objects = ["soft-ball", "full-bottle"]
+action = "pass"
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+[[trials]]
+objects = ["full-bottle"]
+action = "fall"
+[[trials]]
+objects = ["basket-ball"]
+action = "put-down"
+[[trials]]
+objects = ["hard-ball"]
+action = "hold"
+load_n = 1.0
+[[trials]]
+action = "nothing"
+lasts_s = 3
+"""
+MAGNET = "\n[effects.dipole]\n"
+
+
+def make(tmp_path: Path, text: str = CORE, seed: int = 0) -> Scene:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return Scene(read_card(str(path)), seed)
+
+
+def told(scene: Scene) -> list[Told]:
+    return scene.run_together(scene.trials())
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory: pytest.TempPathFactory) -> list[Told]:
+    return told(make(tmp_path_factory.mktemp("core")))
+
+
+def test_every_action_ends_as_its_truth_says(core):
+    shapes = {one.trial.action: [SITUATIONS[s] for _, s in one.truth.marks] for one in core if one.trial.action != "pass"}
+    assert shapes == {
+        "pull": ["nothing", "grasp", "risky_slip", "nothing"],
+        "fall": ["nothing", "grasp", "risky_slip", "nothing"],
+        "put-down": ["nothing", "grasp", "safe_slip", "grasp", "safe_slip", "nothing"],
+        "hold": ["nothing", "grasp", "safe_slip", "nothing"],
+        "nothing": ["nothing"],
+    }
+
+
+def test_events_come_in_their_order(core):
+    for one in core:
+        if one.trial.action in ("pull", "fall"):
+            truth = one.truth
+            times = [
+                truth.contact_s, truth.load_onset_s, truth.incipient_slip_s, truth.gross_slip_s, truth.contact_lost_s
+            ]  # fmt: skip
+            assert None not in times
+            assert times == sorted(times)
+
+
+def test_the_empty_hand_feels_nothing(core):
+    empty = next(one for one in core if one.trial.action == "nothing")
+    assert not empty.signal.values.any()
+
+
+def test_held_fingers_carry_the_weight_and_press_against_each_other(core):
+    one = next(one for one in core if one.trial.action == "put-down")
+    held = int((one.truth.load_onset_s or 0.0) * 100) - 5
+    normal = one.signal.values[held, :, 2]
+    assert normal[:2].sum() == pytest.approx(normal[2:].sum(), rel=0.1)
+    assert np.linalg.norm(one.signal.values[held, :, :2], axis=1).sum() > 0.0
+
+
+def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(tmp_path, core, monkeypatch):
+    called: list[str] = []
+
+    def counting(name: str):
+        def effect(*_: object) -> object:
+            called.append(name)
+            raise AssertionError(name)
+
+        return effect
+
+    for name, effect in EFFECTS.items():
+        monkeypatch.setitem(EFFECTS, name, type(effect)(effect.name, effect.stage, counting(name), effect.parameters))
+    again = told(make(tmp_path, CORE + "\n[effects]\n"))
+    assert called == []
+    for one, other in zip(core, again, strict=True):
+        assert one.signal.values.tobytes() == other.signal.values.tobytes()
+        assert one.effects == other.effects == {}
+
+
+def test_an_effect_on_the_card_is_called_and_no_other(tmp_path, monkeypatch):
+    called: list[str] = []
+    for name, effect in EFFECTS.items():
+        def counted(*args: object, name: str = name, make=effect.make) -> object:
+            called.append(name)
+            return make(*args)
+
+        monkeypatch.setitem(EFFECTS, name, type(effect)(effect.name, effect.stage, counted, effect.parameters))
+    told(make(tmp_path, CORE + "\n[effects.tremor]\n[effects.gain_tilt]\n"))
+    assert set(called) == {"tremor", "gain_tilt"}
+
+
+@pytest.mark.parametrize("added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift", "saturation"])
+def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, added):
+    plain = told(make(tmp_path, CORE + MAGNET + "[effects.gain_tilt]\n[effects.timing_jitter]\n"))
+    more = told(make(tmp_path, CORE + MAGNET + f"[effects.gain_tilt]\n[effects.timing_jitter]\n[effects.{added}]\n"))
+    for one, other in zip(plain, more, strict=True):
+        assert one.signal.t_s.tobytes() == other.signal.t_s.tobytes()
+        assert {name: other.effects[name] for name in one.effects} == one.effects
+        assert one.motion.forces_n.tobytes() == other.motion.forces_n.tobytes()
+
+
+def test_a_loop_effect_changes_no_trial_s_script(tmp_path, core):
+    shaken = told(make(tmp_path, CORE + "[effects.tremor]\n"))
+    assert [one.trial.drawn for one in core] == [one.trial.drawn for one in shaken]
+
+
+def test_a_trial_is_the_same_in_any_company(tmp_path):
+    scene = make(tmp_path, CORE + "[effects.brush]\n[effects.texture]\n[effects.lag]\n" + MAGNET + "[effects.hall_noise]\n")
+    trials = scene.trials()
+    together = scene.run_together(trials)
+    for index in (0, 3):
+        alone = scene.run_together([trials[index]])[0]
+        pair = scene.run_together([trials[index], trials[1]])[0]
+        for other in (alone, pair):
+            assert other.signal.values.tobytes() == together[index].signal.values.tobytes()
+            assert other.truth == together[index].truth
+
+
+def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch):
+    from simulation import script
+
+    monkeypatch.setattr(script, "busy", lambda trial: [(0.0, 1e9)])
+    everywhere = told(make(tmp_path))
+    for one, other in zip(core, everywhere, strict=True):
+        for event in ("load_onset_s", "gross_slip_s", "contact_lost_s"):
+            here, there = getattr(one.truth, event), getattr(other.truth, event)
+            assert (here is None) == (there is None)
+            if here is not None:
+                assert here == pytest.approx(there, abs=1e-3)
+
+
+def test_averaging_takes_the_mean_as_the_chip_does(tmp_path, core):
+    averaged = told(make(tmp_path, CORE + "[effects.averaging]\n"))
+    for one, other in zip(core, averaged, strict=True):
+        difference = np.abs(one.signal.values - other.signal.values)
+        assert difference.max() < 5.0
+        quiet = slice(0, 200)
+        assert not difference[quiet].any()
+    assert any((one.signal.values != other.signal.values).any() for one, other in zip(core, averaged, strict=True))
+
+
+def test_the_same_card_and_seed_write_the_same_bytes(tmp_path):
+    text = CORE + "[effects.brush]\n" + MAGNET + "[effects.hall_noise]\n[effects.saturation]\n"
+    for name in ("a", "b"):
+        write_set(make(tmp_path, text, seed=3), tmp_path / name)
+    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
+    assert len(files) > 15
+    for file in files:
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
+    write_set(make(tmp_path, CORE.replace("hold", "put-down").replace("load_n = 1.0", "")), tmp_path / "set")
+    data = load(tmp_path / "set", balanced=False)
+    assert data.kind == "simulated"
+    assert {recording.action for recording in data.recordings} == {"pass", "pull", "fall", "put-down", None}
+    trial = tmp_path / "set/soft-ball/pull/trial_1.csv"
+    sidecar = json.loads(trial.with_suffix(".truth.json").read_text("utf-8"))
+    assert {"card", "seed", "load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s", "slip_mm"} <= set(sidecar)
+    assert {phase["provenance"] for phase in sidecar["phases"]} == {"scene"}
+    assert sidecar["phases"][-1]["t1_s"] > read_trial(trial).t_s[-1]
+    assert read_truth(trial.with_suffix(".truth.json"), read_trial(trial).t_s)[2].situation == 3
+    assert (trial.parent / "trial_1.motion.csv").read_text("utf-8").startswith("Time,object_x_mm")
+
+
+def test_trials_of_an_object_join_into_one_long_recording(tmp_path):
+    text = CORE.replace("rate_hz = 100", "rate_hz = 50\njoin = 3").replace('action = "pull"', 'action = "pull"\ncount = 5')
+    write_set(make(tmp_path, text), tmp_path / "set")
+    trial = tmp_path / "set/soft-ball/daily/trial_1.csv"
+    sidecar = json.loads(trial.with_suffix(".truth.json").read_text("utf-8"))
+    assert len(sidecar["trials"]) == 3
+    stops = [phase["t1_s"] for phase in sidecar["phases"]]
+    assert stops == sorted(stops)
+    assert read_trial(trial).t_s[-1] > 20.0
+
+
+def test_nothing_is_written_over(tmp_path, capsys):
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "mine.txt").write_text("precious", encoding="utf-8")
+    assert main(["simulate", "apple", "--trials", "1", "--out", str(tmp_path / "set")]) == 5
+    assert "is there already" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "set").iterdir()] == ["mine.txt"]
+    with pytest.raises(OutputError):
+        write_set(make(tmp_path), tmp_path / "set")
+
+
+@pytest.mark.parametrize("wrong", [["--trials", "0"], ["--rate", "5"], ["--seed", "-1"], ["--trials", "x"]])
+def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
+    assert main(["simulate", "apple", "--out", str(tmp_path / "new"), *wrong]) in (2, 3)
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
+def test_simulate_says_what_it_made(tmp_path, capsys):
+    assert main(["simulate", "apple", "--trials", "3", "--rate", "50", "--seed", "2", "--out", str(tmp_path / "new")]) == 0
+    assert "3 recordings at 50 Hz, simulated, seed 2" in capsys.readouterr().out
+    assert len(list((tmp_path / "new").rglob("trial_?.csv"))) == 3
+
+
+def test_a_scene_is_a_source_like_any_other():
+    source = open_source("sim://apple?seed=1&trial=2&rate_hz=50")
+    assert isinstance(source, Replay)
+    samples = list(source)
+    assert [sample.sequence for sample in samples] == list(range(len(samples)))
+    assert {int(step) for step in np.diff([sample.t_ns for sample in samples])} == {20_000_000}
+    assert samples[0].values.shape == (18,)
+    assert samples[0].valid.shape == (6,)
+    assert source.unit == "N"
+    again = open_source("sim://apple?seed=1&trial=2&rate_hz=50")
+    assert again.values.tobytes() == source.values.tobytes()
+
+
+@pytest.mark.parametrize("url", ["sim://apple?trial=100000", "sim://apple?sed=1", "sim://apple?seed=x"])
+def test_a_scene_url_that_cannot_be_is_a_usage_error(url):
+    with pytest.raises(UsageError):
+        open_source(url)
+
+
+def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
+    noisy = told(make(tmp_path, CORE + MAGNET + "[effects.hall_noise]\n[effects.gain_tilt]\ngain_sd = 0.4\n"))
+    assert [one.truth for one in noisy] == [one.truth for one in core]
+
+
+def test_a_card_knows_its_scene(tmp_path):
+    card: Card = make(tmp_path).card
+    assert scenes.Scene(card, 0).loop_effects == {}
+    assert len(card.sha256) == 64
