@@ -148,7 +148,7 @@ class _Reader:
         return [self.row(f"trials[{k}]", row, objects) for k, row in enumerate(told)]
 
     def row(self, key: str, told: dict[str, Any], objects: Mapping[str, Thing]) -> Row:
-        action, style = told.get("action"), told.get("style", "author")
+        action, style = str(told.get("action")), str(told.get("style", "author"))
         if action not in ACTIONS:
             self.refuse(f"{key}.action", action, ", ".join(ACTIONS))
         styles = tomllib.loads(STYLES.read_text(encoding="utf-8"))
@@ -208,7 +208,7 @@ class _Reader:
                 if least > MAX_GRIP_N:
                     self.refuse(
                         f"trials[{k}].objects", name,
-                        f"objects the hand can hold: {name} needs {least:.3g} N a side, the hand grips {MAX_GRIP_N:g} N",
+                        f"what the hand can hold: {name} needs {least:.3g} N a side, it grips {MAX_GRIP_N:g} N",
                     )  # fmt: skip
 
     def table(self, raw: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class Body:
     at_m [2, 6, B]: where in the hand a contact sits (y, z), from where it meets the apex or the middle of the object;
     stiffness_n_per_m, damping_n_s_per_m [6, B]: normal; brush_n_per_m [E, 6, B]: each element's spring;
     pressure [E, 1, 1]: share of the normal an element bears; static, kinetic [B]: friction; stribeck_m_s: slip speed
-    at which friction is half way; loss_s: a finger's damping along the surface over its stiffness (none while it slides).
+    at which friction is half way; loss_s: a finger's damping along the surface over its stiffness (none in sliding).
     """
 
     mass_kg: FloatArray
@@ -103,8 +103,8 @@ class State:
     """Where everything is: position_m, velocity_m_s [3, B]; stretch_m [2, E, 6, B] of the brush elements.
 
     rho [E, 6, B]: share of a trial stretch that friction could hold in the last step; slip_m_s [E, 6, B];
-    depth_m, normal_n [6, B]; agents_n [3, B]: what people and the box did to the object in the last step; brush_j [B]: energy in the
-    brushes; offset_m [2, 6, B], recess_m [6, B]: of the contacts, kept from the last step.
+    depth_m, normal_n [6, B]; agents_n [3, B]: what people and the box did to the object in the last step;
+    brush_j [B]: energy in the brushes; offset_m [2, 6, B], recess_m [6, B]: of the contacts, kept from the last step.
     """
 
     position_m: FloatArray

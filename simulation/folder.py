@@ -2,7 +2,7 @@
 
     OUT/card.toml, OUT/meta.json                       the card as it was read; name, unit, seed, rate, effects
     OUT/<object>/meta.json                             its mass
-    OUT/<object>/<action>/trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. valid6 where one can be invalid)
+    OUT/<object>/<action>/trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. where an effect invalidates)
     OUT/<object>/<action>/trial_<n>.truth.json         phases, events, draws, card and seed
     OUT/<object>/<action>/trial_<n>.motion.csv         object and hand, mm
 """
@@ -140,9 +140,9 @@ def _motion(told: Sequence[Told], starts_s: Sequence[float]) -> bytes:
 def _truth(scene: Scene, told: Sequence[Told], starts_s: Sequence[float]) -> dict[str, Any]:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
     parts = [one.truth.shifted(start).to_json() for one, start in zip(told, starts_s, strict=True)]
-    trials = [_origin(one) | {k: v for k, v in part.items() if k != "phases"} for one, part in zip(told, parts, strict=True)]
     card = {"card": scene.card.name, "card_sha256": scene.card.sha256, "seed": scene.seed}
-    phases = [phase for part in parts for phase in part["phases"]]
+    phases = [phase for part in parts for phase in part.pop("phases")]
+    trials = [_origin(one) | part for one, part in zip(told, parts, strict=True)]
     return {"phases": phases, **card, **(trials[0] if len(trials) == 1 else {"trials": trials})}
 
 

@@ -69,7 +69,7 @@ class _Tape:
 
 
 def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
-    """Step a batch of trials to their ends; a trial's result does not depend on the batch it is in (of at least two)."""
+    """Step a batch of trials to their ends; a trial's result does not depend on its batch (of two or more)."""
     spans = loop.busy or [()] * len(trials)
     grids = [grid_of(trial, loop.rate_hz, loop.step_s, more) for trial, more in zip(trials, spans, strict=True)]
     at_s, sample = _stack(grids)
@@ -162,9 +162,9 @@ def _motion(tape: _Tape, rate_hz: float, lane: int, grid: Grid) -> Motion:
         forces_n=tape.forces[lane, :n],
         position_m=tape.position[lane, :n],
         at_s=grid.at_s,
-        agents_n=tape.agents[:k, :, lane],
+        agents_n=tape.agents[:k, :, lane].astype(np.float64),
         gripped=tape.gripped[:k, lane],
         slips=tape.slips[:k, lane],
         slides=tape.slides[:k, lane],
-        slip_m=tape.slip[:k, lane],
+        slip_m=tape.slip[:k, lane].astype(np.float64),
     )

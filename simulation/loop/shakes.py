@@ -31,7 +31,8 @@ class Arm:
     def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
         self.lanes = len(drawn)
         self.along = _directions(rngs) * np.array([d["amplitude_m"] for d in drawn])
-        self.start_s, self.lasts_s, self.rest_s = (np.array([d[k] for d in drawn]) for k in ("at_s", "lasts_s", "rest_s"))
+        names = ("at_s", "lasts_s", "rest_s")
+        self.start_s, self.lasts_s, self.rest_s = (np.array([d[name] for d in drawn]) for name in names)
         self.count = np.round(np.array([d["count"] for d in drawn]))
 
     def _now(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -42,7 +42,7 @@ def calibrate(signal: Signal) -> Signal:
     """A signal in uT as newtons; a reversed magnet comes out with the wrong sign and an offset, as it does in life."""
     matrix, rest = linear_map()
     values = signal.values - rest
-    newton = sum(values[..., k, None] * matrix[:, k] for k in range(3))
+    newton = np.einsum("ij,tsj->tsi", matrix, values)
     return replace(signal, values=newton, unit="N")
 
 
