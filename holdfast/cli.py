@@ -19,6 +19,7 @@ VERBS = {
     "train": ("training.train", "recordings -> an artifact folder (forests, spec, held-out figures)"),
     "export": ("export.export", "artifact folder -> one verified, sealed holdfast.onnx"),
     "evaluate": ("holdfast.evaluate", "score a model file on a labelled set or folder"),
+    "bench": ("holdfast.bench", "what accuracy costs in time, as JSON and tables"),
     "replay": ("holdfast.replay", "a model's answers on a recorded trial, one JSON line a sample"),
 }
 

@@ -2,7 +2,7 @@
 
     OUT/card.toml, OUT/meta.json                       the card as it was read; name, unit, seed, rate, effects
     OUT/<object>/meta.json                             its mass
-    OUT/<object>/<action>/trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. where an effect invalidates)
+    OUT/<object>/<action>/trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (valid1 .. where an effect invalidates)
     OUT/<object>/<action>/trial_<n>.truth.json         phases, events, draws, card and seed
     OUT/<object>/<action>/trial_<n>.motion.csv         object and hand, mm
 """

@@ -101,7 +101,7 @@ class Scene:
     def _told(
         self, trial: Trial, motion: Motion, drawn: dict[str, dict[str, Any]], arm: Any, lane: int
     ) -> Told:
-        hand_m = None if arm is None else np.stack([arm.motion_m(np.full(arm.lanes, t))[:, lane] for t in motion.t_s])
+        hand_m = None if arm is None else arm.motion_m(motion.t_s, lane)
         signal, sensed = self.sense(trial, motion)
         return Told(trial, signal, motion, truth_of(trial, motion), drawn | sensed, hand_m)
 

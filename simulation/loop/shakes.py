@@ -29,34 +29,32 @@ class Arm:
     """
 
     def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
-        self.lanes = len(drawn)
         self.along = _directions(rngs) * np.array([d["amplitude_m"] for d in drawn])
         names = ("at_s", "lasts_s", "rest_s")
         self.start_s, self.lasts_s, self.rest_s = (np.array([d[name] for d in drawn]) for name in names)
         self.count = np.round(np.array([d["count"] for d in drawn]))
 
-    def _now(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Progress [B] of the reach under way, and which way it goes [B]; 0 between reaches."""
-        cycle = self.lasts_s + self.rest_s
-        number = np.floor((t_s - self.start_s) / cycle)
-        u = np.clip((t_s - self.start_s - number * cycle) / self.lasts_s, 0.0, 1.0)
-        way = np.where((number >= 0) & (number < self.count), np.where(number % 2 == 0, 1.0, -1.0), 0.0)
-        return u, way
+    def _now(self, t_s: FloatArray, lane: int | slice) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Which reach is under way, its progress, and which way it goes: 0 before the first and after the last."""
+        cycle = self.lasts_s[lane] + self.rest_s[lane]
+        number = np.floor((t_s - self.start_s[lane]) / cycle)
+        u = np.clip((t_s - self.start_s[lane] - number * cycle) / self.lasts_s[lane], 0.0, 1.0)
+        way = np.where((number >= 0) & (number < self.count[lane]), np.where(number % 2 == 0, 1.0, -1.0), 0.0)
+        return number, u, way
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""
-        u, way = self._now(t_s)
+        _, u, way = self._now(t_s, slice(None))
         shape = way * u * (60.0 - u * (180.0 - 120.0 * u)) / (self.lasts_s * self.lasts_s)
         acceleration: FloatArray = self.along * shape
         return acceleration
 
-    def motion_m(self, t_s: FloatArray) -> FloatArray:
-        """[3, B] of the hand, from where it began."""
-        u, way = self._now(t_s)
+    def motion_m(self, t_s: FloatArray, lane: int) -> FloatArray:
+        """[T, 3] of one lane's hand, from where it began."""
+        number, u, way = self._now(t_s, lane)
         gone = u * u * u * (10.0 - u * (15.0 - 6.0 * u))
-        done = np.clip(np.floor((t_s - self.start_s) / (self.lasts_s + self.rest_s)), 0.0, self.count)
-        before = np.where(done % 2 == 1, 1.0, 0.0)
-        place: FloatArray = self.along * (before + way * gone)
+        before = np.clip(number, 0.0, self.count[lane]) % 2
+        place: FloatArray = (before + way * gone)[:, None] * self.along[:, lane]
         return place
 
     def busy_s(self, lane: int) -> list[Span]:

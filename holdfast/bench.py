@@ -1,0 +1,66 @@
+"""`holdfast bench WHAT`: what accuracy costs in time, each as JSON and a table.
+
+    effects      ns per sample of every effect of a scene
+    simulator    step against slip time, trials and elements against CPU time, medians of lead
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.command import place
+from edge_runtime.writing import require_writable, write_whole
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument("what", choices=("effects", "simulator", "all"), metavar="WHAT", help="effects, simulator, all")
+    parser.add_argument("--out", type=place, default=Path("build/bench"), metavar="DIR", help="default build/bench")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write WHAT.json, print the tables."""
+    require_writable(args.out)
+    for what in ("effects", "simulator") if args.what == "all" else (args.what,):
+        figures = {"effects": _effects, "simulator": _simulator}[what]()
+        path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(), indent=2) + "\n")
+        for title, rows in figures.items():
+            if isinstance(rows, list):
+                print(f"{title}\n{table(rows)}\n")
+        print(path)
+    return 0
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows as a markdown table."""
+    head = list(rows[0])
+    lines = [head, ["---"] * len(head), *([_cell(row[name]) for name in head] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _effects() -> dict[str, Any]:
+    from benchmarks.effects import empty_list_over_core, prices
+
+    return {"prices": prices(), "empty_list_over_core": empty_list_over_core()}
+
+
+def _simulator() -> dict[str, Any]:
+    from benchmarks.simulator import plausibility, size_curve, step_curve
+
+    return {"step": step_curve(), **size_curve(), "plausibility": plausibility()}
+
+
+def _host() -> dict[str, Any]:
+    machine = {"machine": platform.machine(), "system": platform.system(), "cpus": os.cpu_count()}
+    return {"kind": "simulated", "host": machine, "versions": {"numpy": version("numpy")}}
+
+
+def _cell(value: Any) -> str:
+    return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
