@@ -161,6 +161,17 @@ def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
         scripted(shifted, thesis.PREPARATION.apply(shifted.raw), "pass", "soft-ball")
 
 
+@pytest.mark.parametrize("action", ["hold", "daily"])
+def test_a_hold_and_a_daily_stream_live_by_their_truth_alone(copied: Path, action: str) -> None:
+    (copied / "soft-ball" / "pass").rename(copied / "soft-ball" / action)
+    told = {r.trial_id: r.action for r in thesis.load(copied, balanced=False).recordings}
+    assert told[f"soft-ball/{action}/trial_1"] == action
+    (copied / "soft-ball" / action / "trial_1.truth.json").unlink()
+    with pytest.raises(LabelError, match=r"put trial_1\.truth\.json beside it") as caught:
+        thesis.load(copied, balanced=False)
+    assert f"soft-ball/{action}/trial_1.csv" in str(caught.value)
+
+
 def test_the_rate_is_the_median_and_a_microsecond_costs_no_sample(copied: Path) -> None:
     for path in copied.glob("*/*/trial_*.csv"):
         retime(path, lambda t_s: np.round(t_s * 1.00005, 6))

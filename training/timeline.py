@@ -1,5 +1,7 @@
 """What happens when in a trial: from the truth beside it, else from the script it followed.
 
+A `hold` (kept though disturbed) and a `daily` (many grasps end to end) follow no script: they need their truth.
+
 The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of the full
 bottle, act in [7, 10) and release from 10. Then nothing. A script knows no contact: when the hand closes
 and when it is empty again is read from the normal forces.
@@ -29,6 +31,8 @@ from edge_runtime.trial_file import Trial
 from training.objects import read_json
 
 ACTIONS = {"pass": SAFE_SLIP, "pull": RISKY_SLIP, "fall": RISKY_SLIP, "put-down": SAFE_SLIP}
+UNSCRIPTED = ("hold", "daily")
+"""Actions whose labels come only from the truth beside a trial."""
 ACTION_S = 7.0
 HOLD_AGAIN_S = 9.0
 """The script does not say when a put-down's second hold begins; its last second before the release is one."""
@@ -54,8 +58,15 @@ def whole(n_rows: int, situation: int) -> tuple[Phase, ...]:
 def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -> tuple[Phase, ...]:
     """Phases of a trial that followed the script; samples [T, C] are the trial's, prepared.
 
-    Raises LabelError where the hand is not closed when the action should begin.
+    Raises LabelError where the hand is not closed when the action should begin, or where there is no script.
     """
+    if action in UNSCRIPTED:
+        raise LabelError(
+            f"a {action!r} follows no script, and its truth is missing",
+            where=trial.path,
+            cause=f"{truth_path(trial.path).name} was not copied along, or never written",
+            next_step=f"put {truth_path(trial.path).name} beside it, or move the trial out of the data set",
+        )
     t_s = trial.t_s
     onset, empty = contact(t_s, samples)
     acts = int(np.searchsorted(t_s, ACTION_S))

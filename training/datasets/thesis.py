@@ -2,7 +2,8 @@
 
 Beside the objects there may be the hand alone, `nothing/trial_<n>.csv` or `nothing.csv`; in the root a
 `meta.json` {"unit", "kind", "name", "recordings by", "redistributable"}; in an object's folder a `meta.json`
-{"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which is believed before the script.
+{"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which is believed before the script and which the actions
+`hold` and `daily` cannot do without.
 The preparation is the thesis': magnets turned the right way round, the mean of five rows taken off,
 time from zero. Its moving average is not, because it smooths away what the band-pass bank looks for.
 """
@@ -25,7 +26,7 @@ from export.bank import bands_for
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
-from training.timeline import ACTIONS, Phase, read_truth, scripted, truth_path, whole
+from training.timeline import ACTIONS, UNSCRIPTED, Phase, read_truth, scripted, truth_path, whole
 from training.windows import (
     TimedTrial,
     balance,
@@ -38,6 +39,7 @@ from training.windows import (
 
 PREPARATION = Preparation(bias_rows=5, statistic="mean", flip_negative_normal=True)
 EMPTY_HAND = "nothing"
+FOLDERS = (*ACTIONS, *UNSCRIPTED)
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 CAVEAT = (
     "Light and heavy differ only by object, and in 'nothing' by no signal at all: windows without contact "
@@ -131,7 +133,7 @@ def _numbered(folder: Path) -> list[Path]:
 
 
 def _action(folder: Path) -> str | None:
-    return next((action for action in ACTIONS if plain_word(action) == plain_word(folder.name)), None)
+    return next((action for action in FOLDERS if plain_word(action) == plain_word(folder.name)), None)
 
 
 def _known_action(folder: Path) -> str:
@@ -140,7 +142,7 @@ def _known_action(folder: Path) -> str:
         raise LabelError(
             f"{folder.name!r} is no action",
             where=folder,
-            next_step=f"name the folder one of {', '.join(ACTIONS)}, or move it out of the data set",
+            next_step=f"name the folder one of {', '.join(FOLDERS)}, or move it out of the data set",
         )
     return action
 
