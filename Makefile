@@ -27,7 +27,7 @@ help:  ## list the targets
 
 setup: .venv/.stamp  ## build .venv from the hashed locks (does nothing when it is current)
 
-demo: setup  ## train on generated trials, export, watch unseen ones go by
+demo: setup  ## simulate, train, export, watch trials go by that the model never met
 	$(BIN)/python -m holdfast.demo
 
 test: setup  ## run the tests
@@ -39,9 +39,10 @@ real: setup  ## train, export and evaluate on the public recordings, into build/
 ablation: setup  ## what each part of the method is worth, into build/ablation
 	$(BIN)/python -m training.ablation --out build/ablation $(ARGS)
 
-docs: setup  ## write the tables of README and docs from build/real and from the code
+docs: setup  ## write the tables of README and docs from build/real, build/bench and the code
 	$(BIN)/python -m export.features_page > docs/features.md
 	$(BIN)/python -m training.real_table build/real/metrics.json README.md
+	$(BIN)/python -m benchmarks.scenes_page build/bench > docs/scenes.md
 
 bench: setup  ## time one step on this machine, into build/bench
 	$(BIN)/python -m benchmarks.step --out build/bench $(ARGS)

@@ -10,7 +10,6 @@ import argparse
 import json
 import os
 import platform
-from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,22 +26,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write WHAT.json, print the tables."""
+    from benchmarks.scenes_page import markdown
+
     require_writable(args.out)
     for what in ("effects", "simulator") if args.what == "all" else (args.what,):
         figures = {"effects": _effects, "simulator": _simulator}[what]()
         path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(), indent=2) + "\n")
         for title, rows in figures.items():
             if isinstance(rows, list):
-                print(f"{title}\n{table(rows)}\n")
+                print(f"{title}\n{markdown(rows)}\n")
         print(path)
     return 0
-
-
-def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Rows as a markdown table."""
-    head = list(rows[0])
-    lines = [head, ["---"] * len(head), *([_cell(row[name]) for name in head] for row in rows)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def _effects() -> dict[str, Any]:
@@ -61,6 +55,3 @@ def _host() -> dict[str, Any]:
     machine = {"machine": platform.machine(), "system": platform.system(), "cpus": os.cpu_count()}
     return {"kind": "simulated", "host": machine, "versions": {"numpy": version("numpy")}}
 
-
-def _cell(value: Any) -> str:
-    return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -158,7 +158,7 @@ def step(
     speed_x, memory_n = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
     squeeze_n = (body.curvature_per_m[:, None] * old.offset_m * state.normal_n).sum(axis=1)
-    sideways = _sideways(body, state, held_n[1:] + squeeze_n, drag[1:], limit_m, dt_s)
+    sideways = _sideways(body, state, held_n[1:] + squeeze_n, drag[1:] + damping(body, old, limit_m), limit_m, dt_s)
     state.velocity_m_s = np.concatenate([speed_x[None], sideways])
     state.position_m = old.position_m + state.velocity_m_s * dt_s
     state.agents_n = load_n - drag * state.velocity_m_s
@@ -303,6 +303,13 @@ def _normals(
     return speed, memory_n
 
 
+def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
+    """[B] N s/m of the fingers along the surface: of the elements that touch and do not slide."""
+    sticks = (state.slip_m_s == 0.0) & (limit_m > 0.0)
+    coefficient: FloatArray = body.loss_s * np.where(sticks, body.brush_n_per_m, 0.0).sum(axis=(0, 1))
+    return coefficient
+
+
 def _stretch_limit(
     body: Body, state: State, normal_n: FloatArray, dt_s: FloatArray, effects: PhysicsEffects
 ) -> FloatArray:
@@ -322,7 +329,7 @@ def _sideways(
     drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
     mass = body.mass_kg + dt_s * drag
     velocity, rho, trial, length = _sweep(
-        drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s, body.loss_s
+        drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s
     )
     open_ = np.flatnonzero(np.abs(rho - state.rho).max(axis=(0, 1)) > RHO_TOLERANCE)
     for _ in range(MAX_SWEEPS):
@@ -331,7 +338,7 @@ def _sideways(
         before = rho[..., open_]
         velocity[:, open_], after, trial[..., open_], length[..., open_] = _sweep(
             drive[:, open_], mass[:, open_], body.brush_n_per_m[..., open_],
-            state.stretch_m[..., open_], before, limit_m[..., open_], dt_s[open_], body.loss_s,
+            state.stretch_m[..., open_], before, limit_m[..., open_], dt_s[open_],
         )  # fmt: skip
         rho[..., open_] = after
         open_ = open_[np.abs(after - before).max(axis=(0, 1)) > RHO_TOLERANCE]
@@ -349,13 +356,12 @@ def _sweep(
     rho: FloatArray,
     limit: FloatArray,
     dt_s: FloatArray,
-    loss_s: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """One reweighting: velocity [2, B] with the springs weakened by rho; rho, stretch and its length after it."""
     spring = brush * rho
     stiffness = spring.sum(axis=(0, 1))
     pull = (spring * stretch).sum(axis=(1, 2))
-    velocity = (drive - dt_s * pull) / (mass + dt_s * (dt_s + loss_s) * stiffness)
+    velocity = (drive - dt_s * pull) / (mass + dt_s * dt_s * stiffness)
     trial = stretch + (velocity * dt_s)[:, None, None]
     length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
     return velocity, np.minimum(1.0, limit / np.maximum(length, TINY)), trial, length
