@@ -7,52 +7,58 @@ from collections.abc import Sequence
 import numpy as np
 
 from edge_runtime.contract import FloatArray
-from simulation.core import TINY, Body, State, brush_j
+from simulation.core import MAX_SWEEPS, RHO_TOLERANCE, TINY, Body, State, brush_j
 from simulation.effect import Drawn, Effect
+from simulation.objects import Thing
+from simulation.protocol import Trial
 from simulation.values import Parameter
 
-SWEEPS = 4
+
+def gyration_m2(thing: Thing) -> float:
+    """Moment of inertia about x over the mass, m^2: (b^2 + c^2) / 5 of an ellipsoid, R^2 / 4 + L^2 / 3 of a cylinder
+    of half length L (Meriam & Kraige, "Engineering mechanics: dynamics", table D/4)."""
+    across, axial, half = 1e-3 * thing.radius_mm, 1e-3 * thing.axial_radius_mm, 1e-3 * thing.half_length_mm
+    return (across**2 + axial**2) / 5.0 if axial else across**2 / 4.0 + half**2 / 3.0
 
 
 class Rotation:
-    """Angle about x (rad): I d(omega)/dt = m g x offset - sum of p x f over the brushes, p from the object's middle.
+    """Angle about x (rad): I d(omega)/dt = offset x F - sum of p x f over the brushes, p from the object's middle.
 
+    F is the weight less what people and a box carry, who are taken to hold the object at its centre of mass; so it
+    turns only while the hand holds it, and out of the hand it keeps its rate. I = m (gyration + offset^2), kg m^2.
     The brushes feel omega x p beside the core's translation; after the core's step this one is made by itself,
-    implicit in omega and with the same reweighting (operator splitting: each part takes energy out, none puts any
-    in). Inertia I = m (0.4 R^2 + offset^2), R the radius: kg m^2. It holds exactly while friction can.
+    implicit in omega, with the core's reweighting and the core's balance of energy (operator splitting: Strang, SIAM
+    J. Numer. Anal. 5, 1968; first order here). It holds exactly while friction can. Not in it: the hand's own
+    acceleration does not turn the object, and turning does not move its middle.
     """
 
-    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
-        lanes = len(drawn)
+    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]) -> None:
         self.offset_m = 1e-3 * np.array([[d["offset_y_mm"], d["offset_z_mm"]] for d in drawn]).T
-        radius_m = 1e-3 * np.array([getattr(trial, "thing").radius_mm for trial in trials])  # noqa: B009
-        self.gyration_m2 = 0.4 * radius_m**2 + (self.offset_m * self.offset_m).sum(axis=0)
-        self.angle, self.rate = np.zeros(lanes), np.zeros(lanes)
+        gyration = np.array([gyration_m2(trial.thing) for trial in trials])
+        self.inertia_m2 = gyration + (self.offset_m * self.offset_m).sum(axis=0)
+        self.angle, self.rate = np.zeros(len(drawn)), np.zeros(len(drawn))
+        self.rho: FloatArray = np.ones(1)
 
     def turn(self, body: Body, state: State, limit_m: FloatArray, dt_s: FloatArray) -> None:
         """Turn by one step; changes the brushes' stretch and slip and the energy in them."""
-        inertia = body.mass_kg * self.gyration_m2
-        lever = body.at_m - state.position_m[1:, None]  # [2, 6, B]
-        across = np.stack([-lever[1], lever[0]])  # d(y, z) of a turn by one radian
-        place = self._offset()
-        weight = body.mass_kg * (place[0] * body.gravity_m_s2[2] - place[1] * body.gravity_m_s2[1])
-        drive = inertia * self.rate + dt_s * weight
-        rho = np.ones_like(limit_m)
-        for _ in range(SWEEPS):
-            spring = body.brush_n_per_m * rho
-            pull = (spring * (state.stretch_m * across[:, None]).sum(axis=0)).sum(axis=(0, 1))
-            stiffness = (spring * (across * across).sum(axis=0)).sum(axis=(0, 1))
-            rate = (drive - dt_s * pull) / (inertia + dt_s * (dt_s + body.loss_s) * stiffness)
-            trial = state.stretch_m + (across * (rate * dt_s))[:, None]
-            length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
-            rho = np.minimum(1.0, limit_m / np.maximum(length, TINY))
-        state.stretch_m = rho * trial
-        state.slip_m_s = state.slip_m_s + (1.0 - rho) * length / dt_s
+        inertia = body.mass_kg * self.inertia_m2
+        force_n = body.mass_kg * body.gravity_m_s2[1:] + state.agents_n[1:]
+        force_n = np.where((state.normal_n > 0.0).any(axis=0), force_n, 0.0)
+        place = self.place_m()
+        drive = inertia * self.rate + dt_s * (place[0] * force_n[1] - place[1] * force_n[0])
+        lever = body.at_m - state.position_m[1:, None]
+        across = np.stack([-lever[1], lever[0]])  # [2, 6, B] d(y, z) of a turn by one radian
+        damped = inertia + dt_s * self._damping(body, state, across, limit_m)
+        rate, trial, length = self._solve(drive, damped, body.brush_n_per_m, state.stretch_m, across, limit_m, dt_s)
+        had = (state.stretch_m, state.brush_j + 0.5 * inertia * self.rate * self.rate, self.angle, place)
+        state.stretch_m = self.rho * trial
+        state.slip_m_s = state.slip_m_s + (1.0 - self.rho) * length / dt_s
         state.brush_j = brush_j(body, state)
         self.angle, self.rate = self.angle + rate * dt_s, rate
+        self._keep_the_balance(body, state, inertia, force_n, had)
 
-    def _offset(self) -> FloatArray:
-        """[2, B] the centre of mass from the middle, turned."""
+    def place_m(self) -> FloatArray:
+        """[2, B] (y, z) of the centre of mass from the object's middle, turned."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)
         y, z = self.offset_m
         turned: FloatArray = np.stack([cos * y - sin * z, sin * y + cos * z])
@@ -61,6 +67,81 @@ class Rotation:
     def busy_s(self, lane: int) -> list[tuple[float, float]]:
         """Nothing of its own."""
         return []
+
+    def _damping(self, body: Body, state: State, across: FloatArray, limit_m: FloatArray) -> FloatArray:
+        """[B] N m s/rad of the fingers along the surface: of the elements that touch and do not slide."""
+        sticks = (self.rho == 1.0) & (state.slip_m_s == 0.0) & (limit_m > 0.0)
+        stiff = np.where(sticks, body.brush_n_per_m, 0.0) * (across * across).sum(axis=0)
+        coefficient: FloatArray = body.loss_s * stiff.sum(axis=(0, 1))
+        return coefficient
+
+    def _solve(
+        self,
+        drive: FloatArray,
+        inertia: FloatArray,
+        brush: FloatArray,
+        stretch: FloatArray,
+        across: FloatArray,
+        limit: FloatArray,
+        dt_s: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rate [B], and the brushes' trial stretch and its length; sets rho, reweighted until it stands still."""
+        before = np.broadcast_to(self.rho, limit.shape)
+        parts = (brush, stretch, across, limit, dt_s)
+        rate, rho, trial, length = _sweep(drive, inertia, before, *parts)
+        open_ = np.flatnonzero(np.abs(rho - before).max(axis=(0, 1)) > RHO_TOLERANCE)
+        for _ in range(MAX_SWEEPS):
+            if not open_.size:
+                break
+            before = rho[..., open_]
+            rate[open_], after, trial[..., open_], length[..., open_] = _sweep(
+                drive[open_], inertia[open_], before, *(part[..., open_] for part in parts)
+            )
+            rho[..., open_] = after
+            open_ = open_[np.abs(after - before).max(axis=(0, 1)) > RHO_TOLERANCE]
+        self.rho = rho
+        return rate, trial, length
+
+    def _keep_the_balance(
+        self,
+        body: Body,
+        state: State,
+        inertia: FloatArray,
+        force_n: FloatArray,
+        had: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    ) -> None:
+        """Slow a lane that ended with more energy than it had and was given, as the core does."""
+        stretch, had_j, angle, place = had
+        left_j = had_j + (force_n * (self.place_m() - place)).sum(axis=0) - state.brush_j
+        moving_j = 0.5 * inertia * self.rate * self.rate
+        share = np.sqrt(np.maximum(left_j, 0.0) / np.maximum(moving_j, TINY))
+        self.rate = self.rate * np.minimum(share, 1.0)
+        stuck = np.flatnonzero(left_j < 0.0)
+        if not stuck.size:
+            return
+        self.angle[stuck] = angle[stuck]
+        state.stretch_m[..., stuck] = self.rho[..., stuck] * stretch[..., stuck]
+        state.brush_j[stuck] = brush_j(body, state)[stuck]
+
+
+def _sweep(
+    drive: FloatArray,
+    inertia: FloatArray,
+    rho: FloatArray,
+    brush: FloatArray,
+    stretch: FloatArray,
+    across: FloatArray,
+    limit: FloatArray,
+    dt_s: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """One reweighting: rate [B] with the springs weakened by rho; rho, stretch and its length after it."""
+    spring = brush * rho
+    pull = (spring * (stretch * across[:, None]).sum(axis=0)).sum(axis=(0, 1))
+    stiffness = (spring * (across * across).sum(axis=0)).sum(axis=(0, 1))
+    rate = (drive - dt_s * pull) / (inertia + dt_s * dt_s * stiffness)
+    trial = stretch + (across * (rate * dt_s))[:, None]
+    length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
+    return rate, np.minimum(1.0, limit / np.maximum(length, TINY)), trial, length
 
 
 ROTATION = Effect(
