@@ -155,7 +155,7 @@ def step(
     held_n = load_n + body.mass_kg * body.gravity_m_s2
     for shake in effects.shakes:
         held_n = held_n - body.mass_kg * shake.acceleration_m_s2(t_s)
-    speed_x, memory_n = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
+    speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
     squeeze_n = (body.curvature_per_m[:, None] * old.offset_m * state.normal_n).sum(axis=1)
     sideways = _sideways(body, state, held_n[1:] + squeeze_n, drag[1:] + damping(body, old, limit_m), limit_m, dt_s)
@@ -163,9 +163,14 @@ def step(
     state.position_m = old.position_m + state.velocity_m_s * dt_s
     state.agents_n = load_n - drag * state.velocity_m_s
     given_j = ((held_n - drag * state.velocity_m_s) * (state.velocity_m_s * dt_s)).sum(axis=0)
-    if memory_n is not None:
-        given_j = given_j - (memory_n * (np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0))).sum(axis=0)
+    if effects.lags:
+        given_j = given_j - _taken_by_lags_j(body, old, state, inputs.closure_m, dt_s, effects)
     _keep_the_balance(body, old, state, inputs.closure_m, given_j)
+    if effects.lags:
+        state.depth_m = inputs.closure_m - state.recess_m - SIDE * state.position_m[0]
+        change_m = np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0)
+        for lag in effects.lags:
+            lag.moved(change_m, state.normal_n > 0.0, dt_s)
     for turn in effects.turns:
         turn.turn(body, state, limit_m, dt_s)
 
@@ -189,6 +194,21 @@ def normal_j(body: Body, closure_m: FloatArray, x_m: FloatArray, recess: FloatAr
     depth = np.maximum(closure_m - recess - SIDE * x_m, 0.0)
     energy: FloatArray = 0.5 * (body.stiffness_n_per_m * (depth * depth)).sum(axis=0)
     return energy
+
+
+def _taken_by_lags_j(
+    body: Body, old: State, state: State, closure_m: FloatArray, dt_s: FloatArray, effects: PhysicsEffects
+) -> FloatArray:
+    """[B] what the object's own motion puts into the lags; what the fingers' motion does is not the object's to pay."""
+    was_m = np.maximum(closure_m - old.recess_m - SIDE * old.position_m[0], 0.0)
+    recess = recess_m(body, offset_m(body, state.position_m[1:]))
+    depth_m = np.maximum(closure_m - recess - SIDE * state.position_m[0], 0.0)
+    taken_j = np.zeros_like(dt_s)
+    for lag in effects.lags:
+        stiffness, held_n = lag.terms(dt_s)
+        push_n = np.where(state.normal_n > 0.0, held_n + stiffness * (depth_m - np.maximum(old.depth_m, 0.0)), 0.0)
+        taken_j = taken_j + (push_n * (depth_m - was_m)).sum(axis=0)
+    return taken_j
 
 
 def _keep_the_balance(
@@ -267,8 +287,8 @@ def _normals(
     drag: FloatArray,
     dt_s: FloatArray,
     effects: PhysicsEffects,
-) -> tuple[FloatArray, FloatArray | None]:
-    """Velocity along x [B] at the end of the step, and the force remembered by lags [6, B]; sets depth and normal.
+) -> FloatArray:
+    """Velocity along x [B] at the end of the step; sets depth and normal.
 
     Which contacts press is found by trying: those that would pull are left out, until none changes.
     """
@@ -296,11 +316,8 @@ def _normals(
         speed = (drive + dt_s * push_n) / (mass + dt_s * dt_s * np.where(pressing, slope, 0.0).sum(axis=0))
     moved_m = SIDE * (speed * dt_s)
     state.depth_m = stays_m - moved_m
-    touching = state.depth_m > 0.0
-    state.normal_n = np.where(touching, np.maximum(still_n - slope * moved_m, 0.0), 0.0)
-    for lag in effects.lags:
-        lag.moved(np.maximum(state.depth_m, 0.0) - before_m, touching, dt_s)
-    return speed, memory_n
+    state.normal_n = np.where(state.depth_m > 0.0, np.maximum(still_n - slope * moved_m, 0.0), 0.0)
+    return speed
 
 
 def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
