@@ -45,7 +45,7 @@ incipient and gross slip, contact lost, what was drawn, card and seed) and `tria
 The truth comes from the core's state, never from a sensor. The same card and seed write the same bytes.
 
 Styles (`author`, `p1`, `p2`) are ranges of parameters, not people. The sensor is calibrated by one linear map, so its
-curvature stays in the newtons: {normal:.2f} N normal and {shear:.2f} N shear, root mean square over the thesis'
+curvature stays in the newtons: NORMAL N normal and SHEAR N shear, root mean square over the thesis'
 calibration loads (published for the real one: 0.27 and 0.12 N).
 """
 
@@ -60,7 +60,7 @@ def page(bench: Path) -> str:
     prices = {row["effect"]: row for row in effects["prices"]}
     cards = [{"card": f"`{name}`", "what": read_card(str(CARDS / f"{name}.toml")).title} for name in shipped()]
     parts = [
-        INTRO.format(normal=normal, shear=shear),
+        INTRO.replace("NORMAL", f"{normal:.2f}").replace("SHEAR", f"{shear:.2f}"),
         f"## Cards that come with it\n\n{markdown(cards)}",
         "## Effects and their prices\n\n"
         "From one run of `holdfast bench effects`; the core alone costs "
