@@ -1,6 +1,6 @@
 """What happens to raw channels before the step graph sees them: sign of the magnet, then bias.
 
-The same object is used by training, replay and the live path, and its three parameters travel in
+The same object is used by training, replay and the live path, and its parameters travel in
 the model's metadata, so that what a model saw in training is what it sees on the hand.
 """
 
@@ -20,12 +20,14 @@ class Preparation:
 
     bias_rows: how many rows the bias is taken from (0: the stream is already tared).
     statistic: mean or median over these rows, each channel on its own; non-finite rows do not count.
-    flip_negative_normal: turn z round where its first value is negative (a magnet mounted upside down).
+    flip_negative_normal: turn z round where its first value is below -flip_beyond (a magnet mounted upside down).
+    flip_beyond: in the stream's unit; above the noise, or a stream that is tared already is turned at random.
     """
 
     bias_rows: int = 0
     statistic: Literal["mean", "median"] = "median"
     flip_negative_normal: bool = False
+    flip_beyond: float = 0.0
 
     def apply(self, raw: FloatArray) -> FloatArray:
         """[T, C] raw -> [T, C] prepared, same unit. Only the first `bias_rows` rows decide how."""
@@ -37,7 +39,7 @@ class Preparation:
         first = raw[: max(1, self.bias_rows)]
         for channel in range(NORMAL_AXIS, raw.shape[1], 3):
             finite = first[np.isfinite(first[:, channel]), channel]
-            sign[channel] = -1.0 if finite.size and finite[0] < 0.0 else 1.0
+            sign[channel] = -1.0 if finite.size and finite[0] < -self.flip_beyond else 1.0
         return sign
 
     def _bias(self, turned: FloatArray) -> FloatArray:

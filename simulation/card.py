@@ -20,6 +20,9 @@
     count = 5
     [effects.hall_noise]
 
+    [camera]                 # with [effects.camera_frames]: films every trial, tags on object and hand
+    fps = 60
+
 What is not on the card does not run. Every error names the key, the value, and what is allowed.
 """
 
@@ -34,6 +37,7 @@ from typing import Any
 
 from edge_runtime.contract import UNITS, Unit
 from edge_runtime.errors import CardError
+from simulation.camera.frames import CAMERA
 from simulation.effects import EFFECTS, conversion_s
 from simulation.objects import OBJECT_KEYS, OBJECTS, Thing, thing
 from simulation.protocol import ACTIONS, COMMON, least_grip_n
@@ -78,7 +82,7 @@ class Card:
     rows: tuple[Row, ...]
     effects: dict[str, dict[str, Any]]
     objects: dict[str, Thing]
-    camera: dict[str, Any] | None
+    camera: dict[str, float] | None
     text: str
 
     @property
@@ -137,7 +141,7 @@ class _Reader:
         effects = self.effects(self.table(raw, "effects"))
         card = Card(
             self.path.stem, str(raw.get("title", self.path.stem)), said["rate_hz"], unit, int(said["join"]), step_s,
-            tuple(self.rows(raw.get("trials"), objects)), effects, objects, raw.get("camera"), text,
+            tuple(self.rows(raw.get("trials"), objects)), effects, objects, self.camera(raw), text,
         )  # fmt: skip
         self.agree(card)
         return card
@@ -179,6 +183,9 @@ class _Reader:
             self.check(f"effects.{name}", values, EFFECTS[name].parameters)
         return {name: told[name] for name in EFFECTS if name in told}
 
+    def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
+        return self.numbers("camera", self.table(raw, "camera"), CAMERA) if "camera" in raw else None
+
     def thing(self, name: str, told: Any) -> Thing:
         key = f"objects.{name}"
         if not isinstance(told, dict):
@@ -195,6 +202,8 @@ class _Reader:
                 self.refuse("physics.step_s", card.step_s, f"at most {LONGEST_STEP_S[name]:g} s with effects.{name}")
         if "camera_frames" in card.effects and card.camera is None:
             self.refuse("effects.camera_frames", "on the card", "only together with [camera]")
+        if card.camera is not None:
+            self.camera_agrees(card, card.camera)
         if card.unit == "uT" and "dipole" not in card.effects:
             self.refuse("record.unit", "uT", "only with [effects.dipole]: an ideal force sensor has no field")
         if "averaging" in card.effects:
@@ -210,6 +219,14 @@ class _Reader:
                         f"trials[{k}].objects", name,
                         f"what the hand can hold: {name} needs {least:.3g} N a side, it grips {MAX_GRIP_N:g} N",
                     )  # fmt: skip
+
+    def camera_agrees(self, card: Card, camera: Mapping[str, float]) -> None:
+        if "camera_frames" not in card.effects:
+            self.refuse("camera", "on the card", "only together with [effects.camera_frames]")
+        if card.join > 1:
+            self.refuse("record.join", card.join, "1 with a camera: it films single trials")
+        if 1e-3 * camera["exposure_ms"] * camera["fps"] > 1.0:
+            self.refuse("camera.exposure_ms", camera["exposure_ms"], f"at most a frame, {1e3 / camera['fps']:.3g} ms")
 
     def table(self, raw: Mapping[str, Any], name: str) -> dict[str, Any]:
         value = raw.get(name, {})

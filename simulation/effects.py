@@ -18,7 +18,7 @@ AVERAGING = Effect(
 Without it a reading is the force at its instant, and whatever vibrates faster than half the rate is folded down.
 """
 CAMERA = Effect("camera_frames", "camera", make=lambda: None)
-"""Frames of a camera that sees a tag on the object and one on the hand; needs [camera] on the card (camera.py)."""
+"""Frames of a camera that sees a tag on the object and one on the hand; needs [camera] on the card (camera/)."""
 
 EFFECTS: dict[str, Effect] = {**LOOP_EFFECTS, "averaging": AVERAGING, **SENSOR_EFFECTS, "camera_frames": CAMERA}
 

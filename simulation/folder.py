@@ -5,12 +5,15 @@
     OUT/<object>/<action>/trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (valid1 .. where an effect invalidates)
     OUT/<object>/<action>/trial_<n>.truth.json         phases, events, draws, card and seed
     OUT/<object>/<action>/trial_<n>.motion.csv         object and hand, mm
+    OUT/<object>/<action>/trial_<n>.frames.npz         where a card has a camera: its frames, stamps and scale
 """
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,7 @@ from edge_runtime.contract import FloatArray, channel_names
 from edge_runtime.errors import OutputError
 from edge_runtime.trial_file import TIME_COLUMN
 from edge_runtime.writing import require_writable, write_whole
+from simulation.camera.frames import Camera
 from simulation.card import Card
 from simulation.effect import Signal
 from simulation.effects import EFFECTS
@@ -64,6 +68,8 @@ def write_recording(path: Path, scene: Scene, told: Sequence[Told]) -> None:
     write_whole(path.with_name(f"{path.name}.csv"), _samples(signal, scene))
     write_whole(path.with_name(f"{path.name}.motion.csv"), _motion(told, starts_s))
     write_whole(path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, told, starts_s)))
+    if scene.camera:
+        write_whole(path.with_name(f"{path.name}.frames.npz"), _film(scene, told[0], scene.camera))
 
 
 def join(signals: Sequence[Signal], rate_hz: float) -> tuple[Signal, list[float]]:
@@ -135,6 +141,15 @@ def _motion(told: Sequence[Told], starts_s: Sequence[float]) -> bytes:
     hand_mm = 1e3 * np.concatenate(hand)
     header = ["Time", *(f"object_{axis}_mm" for axis in "xyz"), *(f"hand_{axis}_mm" for axis in "xyz")]
     return csv_bytes(header, [(t_s, 6), *((column, 3) for column in np.hstack([object_mm, hand_mm]).T)])
+
+
+def _film(scene: Scene, told: Told, camera: Camera) -> bytes:
+    """frames [K, H, W] uint8; time_s [K], the end of every exposure; and the camera's numbers by name."""
+    time_s, frames = scene.film(told, camera)
+    packed = io.BytesIO()
+    numbers: dict[str, Any] = {name: np.float64(value) for name, value in asdict(camera).items()}
+    np.savez_compressed(packed, frames=frames, time_s=time_s, **numbers)
+    return packed.getvalue()
 
 
 def _truth(scene: Scene, told: Sequence[Told], starts_s: Sequence[float]) -> dict[str, Any]:

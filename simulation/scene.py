@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.contract import FloatArray
+from simulation.camera.frames import Camera, Frames
 from simulation.card import Card, Row
 from simulation.effect import PhysicsEffects, Signal, stream
 from simulation.effects import EFFECTS, conversion_s
@@ -48,6 +49,7 @@ class Scene:
         self.loop_effects = {n: e for n, e in named.items() if e.stage == "physics" and n not in ("brush", "averaging")}
         self.sensor_effects = {n: e for n, e in named.items() if e.stage == "sensor"}
         self.average_s = conversion_s(self._constant("averaging", "averages")) if "averaging" in named else 0.0
+        self.camera = Camera(**card.camera) if card.camera else None
         self.pressure = pressure(int(self._constant("brush", "count"))) if "brush" in named else pressure(1)
 
     def trials(self, total: int | None = None) -> list[Trial]:
@@ -115,6 +117,12 @@ class Scene:
                 signal = self._in_card_unit(signal)
             signal = effect.make(signal, drawn[name], self._rng(name, trial))
         return self._in_card_unit(signal), drawn
+
+    def film(self, told: Told, camera: Camera) -> tuple[FloatArray, Frames]:
+        """Stamps in s and frames of one trial, for a camera of the card's."""
+        hand_m = np.zeros_like(told.motion.position_m) if told.hand_m is None else told.hand_m
+        rng = self._rng("camera_frames", told.trial)
+        return camera.film(told.motion.t_s, told.motion.position_m, hand_m, rng)
 
     def _in_card_unit(self, signal: Signal) -> Signal:
         return calibrate(signal) if signal.unit == "uT" and self.card.unit == "N" else signal

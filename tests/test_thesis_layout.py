@@ -136,14 +136,14 @@ def test_without_truth_the_labels_follow_the_script(made: Path) -> None:
 
 def follow(path: Path) -> tuple:
     trial = read_trial(path)
-    return scripted(trial, thesis.PREPARATION.apply(trial.raw), path.parent.name, path.parent.parent.name)
+    return scripted(trial, thesis.preparation("N").apply(trial.raw), path.parent.name, path.parent.parent.name)
 
 
 def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(made: Path) -> None:
     for path in made.glob("*/p*/trial_*.csv"):
         trial = read_trial(path)
         truth = read_truth(truth_path(path), trial.t_s)
-        onset, empty = contact(trial.t_s, thesis.PREPARATION.apply(trial.raw))
+        onset, empty = contact(trial.t_s, thesis.preparation("N").apply(trial.raw))
         assert abs(onset - truth[1].first) < 0.4 * 50
         assert abs(empty - truth[-1].first) < 0.4 * 50
 
@@ -158,7 +158,7 @@ def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
     trial = read_trial(made / "soft-ball/pass/trial_1.csv")
     shifted = Trial(trial.path, trial.t_s, np.roll(trial.raw, 400, axis=0), trial.valid)
     with pytest.raises(LabelError, match=r"trial_1\.csv"):
-        scripted(shifted, thesis.PREPARATION.apply(shifted.raw), "pass", "soft-ball")
+        scripted(shifted, thesis.preparation("N").apply(shifted.raw), "pass", "soft-ball")
 
 
 @pytest.mark.parametrize("action", ["hold", "daily"])

@@ -93,6 +93,24 @@ def prediction_scores(
     }
 
 
+def share_scores(
+    hit: npt.NDArray[np.bool_],
+    groups: npt.ArrayLike,
+    *,
+    percent: tuple[float, float] = INTERVAL_PERCENT,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """share of the windows [M] that are hit, its interval over groups [M], and n, how many windows there are."""
+    if not len(hit):
+        return {"share": None, "share_ci": None, "n": 0}
+    code = _codes(groups)
+    windows, hits = np.bincount(code), np.bincount(code, weights=hit)
+    draws = draw_groups(len(windows), n_draws, seed)
+    interval = _interval((draws @ hits) / (draws @ windows), percent)
+    return {"share": float(np.mean(hit)), "share_ci": interval, "n": len(hit)}
+
+
 @dataclass(frozen=True)
 class Ranking:
     """Scores sorted once, best first, so that each reweighting costs one pass.
@@ -157,6 +175,6 @@ def _value(figure: float) -> float | None:
     return float(figure) if np.isfinite(figure) else None
 
 
-def _interval(draws: FloatArray) -> list[float] | None:
+def _interval(draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT) -> list[float] | None:
     defined = draws[np.isfinite(draws)]
-    return [float(edge) for edge in np.percentile(defined, INTERVAL_PERCENT)] if defined.size else None
+    return [float(edge) for edge in np.percentile(defined, percent)] if defined.size else None

@@ -43,14 +43,15 @@ def table_bars(rows: dict[str, Any]) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 0.42 * len(rows) + 0.9))
         left, right = figure.subplots(1, 2, sharey=True)
-        _bars(left, rows, "situations", "macro_f1", "macro F1, four situations", 0.45)
-        _bars(right, rows, "predict_250ms", "auc", "AUC, risky within 0.25 s", 0.5)
+        bars(left, rows, "situations", "macro_f1", "macro F1, four situations", 0.45)
+        bars(right, rows, "predict_250ms", "auc", "AUC, risky within 0.25 s", 0.5)
         left.set_yticks(range(len(rows)), [name.replace("WARNING: ", "warning: ") for name in rows])
         left.invert_yaxis()
         return svg(figure)
 
 
-def _bars(axes: Axes, rows: dict[str, Any], task: str, figure: str, title: str, start: float) -> None:
+def bars(axes: Axes, rows: dict[str, Any], task: str, figure: str, title: str, start: float) -> None:
+    """One figure of every row with its interval; ours and warnings in colours of their own."""
     for place, (name, row) in enumerate(rows.items()):
         value, interval = row[task][figure], row[task][f"{figure}_ci"]
         colour = WARNING if name.startswith("WARNING") else OURS if name.startswith("ours") else QUIET

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.writing import write_whole
-
-MARKED = re.compile(r"(<!-- real:[^\n]*-->\n).*?(<!-- /real -->)", re.DOTALL)
+from training.marked import write_between
 
 
 def table(figures: dict[str, Any]) -> str:
@@ -42,9 +39,7 @@ def _figure(row: dict[str, Any], name: str) -> str:
 
 def main(metrics: str, page: str) -> None:
     """Replace what stands between the page's markers."""
-    written = table(json.loads(Path(metrics).read_text(encoding="utf-8")))
-    text = Path(page).read_text(encoding="utf-8")
-    write_whole(page, MARKED.sub(lambda found: found[1] + written + found[2], text))
+    write_between(page, "real", table(json.loads(Path(metrics).read_text(encoding="utf-8"))))
 
 
 if __name__ == "__main__":

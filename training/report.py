@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,11 +43,20 @@ class Evidence:
 def write_report(path: Path, evidence: Evidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
     sections = [_answer(evidence), _table(evidence), _detail(evidence), _eflesh(evidence), _replays(evidence)]
-    body = "\n".join([*sections, _made(evidence)])
+    return write_page(path, "Holdfast, real recordings", [*sections, _made(evidence)])
+
+
+def write_page(path: Path, title: str, sections: list[str]) -> Path:
+    """One self-contained page of sections, each HTML; OutputError where it cannot be written."""
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><style>{CSS}</style>'
-    return write_whole(
-        path, f"<!doctype html><html lang=en><title>Holdfast, real recordings</title>{head}{body}</html>"
-    )
+    body = "\n".join(sections)
+    return write_whole(path, f"<!doctype html><html lang=en><title>{html.escape(title)}</title>{head}{body}</html>")
+
+
+def key(colours: Sequence[str]) -> str:
+    """What the colours of the four situations mean."""
+    pairs = zip(colours, SITUATIONS, strict=True)
+    return "".join(f'<i style="background:{colour}"></i>{name.replace("_", " ")}' for colour, name in pairs)
 
 
 def _answer(evidence: Evidence) -> str:
@@ -105,13 +115,8 @@ def _detail(evidence: Evidence) -> str:
 <p>Grasp is told well, the two slips are not: 5 and 15 degrees are lines drawn through one rotation.</p>
 {pictures.curves(data, held_out)}
 <h2>Trials as they went by</h2>
-<p class=key>The first trial of {pictures.TRIALS_SHOWN} people: what was, and what a forest that never met them answered.{_key()}</p>
+<p class=key>The first trial of {pictures.TRIALS_SHOWN} people: what was, and what a forest that never met them answered.{key(pictures.SITUATION_COLOURS)}</p>
 {pictures.timelines(data, held_out)}"""
-
-
-def _key() -> str:
-    pairs = zip(pictures.SITUATION_COLOURS, SITUATIONS, strict=True)
-    return "".join(f'<i style="background:{colour}"></i>{name.replace("_", " ")}' for colour, name in pairs)
 
 
 def _eflesh(evidence: Evidence) -> str:
@@ -143,7 +148,7 @@ def _replays(evidence: Evidence) -> str:
     parts = [f"<h3>{html.escape(p.title)} ({p.recording.trial_id})</h3>{pictures.replay(p)}" for p in evidence.replays]
     return f"""<h2>proactive_slip_uskin: two replays</h2>
 <p class=key>A robot arm carries a box between two pads (public real data, MIT). Seven trials, three of which slip: a
-picture, no accuracy. Each is answered by a forest trained on the other six.{_key()}</p>{"".join(parts)}"""
+picture, no accuracy. Each is answered by a forest trained on the other six.{key(pictures.SITUATION_COLOURS)}</p>{"".join(parts)}"""
 
 
 def _made(evidence: Evidence) -> str:

@@ -30,7 +30,7 @@ def loads_n() -> FloatArray:
 
 @cache
 def linear_map() -> tuple[FloatArray, FloatArray]:
-    """(matrix [3, 3] N/uT, rest field [3] uT): force = matrix (field - rest), least squares over the loads."""
+    """(matrix [3, 3] N/uT, rest field [3] uT): force = matrix (field - rest), least squares."""
     forces = loads_n()
     rest = dipole_ut(place_m(np.zeros((1, 3)), HEIGHT.default))[0]
     fields = dipole_ut(place_m(forces, HEIGHT.default)) - rest
@@ -39,10 +39,9 @@ def linear_map() -> tuple[FloatArray, FloatArray]:
 
 
 def calibrate(signal: Signal) -> Signal:
-    """A signal in uT as newtons; a reversed magnet comes out with the wrong sign and an offset, as it does in life."""
-    matrix, rest = linear_map()
-    values = signal.values - rest
-    newton = np.einsum("ij,tsj->tsi", matrix, values)
+    """A signal in uT as newtons, not tared: 23 N of the magnet's own field, -23 N from a magnet upside down."""
+    matrix, _ = linear_map()
+    newton = np.einsum("ij,tsj->tsi", matrix, signal.values)
     return replace(signal, values=newton, unit="N")
 
 

@@ -83,9 +83,9 @@ def prediction_windows(force_n: FloatArray, rotation_deg: FloatArray, start: int
     return row, over[np.minimum(row + 1 + HORIZON_ROWS, n)] > over[row + 1]
 
 
-def frames_since_contact(force_n: FloatArray) -> npt.NDArray[np.int64]:
-    """[T] rows since z last rose through 1 N, -1 before it ever did: the clock this scripted set contains."""
-    touching = force_n >= CONTACT_N
+def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> npt.NDArray[np.int64]:
+    """[T] rows since z last rose through contact_n, -1 before it ever did: the clock a scripted set contains."""
+    touching = force_n >= contact_n
     rises = touching & ~np.concatenate([[False], touching[:-1]])
     row = np.arange(len(force_n))
     last_rise = np.maximum.accumulate(np.where(rises, row, -1))

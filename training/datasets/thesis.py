@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS
+from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
 from edge_runtime.errors import ChannelError, DataNotFound, LabelError, RateError, UnitError
 from edge_runtime.preparation import Preparation
 from edge_runtime.trial_file import Trial, read_trial
 from export.bank import bands_for
+from export.features import NORMAL_FLOOR
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
@@ -37,7 +38,6 @@ from training.windows import (
     sample_counts,
 )
 
-PREPARATION = Preparation(bias_rows=5, statistic="mean", flip_negative_normal=True)
 EMPTY_HAND = "nothing"
 FOLDERS = (*ACTIONS, *UNSCRIPTED)
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
@@ -60,6 +60,11 @@ class _Place:
 def recognises(root: Path) -> bool:
     """Whether a folder holds at least one `<object>/<action>/trial_<n>.csv` with an action of the thesis."""
     return any(_action(path.parent) for path in root.glob("*/*/trial_*.csv") if TRIAL_NAME.fullmatch(path.name))
+
+
+def preparation(unit: Unit) -> Preparation:
+    """The thesis'; a first value that is negative by noise alone turns nothing round."""
+    return Preparation(bias_rows=5, statistic="mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR[unit])
 
 
 def load(root: Path, *, seed: int = 0, balanced: bool = True) -> DataSet:
@@ -86,7 +91,7 @@ def load(root: Path, *, seed: int = 0, balanced: bool = True) -> DataSet:
         tasks={"classes": labelled_rows(chosen)},
         rate_hz=rate_hz,
         unit=meta["unit"],
-        preparation=PREPARATION,
+        preparation=preparation(meta["unit"]),
         kind=str(meta["kind"]),
         redistributable=meta.get("redistributable") is True,
         caveat=CAVEAT,
@@ -153,7 +158,7 @@ def _timed(place: _Place, root: Path, unit: Any) -> TimedTrial:
     recording = Recording(
         trial_id=trial_id,
         group=trial_id,
-        samples=PREPARATION.apply(trial.raw),
+        samples=preparation(unit).apply(trial.raw),
         valid=trial.valid & finite_sensors(trial.raw),
         rate_hz=trial.rate_hz,
         unit=unit,

@@ -1,0 +1,106 @@
+"""Frames of a camera that looks along the object's y: x to the right, z upwards, one tag each on object and hand.
+
+A pixel's value is the exact integral, over its area, of the tags seen through a Gaussian lens: cells are
+rectangles along the axes, so the integral is a product of two one-dimensional ones, each in closed form
+(a cell's edge seen at u is F(u) = u Phi(u) + phi(u), the integral of the normal distribution). Drawing with
+sub-samples instead would move a tag by up to 0.1 px. What is left out: perspective, tilt, fingers before the tag,
+rolling shutter, uneven light. So a tracker's error here is a lower bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.special import ndtr
+
+from edge_runtime.contract import FloatArray
+from simulation.camera.apriltag import SIDE_CELLS, cells
+from simulation.values import Parameter
+
+Frames = npt.NDArray[np.uint8]
+
+OBJECT_TAG, HAND_TAG = 0, 1
+AWAY_SIDES = 1.0
+"""At rest the object's tag lies so many of its sides to the right of the middle, the hand's as many to the left."""
+BLACK, WHITE, GREY = 30.0, 220.0, 120.0
+FAR_BLURS = 6.0
+"""Further from a tag than so many blurs nothing of it is seen (1e-9 of it)."""
+EXPOSED_AT = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+"""Shares of the exposure at which the moving tags are drawn; the frame is their mean."""
+
+CAMERA = {
+    "fps": Parameter(60.0, "1/s", 1, 255, "frames a second"),
+    "width_px": Parameter(640.0, "px", 64, 4096, "of a frame"),
+    "height_px": Parameter(400.0, "px", 64, 4096, "of a frame"),
+    "px_per_mm": Parameter(4.0, "px/mm", 0.1, 100, "scale in the plane of the tags"),
+    "tag_mm": Parameter(10.0, "mm", 1, 200, "side of a tag, its white margin not counted"),
+    "exposure_ms": Parameter(2.0, "ms", 0.01, 100, "of a frame; it is stamped at its end, as depthai does"),
+    "blur_px": Parameter(0.7, "px", 0.05, 10, "standard deviation of the lens's blur"),
+    "noise_levels": Parameter(0.0, "", 0, 50, "standard deviation of every pixel's noise, of 255 levels"),
+}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One camera, global shutter; units as in CAMERA."""
+
+    fps: float
+    width_px: float
+    height_px: float
+    px_per_mm: float
+    tag_mm: float
+    exposure_ms: float
+    blur_px: float
+    noise_levels: float
+
+    def stamps_s(self, last_s: float) -> FloatArray:
+        """[K] ends of the exposures, s, from the first whole one to the end of a recording."""
+        first = int(np.ceil(1e-3 * self.exposure_ms * self.fps))
+        return np.arange(first, int(last_s * self.fps) + 1) / self.fps
+
+    def film(
+        self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray, rng: np.random.Generator
+    ) -> tuple[FloatArray, Frames]:
+        """Stamps [K] in s and frames [K, H, W] of a trial; object_m, hand_m: [T, 3] at t_s [T], object in the hand."""
+        stamps_s = self.stamps_s(float(t_s[-1]))
+        places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
+        frames = np.empty((len(stamps_s), int(self.height_px), int(self.width_px)), dtype=np.uint8)
+        for frame, end_s in zip(frames, stamps_s, strict=True):
+            place_mm = 1e3 * places(end_s - 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT))
+            exact = np.mean([self.draw(at[[0, 2]], at[[3, 5]]) for at in place_mm], axis=0)
+            frame[:] = self._read(exact, rng)
+        return stamps_s, frames
+
+    def draw(self, object_mm: FloatArray, hand_mm: FloatArray) -> FloatArray:
+        """[H, W] levels at one instant, tags moved by (x, z) in mm from where they rest; no noise, not rounded."""
+        image = np.full((int(self.height_px), int(self.width_px)), GREY)
+        for tag, moved_mm in ((OBJECT_TAG, object_mm), (HAND_TAG, hand_mm)):
+            column_px, row_px = self.centre_px(tag, moved_mm)
+            (rows, down), (columns, across) = self._seen(row_px, self.height_px), self._seen(column_px, self.width_px)
+            covered = np.outer(down.sum(axis=1), across.sum(axis=1))
+            image[rows, columns] += down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T - GREY * covered
+        return image
+
+    def centre_px(self, tag: int, moved_mm: FloatArray) -> tuple[float, float]:
+        """(column, row) of a tag's centre; the first pixel reaches from 0 to 1."""
+        away_px = (1.0 if tag == OBJECT_TAG else -1.0) * AWAY_SIDES * self.tag_mm * self.px_per_mm
+        column_px = 0.5 * self.width_px + away_px + self.px_per_mm * moved_mm[0]
+        return float(column_px), float(0.5 * self.height_px - self.px_per_mm * moved_mm[1])
+
+    def _seen(self, centre_px: float, size_px: float) -> tuple[slice, FloatArray]:
+        """The n pixels a tag reaches along one axis, and [n, 10] the share of each that every cell fills."""
+        cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
+        edges_px = centre_px + cell_px * (np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2))
+        reach_px = edges_px[[0, -1]] + FAR_BLURS * self.blur_px * np.array([-1.0, 1.0])
+        first, stop = (int(edge) for edge in np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px))
+        u = (np.arange(first, stop + 1)[:, None] - edges_px) / self.blur_px
+        beyond_edge = np.diff(self.blur_px * (u * ndtr(u) + np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)), axis=0)
+        return slice(first, stop), beyond_edge[:, :-1] - beyond_edge[:, 1:]
+
+    def _read(self, exact: FloatArray, rng: np.random.Generator) -> Frames:
+        if self.noise_levels:
+            exact = exact + self.noise_levels * rng.standard_normal(exact.shape, dtype=np.float32)
+        return np.clip(np.rint(exact), 0, 255).astype(np.uint8)

@@ -1,0 +1,23 @@
+"""Text that a command writes into a page, between `<!-- name: .. -->` and `<!-- /name -->`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from edge_runtime.errors import DataNotFound
+from edge_runtime.writing import write_whole
+
+
+def write_between(page: str | Path, name: str, written: str) -> None:
+    """Replace what stands between the page's markers, and nothing else. Raises DataNotFound without markers."""
+    text = Path(page).read_text(encoding="utf-8")
+    marked = re.compile(rf"(<!-- {name}:[^\n]*-->\n).*?(<!-- /{name} -->)", re.DOTALL)
+    if not marked.search(text):
+        raise DataNotFound(
+            f"no markers <!-- {name}: --> and <!-- /{name} -->",
+            where=page,
+            cause="a page written anew, or the wrong page",
+            next_step="put both lines where the table belongs",
+        )
+    write_whole(page, marked.sub(lambda found: found[1] + written + found[2], text))

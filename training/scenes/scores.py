@@ -1,0 +1,117 @@
+"""Figures of scenes: eight classes, seven, four situations; what is called risky; whether weight leaks.
+
+Nothing, light and nothing, heavy are one and the same signal. Eight balanced classes can therefore be told
+with an accuracy of at most 6/8 + 2/8 x 1/2 = 0.875; who is better has been told the answer (a leak). "Seven"
+counts nothing once, and has the votes of both added up. Intervals are 95 % and over trials unless said.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, SITUATIONS, BoolArray
+from export.reference import IntArray, riskier_argmax, situation_votes
+from training.metrics import Labels, share_scores, situation_scores
+from training.recording import DataSet
+
+LEVELS = {"eight": CLASSES, "seven": ("nothing", *CLASSES[2:]), "four": SITUATIONS}
+CEILING = 0.875
+LEAK_PERCENT = (0.5, 99.5)
+LEAK_DRAWS = 4000
+LEAK_EXPLAINED = (
+    "Nothing held, light or heavy, is the same signal, so over eight balanced classes no honest answer exceeds "
+    "0.875, and within nothing the weight is right half of the time. Judged: the raw-window forest, trials held "
+    "out, each window stepped from a fresh state (only its own N samples; the offset is the trial's unloaded "
+    "start). A leak is a 99 % interval over trials that lies wholly above 0.875, or, sharper, above 0.5 for the "
+    "weight within nothing."
+)
+
+
+def labels_at(label: Labels, level: str) -> IntArray:
+    """Labels 0..7 at a level: seven (0 and 1 are one) or four (light and heavy are one).
+
+    >>> labels_at(np.arange(8), "seven").tolist(), labels_at(np.arange(8), "four").tolist()
+    ([0, 0, 1, 2, 3, 4, 5, 6], [0, 0, 1, 1, 2, 2, 3, 3])
+    """
+    merged = {"eight": label, "seven": np.maximum(label - 1, 0), "four": label // 2}[level]
+    return np.asarray(merged, dtype=np.int64)
+
+
+def answers_at(votes: IntArray, level: str) -> IntArray:
+    """[M, 8] votes -> [M] answers at a level: votes of merged classes are added before the largest wins."""
+    if level == "four":
+        return riskier_argmax(situation_votes(votes))
+    if level == "seven":
+        votes = np.column_stack([votes[:, :2].sum(axis=1), votes[:, 2:]])
+    return riskier_argmax(votes)
+
+
+def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
+    """Every level's accuracy and macro F1 (over the classes present), and `calls`, of votes [M, 8] on "classes"."""
+    label, groups = data.tasks["classes"].label, data.group_of("classes")
+    figures: dict[str, Any] = {"n_windows": len(label), "n_trials": len(np.unique(groups))}
+    for level, classes in LEVELS.items():
+        truth, answer = labels_at(label, level), answers_at(votes, level)
+        right = share_scores(truth == answer, groups, seed=seed)
+        figures[level] = {"accuracy": right["share"], "accuracy_ci": right["share_ci"]}
+        figures[level] |= situation_scores(truth, answer, groups, classes=classes, seed=seed)
+        figures[level]["present"] = len(np.unique(truth))
+    return figures | {"calls": calls(data, answers_at(votes, "four") == RISKY_SLIP, seed=seed)}
+
+
+def calls(data: DataSet, called: BoolArray, *, seed: int = 0) -> dict[str, Any]:
+    """Share of the windows of each situation that are called risky; of risky ones this is the recall."""
+    truth, groups = labels_at(data.tasks["classes"].label, "four"), data.group_of("classes")
+    asked = {"risky": RISKY_SLIP, "safe": SAFE_SLIP, "grasp": GRASP, "nothing": NOTHING}
+    return {
+        name: share_scores(called[truth == situation], groups[truth == situation], seed=seed)
+        for name, situation in asked.items()
+    }
+
+
+def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
+    """Whether votes [M, 8] of held-out trials know a weight that nothing shows; classes must be balanced."""
+    label, groups = data.tasks["classes"].label, data.group_of("classes")
+    empty = labels_at(label, "four") == NOTHING
+    right = riskier_argmax(votes) == label
+    weight = riskier_argmax(votes[empty, :2]) == label[empty]
+    whole, within = (
+        share_scores(hit, of, percent=LEAK_PERCENT, n_draws=LEAK_DRAWS, seed=seed)
+        for hit, of in ((right, groups), (weight, groups[empty]))
+    )
+    return {
+        "leak": _above(whole, CEILING) or _above(within, 0.5),
+        "eight_class_accuracy": whole["share"],
+        "eight_class_accuracy_ci99": whole["share_ci"],
+        "ceiling": CEILING,
+        "weight_within_nothing": within["share"],
+        "weight_within_nothing_ci99": within["share_ci"],
+        "balanced": len(np.unique(np.bincount(label, minlength=len(CLASSES)))) == 1,
+        "explanation": LEAK_EXPLAINED,
+    }
+
+
+def _above(figure: dict[str, Any], limit: float) -> bool:
+    return bool(figure["share_ci"] is not None and figure["share_ci"][0] > limit)
+
+
+def confusion(label: Labels, votes: IntArray) -> npt.NDArray[np.int64]:
+    """[8, 8] counts: was (rows), answered (columns)."""
+    n = len(CLASSES)
+    return np.bincount(n * np.asarray(label) + answers_at(votes, "eight"), minlength=n * n).reshape(n, n)
+
+
+def spread_of(matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
+    """Recall of each class in every retraining, and the largest minus the smallest; classes absent are None."""
+    recalls = np.array([np.diagonal(m) / np.maximum(m.sum(axis=1), 1) for m in matrices])
+    there = matrices[0].sum(axis=1) > 0
+    span = np.where(there, np.ptp(recalls, axis=0), np.nan)
+    return {
+        "recall": {name: recalls[:, k].tolist() if there[k] else None for k, name in enumerate(CLASSES)},
+        "spread": {name: float(span[k]) if there[k] else None for k, name in enumerate(CLASSES)},
+        "largest_spread": float(np.nanmax(span)),
+        "within_10_percent": bool(np.nanmax(span) <= 0.10),
+    }
