@@ -6,6 +6,7 @@ UV     := .tools/bin/uv
 BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 PEERS  := .venv-peers
+RATE   ?= 150
 ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
@@ -20,7 +21,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test real ablation bench peers lint lock clean docs
+.PHONY: help setup demo test soak real scenes models ablation bench peers lint lock clean docs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -36,16 +37,33 @@ test: setup  ## run the tests
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m training.real --out build/real $(ARGS)
 
+scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz, into build/scenes
+	rm -rf build/scenes
+	for rate in 50 100 150; do for card in thesis apple p1 p2; do \
+	    $(BIN)/holdfast simulate $$card --rate $$rate --out build/scenes/$${rate}hz/$$card || exit; done; done
+	$(BIN)/python -m training.scenes build/scenes --out build/scenes/study
+
+models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges
+	rm -rf build/models/$(RATE)hz
+	$(BIN)/holdfast simulate thesis --rate $(RATE) --out build/models/$(RATE)hz/thesis
+	$(BIN)/holdfast simulate broad --rate $(RATE) --out build/models/$(RATE)hz/broad
+	$(BIN)/holdfast train --data build/models/$(RATE)hz/thesis build/models/$(RATE)hz/broad --out build/models/$(RATE)hz
+	$(BIN)/holdfast export build/models/$(RATE)hz --out models/holdfast-$(RATE)hz.onnx
+
+soak: setup  ## the long tests: a million steps, and the like
+	$(BIN)/python -m pytest -m soak $(ARGS)
+
 ablation: setup  ## what each part of the method is worth, into build/ablation
 	$(BIN)/python -m training.ablation --out build/ablation $(ARGS)
 
 docs: setup  ## write the tables of README and docs from build/real, build/bench and the code
 	$(BIN)/python -m export.features_page > docs/features.md
 	$(BIN)/python -m training.real_table build/real/metrics.json README.md
-	$(BIN)/python -m benchmarks.scenes_page build/bench > docs/scenes.md
+	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
 
-bench: setup  ## time one step on this machine, into build/bench
+bench: setup  ## time one step, the effects and the simulator on this machine, into build/bench
 	$(BIN)/python -m benchmarks.step --out build/bench $(ARGS)
+	$(BIN)/holdfast bench all --out build/bench
 
 peers: $(PEERS)/.stamp  ## hold and pull in MuJoCo, in an environment of its own, into build/bench/mujoco.json
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)

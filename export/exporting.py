@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +29,22 @@ def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
 
 
 def export_artifact(folder: str | Path, out: str | Path | None = None) -> tuple[Path, dict[str, Any]]:
-    """Export an artifact folder; returns the file's path and the verification report."""
+    """Export an artifact folder, the card beside the file; returns the file's path and the verification report."""
     folder = Path(folder)
     path = Path(out or folder / MODEL_NAME)
     artifact = read_artifact(folder)
     require_writable(path.parent)
     model = whole_graph(artifact.spec, artifact.heads)
     report = verify(model, artifact.spec, artifact.heads, artifact.rows)
-    data = seal(model, model_card(artifact), artifact.spec)
-    return write_whole(path, data), {**report, "bytes": len(data)}
+    card = model_card(artifact)
+    data = seal(model, card, artifact.spec)
+    write_whole(path, data)
+    write_whole(path.with_suffix(".json"), readable_card(card, path.name, data))
+    return path, {**report, "bytes": len(data)}
+
+
+def readable_card(card: dict[str, Any], name: str, data: bytes) -> str:
+    """The card inside a file as JSON to read, with the file's name, size and SHA-256; fingerprints are left out."""
+    training = {key: value for key, value in card["training"].items() if key != "recordings"}
+    file = {"name": name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    return json.dumps({"file": file, **card, "training": training}, indent=1) + "\n"

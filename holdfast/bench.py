@@ -1,7 +1,8 @@
 """`holdfast bench WHAT`: what accuracy costs in time, each as JSON and a table.
 
     effects      ns per sample of every effect of a scene
-    simulator    step against slip time, trials and elements against CPU time, medians of lead
+    simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
+                 laws of friction and, after `make peers`, MuJoCo on the same hold and pull
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
 
     require_writable(args.out)
     for what in ("effects", "simulator") if args.what == "all" else (args.what,):
-        figures = {"effects": _effects, "simulator": _simulator}[what]()
+        figures = _effects() if what == "effects" else _simulator(args.out)
         path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(), indent=2) + "\n")
         for title, rows in figures.items():
             if isinstance(rows, list):
@@ -45,10 +46,13 @@ def _effects() -> dict[str, Any]:
     return {"prices": prices(), "empty_list_over_core": empty_list_over_core()}
 
 
-def _simulator() -> dict[str, Any]:
+def _simulator(out: Path) -> dict[str, Any]:
+    from benchmarks.friction_peers import table
+    from benchmarks.hold_and_pull import rows
     from benchmarks.simulator import plausibility, size_curve, step_curve
 
-    return {"step": step_curve(), **size_curve(), "plausibility": plausibility()}
+    peers = {"hold_and_pull": rows(out), "friction": table()}
+    return {"step": step_curve(), **size_curve(), "plausibility": plausibility(), **peers}
 
 
 def _host() -> dict[str, Any]:

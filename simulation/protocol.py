@@ -34,6 +34,7 @@ COMMON = {
     "spare": Parameter({"uniform": [1.4, 2.2]}, "", 1, 20, "grip over the least that holds the weight, at least"),
     "weak_share": Parameter(0.25, "", 0, 1, "how often the grip is weak and the person goes on supporting"),
     "weak_grip": Parameter({"uniform": [0.2, 0.75]}, "", 0, 1, "a weak grip over the least that holds the weight"),
+    "gentlest_n": Parameter(0.5, "N", 0, 70, "the gentlest grip of the hand: none is weaker, but where it must fall"),
     "give_after_s": Parameter({"uniform": [0.15, 0.4]}, "s", 0, 10, "after closing the person begins to let go"),
     "give_s": Parameter({"uniform": [0.2, 0.5]}, "s", 0.01, 10, "how long letting go takes"),
     "hold_s": Parameter({"uniform": [2.5, 4.0]}, "s", 0.8, 600, "from closed hand to the action"),
@@ -126,7 +127,7 @@ def draw_trial(number: int, thing: Thing, action: str, style: str, told: Mapping
     return Trial(
         number, thing, action, style, drawn,
         supported=weak,
-        grip_n=_grip_n(thing, drawn, weak),
+        grip_n=_grip_n(thing, drawn, weak, 0.0 if action == "fall" else drawn["gentlest_n"]),
         share=share,
         finger_n_per_m=drawn["finger_n_per_m"] * rng.uniform(0.8, 1.25, 6),
         at_m=_places_m(thing, drawn, rng),
@@ -140,9 +141,9 @@ def least_grip_n(thing: Thing, friction_factor: float = 1.0) -> float:
     return thing.mass_g * 1e-3 * GRAVITY_M_S2 / (2.0 * friction) if friction > 0.0 else np.inf
 
 
-def _grip_n(thing: Thing, drawn: dict[str, float], weak: bool) -> float:
+def _grip_n(thing: Thing, drawn: dict[str, float], weak: bool, gentlest_n: float) -> float:
     least = least_grip_n(thing, drawn["friction_factor"])
-    return drawn["weak_grip"] * least if weak else max(drawn["grip_n"], drawn["spare"] * least)
+    return max(drawn["weak_grip"] * least, gentlest_n) if weak else max(drawn["grip_n"], drawn["spare"] * least)
 
 
 def _places_m(thing: Thing, drawn: dict[str, float], rng: np.random.Generator) -> np.ndarray:

@@ -522,7 +522,7 @@ def test_training_and_export_run_as_scripts_from_any_folder(fixture_folder: Path
     assert (exported.returncode, exported.stderr) == (0, "")
     assert "0 label mismatches" in exported.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
-        "artifact.json", "holdfast.onnx", "rows.npz", "situation.skops"
+        "artifact.json", "holdfast.json", "holdfast.onnx", "rows.npz", "situation.skops"
     ]  # fmt: skip
     failed = script("training/train.py", "--groups", "many")
     assert failed.returncode == 2

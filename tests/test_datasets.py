@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,21 @@ from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from edge_runtime.errors import (
     ChannelError,
     ColumnError,
+    DataError,
     DataNotFound,
     EmptyRecording,
     LabelError,
     NotANumber,
+    RateError,
     TooFewGroups,
+    UnitError,
     UsageError,
 )
+from edge_runtime.preparation import Preparation
 from training.datasets import eflesh_slip, load
+from training.datasets.joined import join
 from training.datasets.proactive_slip_uskin import situations
+from training.recording import DataSet
 
 PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
 TAXELS = ",".join(f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz")
@@ -240,3 +247,41 @@ def test_the_real_pads_slip_in_three_of_seven_trials(real_set: Callable[[str], P
     }
     assert (len(data.recordings), sum(len(recording.samples) for recording in data.recordings)) == (7, 2195)
     assert all(59.7 <= recording.rate_hz <= 60.0 for recording in data.recordings)
+
+
+def test_joined_sets_keep_every_recording_and_window_apart_by_name(fixture_folder: Path) -> None:
+    one = load(fixture_folder)
+    other = replace(load(fixture_folder), name="other", redistributable=False, kind="recorded")
+    both = join([one, other])
+    n, windows = len(one.recordings), len(one.tasks["classes"])
+    names = [f"{data.name}/{recording.trial_id}" for data in (one, other) for recording in data.recordings]
+    assert [recording.trial_id for recording in both.recordings] == names
+    assert len(both.groups()) == len(one.groups()) + len(other.groups())
+    assert both.tasks["classes"].trial[windows:].tolist() == (other.tasks["classes"].trial + n).tolist()
+    assert both.tasks["classes"].label.tolist() == [*one.tasks["classes"].label, *other.tasks["classes"].label]
+    assert not both.redistributable
+    assert both.kind == f"{one.kind} + recorded"
+
+
+def test_one_set_joined_is_itself_and_the_same_twice_is_refused(fixture_folder: Path) -> None:
+    one = load(fixture_folder)
+    assert join([one]) is one
+    with pytest.raises(DataError, match="the same set twice"):
+        join([one, one])
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "says"),
+    [
+        (lambda data: replace(data, rate_hz=3.0 * data.rate_hz), RateError, "Hz"),
+        (lambda data: replace(data, unit="uT"), UnitError, "in uT"),
+        (lambda data: replace(data, tasks={}), LabelError, "classes"),
+        (lambda data: replace(data, preparation=Preparation()), DataError, "tared in another way"),
+    ],
+)
+def test_sets_that_one_model_cannot_serve_are_not_joined(
+    fixture_folder: Path, change: Callable[[DataSet], DataSet], error: type[DataError], says: str
+) -> None:
+    one = load(fixture_folder)
+    with pytest.raises(error, match=says):
+        join([one, replace(change(one), name="other")])

@@ -19,11 +19,17 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
-def test_the_readme_shows_the_real_output_of_the_demo(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_readme_shows_the_real_output_of_the_demo(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     assert demo.main([]) == 0
     shown = re.search(r"<!-- demo:.*?-->\n```text\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert shown is not None
     assert shown[1] == capsys.readouterr().out
+    report = Path("build/demo/report.html").read_text("utf-8")
+    assert re.findall(r"<h3>(\S+/\S+)/trial_1 \(simulated\)", report) == re.findall(r"^\S+/\S+$", shown[1], re.M)
+    assert report.count("<svg") == 3 + len(demo.SHOWN)
 
 
 def test_the_page_of_features_is_written_from_the_groups() -> None:

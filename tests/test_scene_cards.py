@@ -10,6 +10,7 @@ import pytest
 from edge_runtime.errors import CardError
 from simulation.card import CARDS, STYLES, read_card, shipped
 from simulation.effects import EFFECTS
+from simulation.protocol import least_grip_n
 from simulation.scene import Scene, apportion
 
 PROTOCOLS = {"thesis", "apple", "p1", "p2", "perturbed-hold", "daily", "broad"}
@@ -120,3 +121,12 @@ def test_shares_of_a_total_are_whole_and_add_up():
 def test_no_card_writes_over_the_styles():
     assert STYLES.parent == CARDS
     assert "styles" not in shipped()
+
+
+def test_no_grip_is_gentler_than_a_hand_can_keep_but_where_the_object_must_fall():
+    trials = Scene(read_card("thesis"), 0).trials()
+    grips = [trial.grip_n for trial in trials if trial.action not in ("fall", "nothing")]
+    assert min(grips) == 0.5
+    for trial in trials:
+        if trial.action == "fall":
+            assert trial.grip_n < least_grip_n(trial.thing, trial.drawn["friction_factor"])

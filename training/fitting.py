@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,14 @@ from training.recording import DataSet, Recording
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
 
 
+@dataclass(frozen=True)
+class Trained:
+    """What a training run leaves in memory: the held-out figures, and the held-out votes they come from."""
+
+    figures: dict[str, Any]
+    held_out: HeldOut
+
+
 def train(
     data: DataSet,
     out: str | Path,
@@ -32,8 +40,8 @@ def train(
     *,
     seed: int = 0,
     say: Say = lambda line: None,
-) -> dict[str, Any]:
-    """Train on a set and write the artifact folder; returns the held-out figures.
+) -> Trained:
+    """Train on a set and write the artifact folder.
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
@@ -47,8 +55,7 @@ def train(
     say("final forests on all recordings")
     artifact = final_artifact(data, features, held_out, plan, seed)
     write_artifact(out, artifact)
-    figures: dict[str, Any] = artifact.training["held_out"]
-    return figures
+    return Trained(artifact.training["held_out"], held_out)
 
 
 def final_artifact(

@@ -1,4 +1,4 @@
-"""Train on a set and leave an artifact folder for export: `python training/train.py --data SET --out DIR`.
+"""Train on sets and leave an artifact folder for export: `python training/train.py --data SET .. --out DIR`.
 
 Without arguments it trains on the small generated fixture, into build/default.
 """
@@ -22,7 +22,7 @@ FIXTURE_TRIALS = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast train`."""
-    parser.add_argument("--data", metavar="SET|FOLDER", help="a set by name or path (default: the fixture)")
+    parser.add_argument("--data", nargs="+", metavar="SET|FOLDER", help="sets by name or path (default: the fixture)")
     parser.add_argument("--out", type=place, default=DEFAULT_OUT, metavar="DIR", help="artifact folder")
     parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
@@ -33,16 +33,19 @@ def run(args: argparse.Namespace) -> int:
     """Train; prints what it does and the held-out figures."""
     from edge_runtime.writing import require_writable
     from training.datasets import load
+    from training.datasets.joined import join
     from training.fitting import train
     from training.plan import TrainingPlan
     from training.summary import windows_table
 
     require_writable(args.out)
-    folder = args.data or _fixture(args.out)
-    data = load(str(folder), channels=args.channels, groups=args.groups, seed=args.seed)
-    print(f"{data.name}: {data.kind}; {len(data.recordings)} recordings at {data.rate_hz:.4g} Hz")
-    print(windows_table(data))
-    figures = train(data, args.out, TrainingPlan(), seed=args.seed, say=print)
+    folders = args.data or [str(_fixture(args.out))]
+    sets = [load(folder, channels=args.channels, groups=args.groups, seed=args.seed) for folder in folders]
+    for part in sets:
+        print(f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz")
+        print(windows_table(part))
+    data = join(sets)
+    figures = train(data, args.out, TrainingPlan(), seed=args.seed, say=print).figures
     situations = figures["situations"]
     print(f"held out, grouped: macro F1 over four situations {situations['macro_f1']:.3f}")
     if "predict_250ms" in figures:

@@ -23,13 +23,9 @@ from training.fitting import versions
 from training.progress import stages
 from training.real import host
 from training.scenes.report import SceneEvidence, write_scene_report
-from training.scenes.study import OURS, STAGES, RateStudy, Way, study_rate, ways
+from training.scenes.study import CAVEAT, OURS, STAGES, RateStudy, Way, study_rate, ways
 
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
-CAVEAT = (
-    "Simulated: a model of a hand and of people, no recording. Styles (author, p1, p2) are ranges of parameters, not "
-    "people. The figures show what the method can tell apart in the scenes' physics, not how good it is on a hand."
-)
 
 
 def run(folder: Path, out: Path, seed: int, say: Say, chosen: dict[str, Way] | None = None) -> dict[str, Any]:

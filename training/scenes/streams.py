@@ -37,7 +37,6 @@ class StreamPicture:
     events: dict[str, float]
     points: list[CriticalPoint]
     answer: npt.NDArray[np.int64]
-    risky_share: FloatArray
     acts: npt.NDArray[np.bool_]
 
 
@@ -66,21 +65,26 @@ def held_out_streams(
 
 
 def _picture(folder: Path, recording: Recording, votes: IntArray, spec: StepSpec) -> StreamPicture:
-    truth = truth_path(folder / f"{recording.trial_id}.csv")
-    t_s = np.arange(len(recording.samples)) / recording.rate_hz
-    told = read_json(truth)
     by_situation = situation_votes(votes)
     answer = riskier_argmax(by_situation)
     answer[: spec.settle_samples - 1] = UNKNOWN
     share = by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
+    return picture_of(folder, recording, answer, decided(answer, share))
+
+
+def picture_of(
+    folder: Path, recording: Recording, answer: npt.NDArray[np.int64], acts: npt.NDArray[np.bool_]
+) -> StreamPicture:
+    """What was answered on a trial of a folder, with the truth beside the trial. answer, acts: [T]."""
+    truth = truth_path(folder / f"{recording.trial_id}.csv")
+    told = read_json(truth)
     return StreamPicture(
         recording,
-        read_truth(truth, t_s),
+        read_truth(truth, np.arange(len(recording.samples)) / recording.rate_hz),
         {name: float(told[name]) for name in EVENTS if told.get(name) is not None},
         offline_critical_points(recording),
         answer,
-        share,
-        decided(answer, share),
+        acts,
     )
 
 

@@ -1,0 +1,168 @@
+"""Frames of scenes: exact pictures of known tags at known places, drawn only where a card has a camera."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.errors import CardError
+from simulation.camera import frames as film
+from simulation.camera.apriltag import CODES, cells
+from simulation.camera.frames import BLACK, CAMERA, GREY, HAND_TAG, OBJECT_TAG, WHITE, Camera
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+
+CARD = """
+[record]
+rate_hz = 60
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+close_at_s = 0.1
+hold_s = 0.8
+tail_s = 0.3
+"""
+FILMED = CARD + "[effects.camera_frames]\n[camera]\nwidth_px = 240\nheight_px = 120\ntag_mm = 8\n"
+PICTURES = {
+    0: ["..#.#.", "#...#.", "#..###", ".#.###", "#.#..#", "###.##"],
+    1: ["..#..#", "#.#...", "....##", "#..###", ".#..#.", "##.##."],
+}
+"""Data cells, # black. Frames with them were answered with ids 0 and 1 by a detector not of ours."""
+
+
+def camera(**said: float) -> Camera:
+    numbers = {name: p.default for name, p in CAMERA.items()} | {"width_px": 160.0, "height_px": 90.0, "tag_mm": 6.0}
+    return Camera(**(numbers | said))
+
+
+def scene(tmp_path: Path, text: str) -> Scene:
+    path = tmp_path / "filmed.toml"
+    path.write_text(text, encoding="utf-8")
+    return Scene(read_card(str(path)), 3)
+
+
+def test_a_tag_is_six_by_six_cells_in_a_black_border_and_a_white_margin():
+    for tag in range(len(CODES)):
+        whole = cells(tag)
+        assert whole.shape == (10, 10)
+        assert whole.sum() - whole[1:9, 1:9].sum() == 36
+        assert whole[1:9, 1:9].sum() == whole[2:8, 2:8].sum()
+        assert ["".join("#."[int(cell)] for cell in row) for row in whole[2:8, 2:8]] == PICTURES[tag]
+
+
+def test_two_tags_differ_by_the_family_s_distance_in_any_turn():
+    first, second = (cells(tag)[2:8, 2:8] for tag in (OBJECT_TAG, HAND_TAG))
+    for turns in range(4):
+        assert np.abs(np.rot90(second, turns) - first).sum() >= 11
+        assert turns == 0 or np.abs(np.rot90(first, turns) - first).sum() >= 11
+
+
+def test_a_drawn_tag_shows_its_cells_where_it_lies():
+    one = camera(px_per_mm=8.0, blur_px=0.05, width_px=320.0, height_px=120.0)
+    image = one.draw(np.zeros(2), np.zeros(2))
+    for tag in (OBJECT_TAG, HAND_TAG):
+        column_px, row_px = one.centre_px(tag, np.zeros(2))
+        at = np.floor(6.0 * (np.arange(10) - 4.5)).astype(int)
+        seen = image[int(row_px) + at[:, None], int(column_px) + at]
+        np.testing.assert_allclose(seen, BLACK + (WHITE - BLACK) * cells(tag), atol=1e-9)
+
+
+@settings(max_examples=40)
+@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.3, 1.5))
+def test_a_tag_moves_exactly_as_far_as_it_is_moved(x_mm, z_mm, blur_px):
+    one = camera(blur_px=blur_px, height_px=160.0)
+
+    def moments(moved_mm):
+        light = one.draw(np.array(moved_mm), np.full(2, 1e6)) - GREY
+        rows, columns = np.indices(light.shape) + 0.5
+        return light.sum(), (light * columns).sum() / light.sum(), (light * rows).sum() / light.sum()
+
+    total, column_px, row_px = moments((0.0, 0.0))
+    light, column_there_px, row_there_px = moments((x_mm, z_mm))
+    assert light == pytest.approx(total, rel=1e-9)
+    assert column_there_px - column_px == pytest.approx(one.px_per_mm * x_mm, abs=1e-5)
+    assert row_there_px - row_px == pytest.approx(-one.px_per_mm * z_mm, abs=1e-5)
+
+
+def test_a_tag_out_of_sight_leaves_the_background():
+    assert (camera().draw(np.array([0.0, -1e3]), np.array([1e4, 0.0])) == GREY).all()
+
+
+def test_a_moving_tag_is_smeared_over_its_exposure():
+    t_s = np.linspace(0.0, 1.0, 101)
+    moved = np.zeros((101, 3))
+    moved[:, 2] = -0.05 * t_s
+
+    def sharpness(exposure_ms):
+        _, shot = camera(exposure_ms=exposure_ms, blur_px=0.3).film(t_s, moved, 0 * moved, np.random.default_rng(0))
+        return np.abs(np.diff(shot[10, :, 80:].astype(float), axis=0)).max()
+
+    assert sharpness(16.0) < 0.7 * sharpness(0.1)
+
+
+def test_frames_are_stamped_at_the_end_of_whole_exposures():
+    stamps_s = camera(fps=50.0, exposure_ms=15.0).stamps_s(1.0)
+    assert stamps_s[0] == pytest.approx(0.02)
+    assert np.diff(stamps_s) == pytest.approx(0.02)
+    assert stamps_s[-1] == pytest.approx(1.0)
+
+
+def test_a_card_with_a_camera_leaves_frames_of_the_object_s_motion(tmp_path):
+    filmed = scene(tmp_path, FILMED)
+    write_set(filmed, tmp_path / "set")
+    trial = tmp_path / "set" / "soft-ball" / "pull" / "trial_1"
+    with np.load(trial.with_suffix(".frames.npz"), allow_pickle=False) as shots:
+        frames, time_s, px_per_mm = shots["frames"], shots["time_s"], float(shots["px_per_mm"])
+    assert frames.shape == (len(time_s), 120, 240)
+    truth = json.loads(trial.with_suffix(".truth.json").read_text())
+    motion = np.genfromtxt(trial.with_suffix(".motion.csv"), delimiter=",", names=True)
+    held = np.flatnonzero((time_s > 0.9) & (time_s < truth["load_onset_s"]))
+    assert (frames[held, :, :100] == frames[held[0], :, :100]).all()
+    first, middle = held[0], np.searchsorted(time_s, truth["contact_lost_s"])
+    fell_px = px_per_mm * np.interp(time_s[[first, middle]] - 1e-3, motion["Time"], motion["object_z_mm"])
+    right = [frames[k, :, 120:].astype(float) - GREY for k in (first, middle)]
+    centres = [(light.sum(axis=1) * np.arange(120)).sum() / light.sum() for light in right]
+    assert centres[0] - centres[1] == pytest.approx(fell_px[1] - fell_px[0], abs=0.3)
+
+
+def test_without_a_camera_no_frame_is_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(film.Camera, "draw", lambda *_: pytest.fail("drawn"))
+    write_set(scene(tmp_path, CARD), tmp_path / "set")
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_the_same_card_and_seed_film_the_same_bytes(tmp_path):
+    filmed = scene(tmp_path, FILMED + "noise_levels = 2\n")
+    for name in ("one", "two"):
+        write_set(filmed, tmp_path / name)
+    one, two = (next((tmp_path / name).rglob("*.npz")).read_bytes() for name in ("one", "two"))
+    assert one == two
+
+
+def test_a_camera_changes_no_force(tmp_path):
+    for name, text in (("plain", CARD), ("filmed", FILMED)):
+        write_set(scene(tmp_path, text), tmp_path / name)
+    plain, filmed = (next((tmp_path / name).rglob("trial_1.csv")).read_bytes() for name in ("plain", "filmed"))
+    assert plain == filmed
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (CARD + "[camera]\n", ["camera", "effects.camera_frames"]),
+        (FILMED + "lens = 3\n", ["camera", "lens", "not known", "px_per_mm"]),
+        (FILMED + "fps = 1000\n", ["camera.fps", "1000", "1 to 255"]),
+        (FILMED + "fps = 200\nexposure_ms = 8\n", ["camera.exposure_ms", "8", "5 ms"]),
+        (FILMED.replace("rate_hz = 60", "rate_hz = 60\njoin = 2"), ["record.join", "2", "single trials"]),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused_by_name(tmp_path, text, named):
+    with pytest.raises(CardError) as refused:
+        scene(tmp_path, text)
+    assert all(word in str(refused.value) for word in named)
