@@ -1,0 +1,46 @@
+"""The files in models/: small enough for a board, made from scenes, and as their cards say."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from edge_runtime.monitor import GripMonitor, Model
+from holdfast.replay import ReplayClock
+from holdfast.sources import open_source
+
+MODELS = sorted((Path(__file__).resolve().parent.parent / "models").glob("*.onnx"))
+MOST_BYTES = 8 * 2**20
+
+
+def test_there_is_a_default_model():
+    assert [path.name for path in MODELS] == ["holdfast-150hz.onnx"]
+
+
+@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
+def test_a_released_file_is_the_one_its_card_describes(path):
+    data, told = path.read_bytes(), json.loads(path.with_suffix(".json").read_text("utf-8"))
+    assert told["file"] == {"name": path.name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    assert len(data) <= MOST_BYTES
+    inside = Model(path).card.raw
+    assert told["spec"] == inside["spec"]
+    assert told["training"]["data"] == "thesis + broad"
+    assert told["training"]["kind"] == "simulated"
+    assert told["training"]["redistributable"]
+
+
+@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
+def test_a_released_file_asks_to_act_in_pulls_of_an_object_it_never_met_and_leaves_most_hand_overs_alone(path):
+    model = Model(path)
+    acted = {"pass": 0, "pull": 0}
+    for action, first in (("pass", 0), ("pull", 60)):
+        for trial in range(first, first + 6):
+            url = f"sim://apple?seed=7&trial={trial}&rate_hz={model.card.rate_hz:g}"
+            source = open_source(url, channels=model.card.n_channels, preparation=model.card.preparation)
+            monitor = GripMonitor(model, ReplayClock())
+            acted[action] += any([monitor.feed(sample).act for sample in source])
+    assert acted["pull"] == 6
+    assert acted["pass"] < 3
