@@ -47,5 +47,5 @@ def test_the_five_lines_of_the_readme_answer_every_sample(eight_classes: Built) 
     assert code is not None
     trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
     said: dict[str, Any] = {"source": open_replay(trial)}
-    exec(code[1].replace("build/default/holdfast.onnx", str(eight_classes.model)), said)
+    exec(code[1].replace("models/holdfast-150hz.onnx", str(eight_classes.model)), said)
     assert said["answer"].sequence == len(open_replay(trial).values) - 1
