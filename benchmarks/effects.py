@@ -1,7 +1,8 @@
 """The price list of effects: what each adds to a simulated sample, in one run, beside the core's own price.
 
 Effects of the loop are priced by running the same trials with and without them (median of pairs taken in turns),
-effects of the sensor by calling them on the same recordings. CPU time; ns per sample of six fingertips.
+effects of the sensor by calling them on the same recordings, a camera by filming one. CPU time; ns per sample of six
+fingertips.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from simulation.camera.frames import CAMERA, Camera
 from simulation.card import read_card
 from simulation.effect import stream
 from simulation.effects import EFFECTS
@@ -47,9 +50,7 @@ def prices(*, lanes: int = LANES, pairs: int = PAIRS) -> list[dict[str, Any]]:
     core = min(_run_ns(empty) for _ in range(pairs))
     rows = [{"effect": "(core alone)", "stage": "core", "ns_per_sample": core, "over_core": 1.0}]
     for name, effect in EFFECTS.items():
-        if effect.stage == "camera":
-            continue
-        price = _loop_price(name, lanes, pairs) if effect.stage == "physics" else _sensor_price(name, lanes, pairs)
+        price = PRICED[effect.stage](name, lanes, pairs)
         rows.append({"effect": name, "stage": effect.stage, "ns_per_sample": price, "over_core": price / core})
     return rows
 
@@ -85,3 +86,16 @@ def _sensor_price(name: str, lanes: int, pairs: int) -> float:
             EFFECTS[name].make(signal, drawn, stream(0, 1, name))
         spent.append(time.process_time_ns() - started)
     return statistics.median(spent) / sum(len(signal.t_s) for signal in signals)
+
+
+def _camera_price(name: str, lanes: int, pairs: int) -> float:
+    scene, camera = scene_with(lanes=2), Camera(**{name: p.default for name, p in CAMERA.items()})
+    (told,) = scene.run_together(scene.trials()[:1])
+    started = time.process_time_ns()
+    scene.film(told, camera)
+    return (time.process_time_ns() - started) / len(told.signal.t_s)
+
+
+PRICED: dict[str, Callable[[str, int, int], float]] = {
+    "physics": _loop_price, "sensor": _sensor_price, "camera": _camera_price,
+}  # fmt: skip

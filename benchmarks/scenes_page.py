@@ -43,8 +43,8 @@ count = 5
 
 Every trial leaves `trial_<n>.csv` (the thesis' layout), `trial_<n>.truth.json` (phases with provenance, load onset,
 incipient and gross slip, contact lost, what was drawn, card and seed) and `trial_<n>.motion.csv` (object and hand, mm);
-with `[camera]` and `[effects.camera_frames]` also `trial_<n>.frames.npz` (frames with AprilTags 36h11: 0 on the object, 1
-on the hand; [what they leave out](../simulation/camera/frames.py)).
+with `[camera]` and `[effects.camera_frames]` also `trial_<n>.frames.npz` (frames with AprilTags 36h11, 0 on the object,
+1 on the hand; [what they leave out](../simulation/camera/frames.py)).
 The truth comes from the core's state, never from a sensor. The same card and seed write the same bytes.
 
 Styles (`author`, `p1`, `p2`) are ranges of parameters, not people. The sensor is calibrated by one linear map, so its

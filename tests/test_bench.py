@@ -4,20 +4,59 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from benchmarks.effects import prices
+from benchmarks.hold_and_pull import measure, rows
+from benchmarks.mujoco_peer import Scene
 from benchmarks.scenes_page import page
 from benchmarks.simulator import plausibility
 from simulation.card import shipped
 from simulation.effects import EFFECTS
+from training.scenes.study import OURS
 
 ROOT = Path(__file__).resolve().parent.parent
+
+FRICTION = {"law": "regularised", "share": 0.5, "vibration": 0.0, "lets_go": False, "creep_m": 0.0324, "step_s": 1e-3,
+            "cost_ns_per_s": 12300.0}  # fmt: skip
+
+
+def study() -> dict[str, Any]:
+    """Figures as `make scenes` writes them, one rate and one line of the table."""
+    row = {level: {"accuracy": value, "macro_f1": value + 0.01} for level, value in
+           (("eight", 0.701), ("seven", 0.801), ("four", 0.901))}  # fmt: skip
+    calls = {"risky": {"share": 0.921}, "safe": {"share": 0.031}, "grasp": {"share": None}}
+    rows: dict[str, Any] = {OURS: row | {"calls": calls}}
+    rate = {
+        "data": {"n_trials": 9},
+        "rows": rows,
+        "leak": {"eight_class_accuracy": 0.702, "eight_class_accuracy_ci99": [0.69, 0.71]},
+        "objects": {OURS: {"soft-ball": rows[OURS]}},
+        "others": {"apple": {"rows": rows}},
+        "retrainings": {OURS: {"recall": {"grasp_light": [0.9, 0.95]}, "spread": {"grasp_light": 0.05}}},
+    }
+    return {"headline_hz": "150", "rates": {"150": rate}}
+
+
+def test_our_core_holds_what_friction_can_hold_and_lets_go_what_it_cannot():
+    row = measure(Scene(hold_s=1.5, pull_s=0.4), 2e-3, 2)
+    assert row["creep_mm"] < 1e-9
+    assert row["slip_8n_ms"] is None
+    assert 80 < row["slip_16n_ms"] < 200
+
+
+def test_rows_of_the_peer_stand_beside_ours(tmp_path):
+    run = {"variant": "default", "step_s": 1e-3, "cpu_s_per_s": 8e-3, "held_s": 11.5, "creep_m": None,
+           "pulls": [{"slip_s": 0.101}, {"slip_s": None}]}  # fmt: skip
+    (tmp_path / "mujoco.json").write_text(json.dumps({"versions": {"mujoco": "4.0.0"}, "runs": [run]}), "utf-8")
+    peer = rows(tmp_path, Scene(hold_s=1.0, settled_s=0.5, pull_s=0.01))[-1]
+    assert (peer["solver"], peer["held_s"], peer["slip_8n_ms"]) == ("MuJoCo 4.0.0, default", 11.5, 101.0)
+    assert peer["creep_mm"] is None
 
 
 def test_every_effect_has_a_price_beside_the_core_s():
     rows = prices(lanes=2, pairs=1)
-    wanted = {name for name, effect in EFFECTS.items() if effect.stage != "camera"}
-    assert {row["effect"] for row in rows} == {"(core alone)", *wanted}
+    assert {row["effect"] for row in rows} == {"(core alone)", *EFFECTS}
     assert rows[0]["ns_per_sample"] > 0
 
 
@@ -31,10 +70,15 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(t
     prices_of = [{"effect": "(core alone)", "ns_per_sample": 1234.0}]
     prices_of += [{"effect": name, "ns_per_sample": 77.0} for name in EFFECTS]
     (tmp_path / "effects.json").write_text(json.dumps({"prices": prices_of, "empty_list_over_core": 1.0}), "utf-8")
-    curves = {name: [{"x": 1.0}] for name in ("step", "by_trials", "by_elements", "plausibility")}
-    (tmp_path / "simulator.json").write_text(json.dumps(curves), "utf-8")
-    text = page(tmp_path)
+    curves = {name: [{"x": 1.0}] for name in ("step", "by_trials", "by_elements", "plausibility", "hold_and_pull")}
+    (tmp_path / "simulator.json").write_text(json.dumps(curves | {"friction": [FRICTION]}), "utf-8")
+    (tmp_path / "scenes.json").write_text(json.dumps(study()), "utf-8")
+    text = page(tmp_path, tmp_path / "scenes.json")
     assert "1,234 ns" in text
+    assert "| 150 Hz: ours, clock-free | 0.701 | 0.801 | 0.901 | 0.911 | 0.921 | 0.031 | - |" in text
+    assert "150 Hz 0.702 (0.690 to 0.710)" in text
+    assert "| apple: ours, clock-free | 0.701" in text
+    assert "| grasp light | 0.900 0.950 | 0.05 |" in text
     for name in [*shipped(), *EFFECTS]:
         assert f"`{name}`" in text
 

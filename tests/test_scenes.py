@@ -206,6 +206,16 @@ def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
     assert (trial.parent / "trial_1.motion.csv").read_text("utf-8").startswith("Time,object_x_mm")
 
 
+def test_in_daily_life_risky_slips_are_four_samples_in_a_thousand():
+    scene = Scene(read_card("daily"), 0)
+    risky_s = total_s = 0.0
+    for told in scene.run(scene.trials(150)):
+        stops = [since for since, _ in told.truth.marks[1:]] + [told.truth.end_s]
+        risky_s += sum(stop - since for (since, what), stop in zip(told.truth.marks, stops, strict=True) if what == 3)
+        total_s += told.truth.end_s
+    assert 0.003 < risky_s / total_s < 0.005
+
+
 def test_trials_of_an_object_join_into_one_long_recording(tmp_path):
     text = CORE.replace("rate_hz = 100", "rate_hz = 50\njoin = 3")
     text = text.replace('action = "pull"', 'action = "pull"\ncount = 5')
