@@ -22,7 +22,15 @@
     |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
     |   `-- VerificationFailed        the exported file and the reference disagree
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
-    `-- OutputError               5   a result cannot be written
+    |-- OutputError               5   a result cannot be written
+    `-- DeviceError               6   the hand cannot be read
+        |-- DeviceNotFound            no such bridge, or no finger answers
+        |-- AccessDenied              the bridge is there and this user may not open it
+        |-- LibraryMissing            no libusb, or a driver's library is not installed
+        |-- DeviceLost                unplugged, or it fell off the bus
+        |-- TransferFailed            a time-out, a stall, or an answer that does not fit the question
+        |-- BusStuck                  SDA or SCL is held low
+        `-- WrongDevice               another chip, or one that does not take its configuration
 
 Each message is one line that says what, where, the likely cause and the next step.
 """
@@ -149,3 +157,37 @@ class OutputError(HoldfastError):
     """A result cannot be written."""
 
     exit_code = 5
+
+
+class DeviceError(HoldfastError):
+    """The hand cannot be read."""
+
+    exit_code = 6
+
+
+class DeviceNotFound(DeviceError):
+    """No such bridge, or no finger answers."""
+
+
+class AccessDenied(DeviceError):
+    """The bridge is there, and this user may not open it."""
+
+
+class LibraryMissing(DeviceError):
+    """No libusb, or a driver's library is not installed."""
+
+
+class DeviceLost(DeviceError):
+    """Unplugged, or it fell off the bus."""
+
+
+class TransferFailed(DeviceError):
+    """A time-out, a stall, or an answer that does not fit the question."""
+
+
+class BusStuck(DeviceError):
+    """SDA or SCL is held low."""
+
+
+class WrongDevice(DeviceError):
+    """Another chip at the address, or one that does not take its configuration."""

@@ -1,0 +1,219 @@
+"""A TMAG5273 at register level: what the data sheet says it does, converting a field as time goes by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.tmag5273 import (
+    BURST_8,
+    BURST_16,
+    CONTINUOUS,
+    GENERAL_CALL,
+    RANGES_MT,
+    REGISTERS,
+    SHORTEST_WAKE_S,
+    SLEEP,
+    STANDBY,
+    TRIGGER,
+    conversion_s,
+    crc8,
+)
+from drivers.virtual.clock import Clock
+from drivers.virtual.faults import Faults
+from edge_runtime.contract import FloatArray
+
+Field = Callable[[float], FloatArray]
+"""Time in s -> the field at the chip, [3] in uT."""
+NOISE_UT = np.array([125.0, 125.0, 68.0])
+"""Of one conversion (SYLS045A 6.7); averaging divides it by the root of the averages."""
+NOISE_ROWS = 4096
+LAST = max(register.address for register in REGISTERS.values())
+BY_ADDRESS = {register.address: register for register in REGISTERS.values()}
+WRONG_ID = 0x00
+
+
+class Chip:
+    """One chip. number: 1 .. 6, what faults call it; version 1 or 2; seed: of its noise, None for none."""
+
+    def __init__(
+        self, number: int, factory_address: int, version: int, field: Field, clock: Clock, faults: Faults,
+        *, seed: int | None = None,
+    ) -> None:  # fmt: skip
+        self.number, self.factory_address, self.version = number, factory_address, version
+        self._field, self._clock, self._faults = field, clock, faults
+        self._born_ns = clock.now_ns()
+        noise = np.zeros((1, 3)) if seed is None else np.random.default_rng([seed, number]).normal(size=(NOISE_ROWS, 3))
+        self._noise = noise * NOISE_UT
+        self.power_on()
+
+    def power_on(self) -> None:
+        """Every register as after power-up, the factory address too."""
+        self._bytes = bytearray(LAST + 1)
+        for register in REGISTERS.values():
+            self._bytes[register.address] = register.reset
+        self.address = self.factory_address
+        self._bytes[REGISTERS["I2C_ADDRESS"].address] = self.factory_address << 1
+        self._bytes[REGISTERS["DEVICE_ID"].address] = self.version
+        self._pointer = 0
+        self._next_address: int | None = None
+        self._conversions = 0
+        self._done = 0
+        self._started_ns: int | None = None
+        self._awake_ns = 0
+        self._packet: bytes | None = None
+        self._packet_at = 0
+        self._first_byte = False
+
+    # -- the wire
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        """Whether it acknowledges; a sleeping chip wakes and does not."""
+        self._suffer()
+        called = address == self.address or (address == GENERAL_CALL and not read)
+        if not called or self._faults.lasts("nack", self._now_s(), self.number):
+            return False
+        if self._mode() == SLEEP:
+            self._set_mode(STANDBY)
+            self._awake_ns = self._clock.now_ns() + round(1e9 * SHORTEST_WAKE_S)
+            return False
+        if self._clock.now_ns() < self._awake_ns:
+            return False
+        self._update()
+        self._first_byte = not read
+        self._packet = self._burst(address) if read else None
+        self._packet_at = 0
+        return True
+
+    def write(self, byte: int) -> bool:
+        """The register's address first (its highest bit starts a conversion), then values, address by address."""
+        if self._first_byte:
+            self._first_byte = False
+            self._pointer = byte & ~TRIGGER
+            if byte & TRIGGER and self._mode() == STANDBY:
+                self._trigger()
+            return True
+        self._store(self._pointer, byte)
+        self._pointer += 1
+        return True
+
+    def read(self) -> int:
+        """The next register, or the next byte of a packet where 1-byte reads are on."""
+        if self._packet is not None:
+            byte = self._packet[self._packet_at] if self._packet_at < len(self._packet) else 0xFF
+            self._packet_at += 1
+            return byte
+        byte = self._load(self._pointer)
+        self._pointer += 1
+        return byte
+
+    def stop(self) -> None:
+        """A new address counts from here on."""
+        if self._next_address is not None:
+            self.address, self._next_address = self._next_address, None
+
+    # -- registers
+
+    def _load(self, address: int) -> int:
+        if address > LAST:
+            return 0
+        ids = (REGISTERS["MANUFACTURER_ID_LSB"].address, REGISTERS["MANUFACTURER_ID_MSB"].address)
+        if address in ids and self._faults.lasts("wrong", self._now_s(), self.number):
+            return WRONG_ID
+        byte = self._bytes[address]
+        if address == REGISTERS["CONV_STATUS"].address and self._faults.lasts("diag", self._now_s(), self.number):
+            byte |= 1 << REGISTERS["CONV_STATUS"].fields["DIAG_STATUS"][0]
+        return byte
+
+    def _store(self, address: int, byte: int) -> None:
+        register = BY_ADDRESS.get(address)
+        if register is None:
+            return
+        mode = self._mode()
+        kept = self._bytes[address] & ~register.writable & 0xFF & ~(register.write_one_clears & byte)
+        self._bytes[address] = kept | byte & register.writable
+        if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
+            self._next_address = byte >> 1
+            self._bytes[address] = byte & 0xFE
+        if register in (REGISTERS["DEVICE_CONFIG_1"], REGISTERS["DEVICE_CONFIG_2"], REGISTERS["SENSOR_CONFIG_1"]):
+            self._restart(mode)
+
+    def _field_of(self, register: str, name: str) -> int:
+        return REGISTERS[register].read(self._bytes[REGISTERS[register].address], name)
+
+    # -- conversions
+
+    def _mode(self) -> int:
+        return self._field_of("DEVICE_CONFIG_2", "OPERATING_MODE")
+
+    def _set_mode(self, mode: int) -> None:
+        address = REGISTERS["DEVICE_CONFIG_2"].address
+        self._bytes[address] = self._bytes[address] & ~3 & 0xFF | mode
+
+    def _restart(self, mode_before: int) -> None:
+        """A changed configuration begins its conversions anew."""
+        if self._mode() == CONTINUOUS:
+            self._started_ns, self._done = self._clock.now_ns(), 0
+        elif mode_before == CONTINUOUS:
+            self._started_ns = None
+
+    def _trigger(self) -> None:
+        self._started_ns, self._done = self._clock.now_ns(), 0
+
+    def _averages(self) -> int:
+        return 1 << min(self._field_of("DEVICE_CONFIG_1", "CONV_AVG"), 5)
+
+    def _update(self) -> None:
+        """Finish the conversions that have been completed by now; only the last one leaves its result."""
+        if self._started_ns is None or self._faults.lasts("frozen", self._now_s(), self.number):
+            return
+        if not self._field_of("SENSOR_CONFIG_1", "MAG_CH_EN"):
+            return
+        lasts_s = conversion_s(self._averages())
+        done = int(1e-9 * (self._clock.now_ns() - self._started_ns) / lasts_s + 1e-6)
+        if self._mode() == STANDBY:
+            done = min(done, 1)
+        if done <= self._done:
+            return
+        self._conversions += done - self._done
+        self._done = done
+        end_s = 1e-9 * (self._started_ns - self._born_ns) + done * lasts_s
+        self._convert(end_s - 0.5 * lasts_s)
+
+    def _convert(self, middle_s: float) -> None:
+        averages = self._averages()
+        noise = self._noise[self._conversions % len(self._noise)] / np.sqrt(averages)
+        narrow, wide = RANGES_MT[self.version]
+        xy = wide if self._field_of("SENSOR_CONFIG_2", "X_Y_RANGE") else narrow
+        full_ut = 1e3 * np.array([xy, xy, wide if self._field_of("SENSOR_CONFIG_2", "Z_RANGE") else narrow])
+        raw = np.clip(np.rint((self._field(middle_s) + noise) / full_ut * 32768.0), -32768, 32767).astype(">i2")
+        first = REGISTERS["X_MSB_RESULT"].address
+        self._bytes[first : first + 6] = raw.tobytes()
+        status = REGISTERS["CONV_STATUS"].address
+        self._bytes[status] = self._bytes[status] & 0x1E | (self._conversions % 8) << 5 | 1
+
+    def _burst(self, address: int) -> bytes | None:
+        """What a read without a register byte answers, or None where registers are read."""
+        how = self._field_of("DEVICE_CONFIG_1", "I2C_RD")
+        if how not in (BURST_16, BURST_8):
+            return None
+        first = REGISTERS["X_MSB_RESULT"].address
+        results = bytes(self._bytes[first : first + 6])
+        status = self._load(REGISTERS["CONV_STATUS"].address)
+        data = (results if how == BURST_16 else results[::2]) + bytes([status])
+        if self._field_of("DEVICE_CONFIG_1", "CRC_EN"):
+            data += bytes([crc8(bytes([address << 1 | 1]) + data)])
+        return data
+
+    # -- faults
+
+    def _now_s(self) -> float:
+        return 1e-9 * (self._clock.now_ns() - self._born_ns)
+
+    def _suffer(self) -> None:
+        if self._faults.happened("por", self._now_s(), self.number):
+            self.power_on()
+        if self._faults.happened("sleep", self._now_s(), self.number):
+            self._set_mode(SLEEP)
+            self._started_ns = None

@@ -1,0 +1,82 @@
+"""Six chips on a wire, behind a mux or re-addressed, in a field that changes with time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.tmag5273 import FACTORY_ADDRESSES
+from drivers.virtual.chip import Chip, Field
+from drivers.virtual.clock import Clock
+from drivers.virtual.faults import Fault, Faults
+from drivers.virtual.wire import Mux, Target, Wire
+from edge_runtime.contract import FloatArray
+
+A, B, C, D = FACTORY_ADDRESSES
+LAYOUTS: dict[str, tuple[tuple[int, int], ...]] = {
+    "mux": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
+    "mux6": ((0, A), (1, A), (2, A), (3, A), (4, A), (5, A)),
+}
+"""Channel of the mux and factory address of each finger: two channels shared, or one finger each."""
+REST_UT = np.array([0.0, 0.0, 23730.0])
+"""The field of a resting magnet."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """A recorded or simulated field: t_s [T] from 0, field_ut [T, 6, 3]; linear between, the ends hold."""
+
+    t_s: FloatArray
+    field_ut: FloatArray
+
+    def at(self, now_s: float, sensor: int) -> FloatArray:
+        """[3] of one sensor (0 .. 5)."""
+        field: FloatArray = np.array([np.interp(now_s, self.t_s, self.field_ut[:, sensor, k]) for k in range(3)])
+        return field
+
+
+def still(field_ut: FloatArray = REST_UT) -> Track:
+    """Nothing ever changes."""
+    return Track(np.array([0.0]), np.broadcast_to(field_ut, (1, 6, 3)))
+
+
+class VirtualHand:
+    """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        *,
+        track: Track | None = None,
+        layout: str = "mux",
+        version: int = 1,
+        seed: int | None = None,
+        faults: Sequence[Fault] = (),
+    ) -> None:
+        self.clock, self.faults, self.track = clock, Faults(faults), track or still()
+        self._born_ns = clock.now_ns()
+        self.chips = [
+            Chip(k + 1, address, version, self._field_of(k), clock, self.faults, seed=seed)
+            for k, (_, address) in enumerate(LAYOUTS[layout])
+        ]
+        channels: list[list[Target]] = [[] for _ in range(8)]
+        for chip, (channel, _) in zip(self.chips, LAYOUTS[layout], strict=True):
+            channels[channel].append(chip)
+        self.mux = Mux(channels)
+        self.wire = Wire([self.mux])
+
+    def power_off(self) -> None:
+        """Power goes and comes back: everything on the wire begins anew."""
+        self.mux.power_on()
+        for chip in self.chips:
+            chip.power_on()
+
+    def suffer(self) -> None:
+        """Let faults of the bus happen; a bridge calls it before it uses the wire."""
+        if self.faults.happened("stuck", 1e-9 * (self.clock.now_ns() - self._born_ns)):
+            self.wire.hold_low()
+
+    def _field_of(self, sensor: int) -> Field:
+        return lambda now_s: self.track.at(now_s, sensor)

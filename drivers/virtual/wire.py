@@ -1,0 +1,143 @@
+"""An I2C wire, byte by byte, and the multiplexer that splits it.
+
+A bridge calls start, write, read, stop; everything on the wire hears all of it. Bits are counted, since they
+take time. While SDA is held low nothing is acknowledged and every byte reads 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+BITS_OF_A_BYTE = 9
+CLOCKS_TO_FREE = 9
+
+
+class Target(Protocol):
+    """Something with an address on a wire."""
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        """After a START: whether it acknowledges."""
+        ...
+
+    def write(self, byte: int) -> bool:
+        """A byte from the master; whether it is acknowledged."""
+        ...
+
+    def read(self) -> int:
+        """The next byte for the master."""
+        ...
+
+    def stop(self) -> None:
+        """STOP was seen."""
+        ...
+
+
+class Wire:
+    """A wire and what hangs on it."""
+
+    def __init__(self, targets: Sequence[Target]) -> None:
+        self.targets = list(targets)
+        self.bits = 0
+        self._listening: list[Target] = []
+        self._address_next = False
+        self._clocks_to_go = 0
+
+    @property
+    def held_low(self) -> bool:
+        """Whether a chip holds SDA low."""
+        return self._clocks_to_go > 0
+
+    def hold_low(self) -> None:
+        """A chip was cut off in the middle of a byte and holds SDA until it has been clocked on."""
+        self._clocks_to_go = CLOCKS_TO_FREE
+
+    def clock(self) -> None:
+        """One clock pulse with SDA released."""
+        self.bits += 1
+        self._clocks_to_go = max(0, self._clocks_to_go - 1)
+
+    def start(self) -> None:
+        """START, or START again."""
+        self.bits += 1
+        self._address_next, self._listening = True, []
+
+    def write(self, byte: int) -> bool:
+        """A byte to whoever listens; whether anybody acknowledged."""
+        self.bits += BITS_OF_A_BYTE
+        if self.held_low:
+            return False
+        if self._address_next:
+            self._address_next = False
+            self._listening = [t for t in self.targets if t.addressed(byte >> 1, read=bool(byte & 1))]
+            return bool(self._listening)
+        return any([target.write(byte) for target in self._listening])
+
+    def read(self) -> int:
+        """A byte from whoever talks: open drain, so all zeros win; 0xFF from nobody."""
+        self.bits += BITS_OF_A_BYTE
+        if self.held_low:
+            return 0
+        byte = 0xFF
+        for target in self._listening:
+            byte &= target.read()
+        return byte
+
+    def stop(self) -> None:
+        """STOP."""
+        self.bits += 1
+        self._listening, self._address_next = [], False
+        for target in self.targets:
+            target.stop()
+
+
+class Mux:
+    """A TCA9548A: one byte says which of eight channels are joined to the wire, from the next STOP on."""
+
+    def __init__(self, channels: Sequence[Sequence[Target]], address: int = 0x70) -> None:
+        self.channels = [list(channel) for channel in channels]
+        self.address = address
+        self.control = self._next = 0
+        self._own = False
+        self._listening: list[Target] = []
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        """Its own address, or one on a channel that is joined."""
+        self._own = address == self.address
+        self._listening = [] if self._own else [t for t in self._joined() if t.addressed(address, read=read)]
+        return self._own or bool(self._listening)
+
+    def write(self, byte: int) -> bool:
+        """To its control register, or onwards."""
+        if self._own:
+            self._next = byte
+            return True
+        return any([target.write(byte) for target in self._listening])
+
+    def read(self) -> int:
+        """Its control register, or what a channel says."""
+        if self._own:
+            return self.control
+        byte = 0xFF
+        for target in self._listening:
+            byte &= target.read()
+        return byte
+
+    def stop(self) -> None:
+        """The new channels are joined, and those that were heard the STOP."""
+        for target in self._joined():
+            target.stop()
+        self.control = self._next
+        self._own, self._listening = False, []
+
+    def power_on(self) -> None:
+        """No channel is joined."""
+        self.control = self._next = 0
+
+    def _joined(self) -> list[Target]:
+        return [
+            target
+            for number, channel in enumerate(self.channels)
+            if self.control >> number & 1
+            for target in channel
+        ]
