@@ -13,7 +13,8 @@ import usb.util
 
 from edge_runtime.errors import AccessDenied, DeviceError, DeviceLost, DeviceNotFound, LibraryMissing, TransferFailed
 
-TIMEOUT_MS = 250
+TIMEOUT_MS = 10
+"""A live stream cannot wait longer: at 150 Hz this is a sample and a half."""
 DRAIN_MS = 5
 DRAINED_AT_MOST = 64
 NO_DEVICE, NO_ACCESS, BUSY, STALL, TIMED_OUT = 19, 13, 16, 32, 110
@@ -95,11 +96,15 @@ class UsbPort:
         with named_errors(self.name):
             return bytes(self.device.ctrl_transfer(request_type, request, value, index, length, timeout_ms))
 
-    def drain(self, endpoint: int, length: int) -> None:
-        """Read away what a transfer that timed out left behind: its late reply must not answer the next question."""
+    def drain(self, endpoint: int, length: int, *, empty: int = 0) -> None:
+        """Read away what a transfer that timed out left behind: its late reply must not answer the next question.
+
+        empty: length of what the device answers when it has nothing to say.
+        """
         for _ in range(DRAINED_AT_MOST):
             try:
-                self.read(endpoint, length, DRAIN_MS)
+                if len(self.read(endpoint, length, DRAIN_MS)) <= empty:
+                    return
             except TransferFailed:
                 return
 

@@ -1,6 +1,6 @@
 """How our programs speak and end: one line an error, an exit code with a meaning, no traceback.
 
-Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 130 interrupted.
+Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
 """
 
 from __future__ import annotations

@@ -50,6 +50,8 @@ class GripMonitor:
         self._graph = StepGraph(model.session, 1, self._outputs())
         self._rules = DecisionRules(**self.card.decision)
         self._clock_ns = clock_ns
+        self.stepped_ns = 0
+        """When the graph was done with the last sample."""
         self.reset()
 
     def feed(self, sample: Sample, *, opening: bool = False, override: bool = False) -> Prediction:
@@ -69,6 +71,7 @@ class GripMonitor:
         np.copyto(self._graph.sample[0], sample.values)
         np.copyto(self._graph.valid[0], sample.valid)
         out = self._graph.step()
+        self.stepped_ns = self._clock_ns()
         return self._predict(sample, out, opening, override)
 
     def reset(self) -> None:

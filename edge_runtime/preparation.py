@@ -31,8 +31,13 @@ class Preparation:
 
     def apply(self, raw: FloatArray) -> FloatArray:
         """[T, C] raw -> [T, C] prepared, same unit. Only the first `bias_rows` rows decide how."""
-        turned = raw * self._sign(raw) if self.flip_negative_normal else raw
-        return turned - self._bias(turned)
+        sign, bias = self.learn(raw)
+        return raw * sign - bias
+
+    def learn(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(sign [C], bias [C]) that the first rows [T, C] give: prepared = raw * sign - bias."""
+        sign = self._sign(raw) if self.flip_negative_normal else np.ones(raw.shape[1])
+        return sign, self._bias(raw * sign)
 
     def _sign(self, raw: FloatArray) -> FloatArray:
         sign = np.ones(raw.shape[1])

@@ -1,6 +1,6 @@
 """`holdfast VERB ..`: one parser, one module a verb, imported only when its verb is asked for.
 
-Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 130 interrupted.
+Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ VERBS = {
     "export": ("export.export", "artifact folder -> one verified, sealed holdfast.onnx"),
     "evaluate": ("holdfast.evaluate", "score a model file on a labelled set or folder"),
     "bench": ("holdfast.bench", "what accuracy costs in time, as JSON and tables"),
+    "run": ("holdfast.run", "read a hand live and answer every sample"),
     "replay": ("holdfast.replay", "a model's answers on a recorded trial, one JSON line a sample"),
 }
 
@@ -30,7 +31,7 @@ Know a grip is about to fail before it does.
 {verbs}
 
 options everywhere: --help, --version, --debug (show the traceback of an error)
-exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 130 interrupted
+exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted
 """
 
 

@@ -1,0 +1,195 @@
+"""FT232H: a whole scan as one batch for its MPSSE engine, one bulk transfer out and one in (FTDI AN 108, AN 255).
+
+SCL is AD0; SDA is AD1 and AD2 tied together. Both are driven open-drain (0x9E), data change with three clock
+phases (0x8C). Every byte's acknowledge bit comes back, so a chip that does not answer costs only itself. The idle
+lines are looked at before and after a batch: SDA low means that a chip is stuck in the middle of a byte (and then
+every byte reads as an acknowledged zero); nine clocks free it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from drivers.bus import NOT_ACKED, Reply, Transfer
+from drivers.usb import UsbPort
+from edge_runtime.errors import BusStuck, TransferFailed, UsageError
+
+FT232H_IDS = ((0x0403, 0x6014),)
+OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81
+PACKET, STATUS_BYTES = 512, 2
+"""Every packet that comes in begins with two bytes of modem status."""
+MOST_IN = PACKET - STATUS_BYTES
+"""A batch answers with at most one packet."""
+EMPTY_READS = 100
+
+VENDOR_OUT, INTERFACE_A = 0x40, 1
+SIO_RESET, SIO_LATENCY, SIO_BITMODE = 0x00, 0x09, 0x0B
+PURGE_RX, PURGE_TX = 1, 2
+MPSSE_MODE = 0x0200
+LATENCY_MS = 1
+
+WRITE_BYTES, WRITE_BITS, READ_BYTES, READ_BITS = 0x11, 0x13, 0x20, 0x22
+SET_LOW_PINS, GET_LOW_PINS = 0x80, 0x81
+SETUP = bytes([0x8A, 0x97, 0x8C, 0x9E, 0x07, 0x00, 0x85])
+"""60 MHz, no adaptive clock, three phases, AD0 .. AD2 drive only zeros, no loopback."""
+DIVIDER, FLUSH = 0x86, 0x87
+BAD_COMMAND, ECHO = 0xAA, bytes([0xFA, 0xAA])
+
+SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
+DRIVEN = SCL | SDA
+HOLD = 4
+"""A pin write is repeated so often, for the times that START and STOP must hold."""
+MASTER_HZ = 60e6
+FASTEST_HZ = 1_000_000
+
+
+def _pins(levels: int, times: int = HOLD) -> bytes:
+    return bytes([SET_LOW_PINS, levels, DRIVEN]) * times
+
+
+START = _pins(SCL | SDA) + _pins(SCL) + _pins(0, 1)
+STOP = _pins(0) + _pins(SCL) + _pins(SCL | SDA)
+RELEASE = _pins(SDA, 1)
+"""SCL low, SDA free: for whoever talks next."""
+ACK, NACK = bytes([WRITE_BITS, 0, 0x00]), bytes([WRITE_BITS, 0, 0xFF])
+CLOCKS = (_pins(SDA) + _pins(SCL | SDA)) * 9
+
+
+class Ft232h:
+    """An I2C bus behind an FT232H. bus_hz: up to 1 MHz; number: of the FT232Hs on USB."""
+
+    name = "ft232h"
+
+    def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
+        if not 0 < bus_hz <= FASTEST_HZ:
+            raise UsageError(f"{bus_hz} Hz is no speed of the bus", next_step=f"up to {FASTEST_HZ} Hz")
+        self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
+        self._port = UsbPort(self.name, FT232H_IDS, backend, number=number)
+        try:
+            self._begin()
+        except BaseException:
+            self._port.close()
+            raise
+
+    def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        """All transfers, in as few round trips as their answers fit packets: six fingers are one."""
+        replies: list[Reply] = []
+        for batch in _batches(transfers):
+            replies += self._carry(batch)
+        return replies
+
+    def clear(self) -> None:
+        """Nine clocks and a STOP. Raises BusStuck."""
+        self._begin()
+        pins = self._ask(CLOCKS + STOP + bytes([GET_LOW_PINS, FLUSH]), 1)[0]
+        if not pins & SDA_IN:
+            raise BusStuck(
+                "SDA stays low after nine clocks", where=self.name,
+                cause="a sensor without power, a short, or AD1 and AD2 not tied together",
+                next_step="switch the sensors' power off and on",
+            )  # fmt: skip
+
+    def close(self) -> None:
+        """Give the bridge back."""
+        self._port.close()
+
+    def _begin(self) -> None:
+        """Reset the engine, and see that it answers."""
+        for value in (0, PURGE_RX, PURGE_TX):
+            self._port.control_out(VENDOR_OUT, SIO_RESET, value, INTERFACE_A)
+        self._port.control_out(VENDOR_OUT, SIO_LATENCY, LATENCY_MS, INTERFACE_A)
+        self._port.control_out(VENDOR_OUT, SIO_BITMODE, 0, INTERFACE_A)
+        self._port.control_out(VENDOR_OUT, SIO_BITMODE, MPSSE_MODE, INTERFACE_A)
+        self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
+        if self._ask(bytes([BAD_COMMAND, FLUSH]), len(ECHO)) != ECHO:
+            raise TransferFailed("its engine does not answer", where=self.name, next_step="unplug it and plug it in")
+        divider = bytes([DIVIDER, self._divider & 0xFF, self._divider >> 8])
+        self._port.write(OUT_ENDPOINT, SETUP + divider + _pins(SCL | SDA))
+
+    def _carry(self, transfers: Sequence[Transfer]) -> list[Reply]:
+        commands = b"".join(_commands(transfer) for transfer in transfers)
+        expected = sum(_answers(transfer) for transfer in transfers)
+        look = bytes([GET_LOW_PINS])
+        answer = self._ask(look + commands + look + bytes([FLUSH]), expected + 2)
+        if any(pins & (SCL | SDA_IN) != SCL | SDA_IN for pins in (answer[0], answer[-1])):
+            raise BusStuck("SCL or SDA is held low", where=self.name, cause="a chip cut off in the middle of a byte")
+        replies, at = [], 1
+        for transfer in transfers:
+            replies.append(_reply(transfer, answer[at : at + _answers(transfer)]))
+            at += _answers(transfer)
+        return replies
+
+    def _ask(self, commands: bytes, expected: int) -> bytes:
+        """Send commands and collect what they answer; a failure leaves nothing in the pipe."""
+        try:
+            self._port.write(OUT_ENDPOINT, commands)
+            return self._collect(expected)
+        except TransferFailed:
+            self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
+            raise
+
+    def _collect(self, expected: int) -> bytes:
+        found, empty = b"", 0
+        while len(found) < expected:
+            packet = self._port.read(IN_ENDPOINT, PACKET)
+            if len(packet) < STATUS_BYTES:
+                raise TransferFailed(f"a packet of {len(packet)} bytes", where=self.name)
+            empty = empty + 1 if len(packet) == STATUS_BYTES else 0
+            if empty > EMPTY_READS:
+                raise TransferFailed(f"{len(found)} of {expected} bytes came", where=self.name)
+            found += packet[STATUS_BYTES:]
+        if len(found) > expected:
+            raise TransferFailed(f"{len(found)} bytes came, not {expected}", where=self.name)
+        return found
+
+
+def _commands(transfer: Transfer) -> bytes:
+    """One transfer: every byte written is followed by its acknowledge bit."""
+    parts = []
+    if transfer.write or not transfer.read:
+        parts.append(START + b"".join(_written(byte) for byte in (transfer.address << 1, *transfer.write)))
+    if transfer.read:
+        parts.append(_pins(SDA, 1) + START + _written(transfer.address << 1 | 1))
+        parts += [_read(last=k == transfer.read - 1) for k in range(transfer.read)]
+    return b"".join([*parts, STOP])
+
+
+def _written(byte: int) -> bytes:
+    return bytes([WRITE_BYTES, 0, 0, byte]) + RELEASE + bytes([READ_BITS, 0])
+
+
+def _read(*, last: bool) -> bytes:
+    """A byte and the master's acknowledge; SDA was free before and is again."""
+    return bytes([READ_BYTES, 0, 0]) + (NACK if last else ACK) + RELEASE
+
+
+def _answers(transfer: Transfer) -> int:
+    """How many bytes a transfer answers: acknowledge bits, then data."""
+    return _acks(transfer) + transfer.read
+
+
+def _acks(transfer: Transfer) -> int:
+    written = 1 + len(transfer.write) if transfer.write or not transfer.read else 0
+    return written + (1 if transfer.read else 0)
+
+
+def _reply(transfer: Transfer, answer: bytes) -> Reply:
+    acks, data = answer[: _acks(transfer)], answer[_acks(transfer) :]
+    return NOT_ACKED if any(ack & 1 for ack in acks) else Reply(data, acked=True)
+
+
+def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
+    """As many transfers together as one packet can answer."""
+    batches: list[list[Transfer]] = []
+    room = 0
+    for transfer in transfers:
+        needed = _answers(transfer)
+        if needed > MOST_IN - 2:
+            raise UsageError(f"{transfer.read} bytes do not fit a transfer", next_step=f"read fewer than {MOST_IN - 4}")
+        if needed > room:
+            batches.append([])
+            room = MOST_IN - 2
+        batches[-1].append(transfer)
+        room -= needed
+    return batches

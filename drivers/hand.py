@@ -1,0 +1,284 @@
+"""Six fingertips on a bus: brought up, read in one scan, and brought back when something fails.
+
+A reading is valid only where the chip acknowledged, has converted anew within 20 ms, kept its power, found no fault in
+itself, and is not at the end of its range. Whatever fails costs only itself, and is repaired while the others are read
+on (the recovery ladder):
+
+    a finger      does not acknowledge twice in a row, or lost its power: it is brought up anew
+    the bus       is held low: nine clocks
+    the bridge    fails three times in a row: it is opened anew
+                  is gone from USB: it is looked for, until it is there
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.bring_up import bring_up
+from drivers.bus import Bus, Reply, Transfer
+from drivers.layout import LAYOUTS, Finger, joined
+from drivers.tmag5273 import PACKET_BYTES, RESULTS, Packet, Setup, conversion_s, packet
+from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.errors import (
+    BusStuck,
+    DeviceError,
+    DeviceLost,
+    DeviceNotFound,
+    TransferFailed,
+    WrongDevice,
+)
+
+STALE_NS = 20_000_000
+TRY_AGAIN_NS = 50_000_000
+"""A finger that cannot be brought up, or a bridge that is gone, is tried so often."""
+FAILURES_TO_REOPEN = 3
+NACKS_TO_BRING_UP = 2
+EDGE = 32767
+TIRED = ("reset", "missing", "stale", "garbage", "diagnosis")
+"""Why a finger is brought up anew, beside two missing acknowledges."""
+UNSEEN = -1
+"""SET_COUNT before the first packet: until it has been seen to change, nothing is known to be converted."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], and why not: one word a finger, "" where valid."""
+
+    t_ns: int
+    field_ut: FloatArray
+    valid: BoolArray
+    why: tuple[str, ...]
+
+
+@dataclass
+class _State:
+    """What is known of a finger."""
+
+    ready: bool = False
+    version: int = 1
+    set_count: int = UNSEEN
+    changed_ns: int = 0
+    converts: bool = False
+    nacks: int = 0
+    tried_ns: int = -TRY_AGAIN_NS
+
+
+class Hand:
+    """Fingers behind a bridge that open_bus opens. now_ns, pause (s): the clock; say: told what fails and comes back.
+
+    start raises what keeps every finger from being read; later nothing is raised, and readings say what is wrong.
+    """
+
+    def __init__(
+        self,
+        open_bus: Callable[[], Bus],
+        fingers: Sequence[Finger] = LAYOUTS["mux"],
+        *,
+        setup: Setup | None = None,
+        now_ns: Callable[[], int],
+        pause: Callable[[float], None],
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.fingers, self.setup = tuple(fingers), setup or Setup()
+        self._open_bus, self._now_ns, self._pause, self._say = open_bus, now_ns, pause, say
+        self._states = [_State() for _ in self.fingers]
+        self._bus: Bus | None = None
+        self._joined: int | None = None
+        self._failures = 0
+        self._looked_ns = -TRY_AGAIN_NS
+        self._was = tuple("" for _ in self.fingers)
+
+    def start(self) -> None:
+        """Open the bridge and bring up every finger that answers.
+
+        Raises a DeviceError: the bridge's, DeviceNotFound where no finger answers, WrongDevice for another chip.
+        """
+        self._bus = self._open_bus()
+        troubles = [self._bring_up(k) for k in range(len(self.fingers))]
+        for trouble in troubles:
+            if isinstance(trouble, WrongDevice):
+                raise trouble
+        if not any(state.ready for state in self._states):
+            raise DeviceNotFound(
+                "no finger answers", where=self._bus.name, cause="no power, SDA and SCL swapped, or another layout",
+                next_step="holdfast scan",
+            )  # fmt: skip
+        for k, trouble in enumerate(troubles):
+            if trouble is not None:
+                self._say(f"finger {k + 1}: {trouble}")
+        settle_s = 2.0 * conversion_s(self.setup.averages)
+        self._pause(settle_s)
+        self._judge(self._now_ns(), self._scan(self._bus))  # so that the first reading can see SET_COUNT change
+        self._pause(settle_s)
+
+    def read(self) -> Reading:
+        """One scan; whatever fails is in the reading, and its repair has been begun."""
+        t_ns = self._now_ns()
+        bus = self._bus or self._look_for_bridge(t_ns)
+        if bus is None:
+            return self._nothing(t_ns, "lost")
+        try:
+            replies = self._scan(bus)
+        except BusStuck as error:
+            return self._free(bus, t_ns, error)
+        except DeviceLost as error:
+            return self._give_up(t_ns, error)
+        except TransferFailed as error:
+            self._failures += 1
+            if self._failures >= FAILURES_TO_REOPEN:
+                return self._give_up(t_ns, error)
+            self._joined = None
+            return self._nothing(t_ns, "bridge")
+        self._failures = 0
+        reading = self._judge(t_ns, replies)
+        self._repair(reading)
+        self._tell(reading.why)
+        return reading
+
+    def close(self) -> None:
+        """Give the bridge back."""
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    # -- a scan
+
+    def _scan(self, bus: Bus) -> list[Reply | None]:
+        """A reply for each finger that is ready."""
+        transfers, places = [], []
+        for k, finger in enumerate(self.fingers):
+            if self._states[k].ready:
+                transfers += self._select(finger)
+                places.append((k, len(transfers)))
+                transfers.append(self._results(finger))
+        try:
+            answers = bus.scan(transfers)
+        except DeviceError:
+            self._joined = None
+            raise
+        replies: list[Reply | None] = [None] * len(self.fingers)
+        for k, place in places:
+            replies[k] = answers[place]
+        return replies
+
+    def _results(self, finger: Finger) -> Transfer:
+        return Transfer(finger.address, b"" if self.setup.burst else bytes([RESULTS]), PACKET_BYTES)
+
+    def _select(self, finger: Finger) -> list[Transfer]:
+        """Join the finger's channel, if it is not."""
+        if finger.channel is None or finger.channel == self._joined:
+            return []
+        self._joined = finger.channel
+        return [joined(finger.channel)]
+
+    def _judge(self, t_ns: int, replies: Sequence[Reply | None]) -> Reading:
+        field_ut = np.full((len(self.fingers), 3), np.nan)
+        why = []
+        for k, reply in enumerate(replies):
+            found = packet(reply.data) if reply is not None and len(reply.data) == PACKET_BYTES else None
+            why.append(self._trouble(self._states[k], reply, found, t_ns))
+            if found is not None:
+                field_ut[k] = found.raw * (1e3 / 32768.0) * self.setup.range_mt(self._states[k].version)
+        return Reading(t_ns, field_ut, np.array([not one for one in why]), tuple(why))
+
+    def _trouble(self, state: _State, reply: Reply | None, found: Packet | None, t_ns: int) -> str:
+        """One word for why a finger's reading is not valid, or nothing."""
+        if reply is None:
+            return "missing"
+        if not reply.acked or found is None:
+            state.nacks += 1
+            return "nack"
+        state.nacks = 0
+        if reply.data in (bytes(PACKET_BYTES), b"\xff" * PACKET_BYTES):
+            return "garbage"
+        if found.reset:
+            return "reset"
+        if found.failing:
+            return "diagnosis"
+        if found.set_count != state.set_count:
+            state.converts = state.set_count != UNSEEN
+            state.set_count, state.changed_ns = found.set_count, t_ns
+        if t_ns - state.changed_ns > STALE_NS:
+            state.converts = False
+        if not state.converts:
+            return "stale"
+        return "saturated" if np.abs(found.raw.astype(np.int32)).max() >= EDGE else ""
+
+    # -- the ladder
+
+    def _repair(self, reading: Reading) -> None:
+        """Bring up fingers that need it, at most one a scan, so that the others are read on time."""
+        for k, (state, why) in enumerate(zip(self._states, reading.why, strict=True)):
+            tired = state.nacks >= NACKS_TO_BRING_UP or why in TIRED
+            if tired and reading.t_ns - state.tried_ns >= TRY_AGAIN_NS:
+                try:
+                    self._bring_up(k)
+                except DeviceError:
+                    self._joined = None  # the next scan meets it again, and climbs on
+                return
+
+    def _free(self, bus: Bus, t_ns: int, error: DeviceError) -> Reading:
+        """Nine clocks; where they do not help, the bridge is opened anew."""
+        self._say(str(error))
+        try:
+            bus.clear()
+        except DeviceError as worse:
+            return self._give_up(t_ns, worse)
+        return self._nothing(t_ns, "stuck")
+
+    def _give_up(self, t_ns: int, error: DeviceError) -> Reading:
+        """Close the bridge; the next readings look for it."""
+        self._say(str(error))
+        self.close()
+        self._failures = 0
+        return self._nothing(t_ns, "lost")
+
+    def _look_for_bridge(self, t_ns: int) -> Bus | None:
+        if t_ns - self._looked_ns < TRY_AGAIN_NS:
+            return None
+        self._looked_ns = t_ns
+        try:
+            self._bus = self._open_bus()
+            for k in range(len(self.fingers)):
+                self._bring_up(k)
+        except DeviceError:
+            self.close()
+            return None
+        self._say(f"{self._bus.name}: back")
+        return self._bus
+
+    def _nothing(self, t_ns: int, why: str) -> Reading:
+        self._joined = None
+        reading = Reading(
+            t_ns, np.full((len(self.fingers), 3), np.nan), np.zeros(len(self.fingers), dtype=np.bool_),
+            tuple(why for _ in self.fingers),
+        )  # fmt: skip
+        self._tell(reading.why)
+        return reading
+
+    def _tell(self, why: tuple[str, ...]) -> None:
+        """Say what has changed since the last scan, one line a finger."""
+        for k, (before, now) in enumerate(zip(self._was, why, strict=True), 1):
+            if before != now:
+                self._say(f"finger {k}: {now or 'good again'}")
+        self._was = why
+
+    def _bring_up(self, k: int) -> DeviceError | None:
+        """Make a finger ready; what is wrong with it, or None. Raises what the bridge raises."""
+        bus, finger, state = self._bus, self.fingers[k], self._states[k]
+        assert bus is not None
+        state.tried_ns, state.ready, state.nacks = self._now_ns(), False, 0
+        self._joined = None
+        if finger.channel is not None:
+            bus.scan([joined(finger.channel)])
+            self._joined = finger.channel
+        try:
+            state.version = bring_up(bus, finger.address, self.setup, self._pause)
+        except (DeviceNotFound, WrongDevice) as trouble:
+            return trouble
+        state.ready, state.set_count, state.changed_ns = True, UNSEEN, self._now_ns()
+        state.converts = False
+        return None

@@ -1,0 +1,28 @@
+"""A hand as a live source: what the fingers read, in uT or, calibrated, in N."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.hand import Hand
+from edge_runtime.contract import FloatArray, Unit
+from edge_runtime.live import Measured
+
+
+class LiveHand:
+    """A started hand. to_force: field [S, 3] in uT -> force [S, 3] in N, or None for the field itself."""
+
+    def __init__(self, hand: Hand, to_force: Callable[[FloatArray], FloatArray] | None = None) -> None:
+        self._hand, self._to_force = hand, to_force
+        self.unit: Unit = "uT" if to_force is None else "N"
+        self.n_channels = 3 * len(hand.fingers)
+
+    def read(self) -> Measured:
+        """One scan."""
+        reading = self._hand.read()
+        values = reading.field_ut if self._to_force is None else self._to_force(reading.field_ut)
+        return Measured(reading.t_ns, values.reshape(-1), reading.valid, reading.why)
+
+    def close(self) -> None:
+        """Give the bridge back."""
+        self._hand.close()

@@ -1,0 +1,32 @@
+"""A recording that pretends to be live: its rows come at the times they were recorded at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.replay import Replay
+from edge_runtime.contract import Unit
+from edge_runtime.live import Measured
+
+
+class Paced:
+    """A stream [T] as a live source. A reader that comes late finds the newest row, as it would on a hand."""
+
+    def __init__(self, replay: Replay, now_ns: Callable[[], int]) -> None:
+        self._replay, self._now_ns = replay, now_ns
+        self._start_ns: int | None = None
+        self.unit: Unit = replay.unit
+        self.n_channels = replay.values.shape[1]
+
+    def read(self) -> Measured | None:
+        """The row whose time has come; None after the last."""
+        now_ns = self._now_ns()
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        row = round((now_ns - self._start_ns) * 1e-9 * self._replay.rate_hz)
+        if row >= len(self._replay.values):
+            return None
+        return Measured(now_ns, self._replay.values[row], self._replay.valid[row])
+
+    def close(self) -> None:
+        """Nothing is open."""

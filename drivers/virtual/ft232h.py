@@ -1,0 +1,237 @@
+"""An FT232H: its control requests, its MPSSE engine, and the pins that make an I2C wire (FTDI AN 108)."""
+
+from __future__ import annotations
+
+from drivers.virtual.hand import VirtualHand
+from drivers.virtual.usb_backend import BULK, Device, endpoints, stall
+from drivers.virtual.wire import Wire
+
+OUT_ENDPOINT, IN_ENDPOINT, PACKET = 0x02, 0x81, 512
+STATUS = bytes([0x32, 0x60])
+"""Modem status before every packet."""
+TRANSFER_NS = 125_000
+"""A transfer takes at least a microframe."""
+SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
+SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY, SIO_BITMODE, SIO_GET_PINS = 0x00, 0x09, 0x0A, 0x0B, 0x0C
+MPSSE = 2
+LENGTHS = {0x80: 3, 0x82: 3, 0x86: 3, 0x9E: 3, 0x10: 3, 0x11: 3, 0x20: 3, 0x24: 3, 0x12: 3, 0x13: 3, 0x22: 2, 0x26: 2}
+"""Bytes of the commands that have arguments, data of byte writes not counted."""
+BYTE_WRITES = (0x10, 0x11)
+SIMPLE = {0x81, 0x83, 0x84, 0x85, 0x87, 0x8A, 0x8B, 0x8C, 0x8D, 0x96, 0x97}
+
+
+class Pins:
+    """SCL and SDA, edge by edge, as the chips on the wire understand them."""
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+        self.scl = self.master = True
+        self._state = "idle"
+        self._count = self._byte = 0
+        self._acked = self._addressing = False
+
+    @property
+    def sda(self) -> bool:
+        """The line: low if anybody pulls it."""
+        return self.master and not self.wire.held_low
+
+    def set(self, scl: bool, sda: bool) -> None:
+        """Pins written by the master: SDA that moves while SCL is high is a START or a STOP."""
+        if self.scl and scl and sda != self.master and not self.wire.held_low:
+            self._stop() if sda else self._start()
+        rises = scl and not self.scl
+        self.scl, self.master = scl, sda
+        if rises:
+            self._clocked(sda)
+
+    def clock(self, bit: bool) -> bool:
+        """One bit from the master (1 lets the line go); what the line was while SCL was high."""
+        self.master = bit
+        level = self._clocked(bit)
+        self.scl = False
+        return level
+
+    def _start(self) -> None:
+        self.wire.start()
+        self._state, self._count, self._byte, self._addressing = "listen", 0, 0, True
+
+    def _stop(self) -> None:
+        self.wire.stop()
+        self._state = "idle"
+
+    def _clocked(self, bit: bool) -> bool:
+        if self.wire.held_low:
+            self.wire.clock()
+            return False
+        if self._state == "listen":
+            return self._heard(bit)
+        if self._state == "talk":
+            return self._said(bit)
+        return bit
+
+    def _heard(self, bit: bool) -> bool:
+        """Eight bits from the master, then the chips' acknowledge."""
+        if self._count < 8:
+            self._byte, self._count = self._byte << 1 & 0xFF | bit, self._count + 1
+            if self._count == 8:
+                self._acked = self.wire.write(self._byte)
+            return bit
+        self._count = 0
+        if self._addressing and self._acked and self._byte & 1:
+            self._state = "talk"
+        self._addressing = False
+        return bit and not self._acked
+
+    def _said(self, bit: bool) -> bool:
+        """Eight bits from the chips, then the master's acknowledge; after a NACK they are silent."""
+        if self._count == 0:
+            self._byte = self.wire.read()
+        if self._count < 8:
+            level = bool(self._byte >> 7 - self._count & 1) and bit
+            self._count += 1
+            return level
+        self._count = 0
+        if bit:
+            self._state = "silent"
+        return bit
+
+
+class VirtualFt232h(Device):
+    """The bridge before a virtual hand."""
+
+    vendor, product, speed = 0x0403, 0x6014, "high"
+    interfaces = (endpoints((IN_ENDPOINT, BULK, PACKET), (OUT_ENDPOINT, BULK, PACKET)),)
+    kernel_driver = frozenset({0})  # ftdi_sio
+
+    def __init__(self, hand: VirtualHand) -> None:
+        self.hand = hand
+        self.reset()
+
+    def reset(self) -> None:
+        """As plugged in: no MPSSE, latency 16 ms, 12 MHz clock."""
+        self._mode, self._latency_ms = 0, 16
+        self._commands, self._answers = b"", b""
+        self._flushed = False
+        self._pins = Pins(self.hand.wire)
+        self._divider, self._by_five, self._phases, self._loopback = 0, True, 2, False
+
+    # -- control requests
+
+    def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
+        """FTDI's own requests; those for the serial port are taken and ignored."""
+        if request == SIO_RESET and value in (0, 1, 2):
+            self._answers = b"" if value != 2 else self._answers
+            self._commands = b"" if value != 1 else self._commands
+        elif request == SIO_LATENCY:
+            self._latency_ms = value & 0xFF
+        elif request == SIO_BITMODE:
+            self._mode = value >> 8
+            self._commands = self._answers = b""
+        elif request > SIO_GET_PINS:
+            raise stall()
+
+    def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+        """Latency, pins; descriptors are empty."""
+        if request == SIO_GET_LATENCY:
+            return bytes([self._latency_ms])
+        if request == SIO_GET_PINS:
+            return bytes([self._levels()])
+        if request == 0x05:
+            return bytes([0x01, 0x60])
+        raise stall()
+
+    # -- bulk
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        """Commands; an incomplete one waits for its rest."""
+        self.hand.clock.spend(TRANSFER_NS)
+        if self._mode != MPSSE:
+            return
+        self.hand.suffer()
+        self._commands += data
+        bits = self.hand.wire.bits
+        while self._commands and (used := self._step(self._commands)):
+            self._commands = self._commands[used:]
+        self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz()))
+
+    def read(self, endpoint: int, length: int) -> bytes:
+        """Packets, each with its status; without a flush they wait for the latency timer."""
+        self.hand.clock.spend(TRANSFER_NS)
+        if not self._flushed:
+            self.hand.clock.spend(1_000_000 * self._latency_ms)
+        packets = b""
+        while len(packets) + len(STATUS) <= length:
+            room = min(PACKET, length - len(packets)) - len(STATUS)
+            part, self._answers = self._answers[:room], self._answers[room:]
+            packets += STATUS + part
+            if len(part) < PACKET - len(STATUS):
+                break
+        self._flushed = self._flushed and bool(self._answers)
+        return packets
+
+    # -- the engine
+
+    def _bus_hz(self) -> float:
+        master = 12e6 if self._by_five else 60e6
+        return master / ((1 + self._divider) * self._phases)
+
+    def _levels(self) -> int:
+        return self._pins.scl * SCL | self._pins.master * SDA | self._pins.sda * SDA_IN
+
+    def _step(self, commands: bytes) -> int:
+        """Carry out the first command; how many bytes it took, 0 while it is incomplete."""
+        opcode = commands[0]
+        if opcode in SIMPLE:
+            self._simple(opcode)
+            return 1
+        if opcode not in LENGTHS:
+            self._answers += bytes([0xFA, opcode])
+            return 1
+        used = LENGTHS[opcode]
+        if len(commands) < used:
+            return 0
+        if opcode in BYTE_WRITES:
+            used += 1 + int.from_bytes(commands[1:3], "little")
+            if len(commands) < used:
+                return 0
+        self._with_arguments(opcode, commands[1:used])
+        return used
+
+    def _simple(self, opcode: int) -> None:
+        if opcode == 0x81:
+            self._answers += bytes([self._levels()])
+        elif opcode == 0x83:
+            self._answers += b"\0"
+        elif opcode == 0x87:
+            self._flushed = True
+        elif opcode in (0x8A, 0x8B):
+            self._by_five = opcode == 0x8B
+        elif opcode in (0x8C, 0x8D):
+            self._phases = 3 if opcode == 0x8C else 2
+
+    def _with_arguments(self, opcode: int, told: bytes) -> None:
+        if opcode == 0x80:
+            levels, driven = told
+            self._pins.set(bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA))
+        elif opcode == 0x86:
+            self._divider = int.from_bytes(told, "little")
+        elif opcode in BYTE_WRITES:
+            for byte in told[2:]:
+                self._shift_out(byte, 8)
+        elif opcode in (0x12, 0x13):
+            self._shift_out(told[1], told[0] + 1)
+        elif opcode in (0x20, 0x24):
+            for _ in range(int.from_bytes(told, "little") + 1):
+                self._answers += bytes([self._shift_in(8)])
+        elif opcode in (0x22, 0x26):
+            self._answers += bytes([self._shift_in(told[0] + 1)])
+
+    def _shift_out(self, byte: int, bits: int) -> None:
+        for k in range(bits):
+            self._pins.clock(bool(byte >> 7 - k & 1))
+
+    def _shift_in(self, bits: int) -> int:
+        byte = 0
+        for _ in range(bits):
+            byte = byte << 1 | self._pins.clock(self._pins.master)
+        return byte

@@ -1,0 +1,144 @@
+"""The live loop: read on an absolute schedule, answer, pass on, and know where the time went.
+
+    due --(wait)--> read --> convert --> step --> decide --> emit
+
+The k-th sample is due at start + k periods, so a late one delays no other. A sample that would be due in the past
+is not read: it counts as an overrun, and the monitor takes it as lost (a stalled machine loses samples, it is
+never silently late).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.contract import BoolArray, FloatArray, Prediction, Sample, Unit
+from edge_runtime.monitor import GripMonitor
+from edge_runtime.tare import Tare
+
+STAGES = ("read", "convert", "step", "decide", "emit")
+REMEMBERED = 1 << 16
+"""Latencies of so many last samples are kept for the summary."""
+PERCENTS = (50.0, 99.0, 99.9)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid)."""
+
+    t_ns: int
+    values: FloatArray
+    valid: BoolArray
+    why: tuple[str, ...] = ()
+
+
+class Source(Protocol):
+    """A hand that can be read now: a driver's, or a recording that pretends."""
+
+    unit: Unit
+    n_channels: int
+
+    def read(self) -> Measured | None:
+        """The newest reading; None where there will be no more."""
+        ...
+
+    def close(self) -> None:
+        """Give it back."""
+        ...
+
+
+class Clock(Protocol):
+    """Time to run by."""
+
+    def now_ns(self) -> int:
+        """Monotonic, ns."""
+        ...
+
+    def wait_until(self, t_ns: int) -> None:
+        """Return at t_ns, or at once where it is past."""
+        ...
+
+
+@dataclass
+class Summary:
+    """What a run did: samples by state, overruns, acts, and microseconds by stage of the last samples."""
+
+    samples: int = 0
+    overruns: int = 0
+    acts: int = 0
+    states: dict[str, int] = field(default_factory=dict)
+    stage_us: npt.NDArray[np.float32] = field(
+        default_factory=lambda: np.zeros((REMEMBERED, len(STAGES)), dtype=np.float32)
+    )
+
+    def note(self, prediction: Prediction, acted_before: bool, times_ns: list[int]) -> None:
+        """One sample; times_ns: when it was due to be read, then the end of every stage."""
+        self.stage_us[self.samples % REMEMBERED] = np.diff(times_ns) / 1e3
+        self.samples += 1
+        self.states[prediction.state] = self.states.get(prediction.state, 0) + 1
+        self.acts += prediction.act and not acted_before
+
+    def latency_us(self) -> dict[str, dict[str, float]]:
+        """Stage, and "read to emit" -> p50, p99, p99.9 in us."""
+        kept = self.stage_us[: min(self.samples, REMEMBERED)].astype(np.float64)
+        if not len(kept):
+            return {}
+        whole = np.column_stack([kept, kept.sum(axis=1)])
+        return {
+            name: {f"p{percent:g}": float(np.percentile(whole[:, k], percent)) for percent in PERCENTS}
+            for k, name in enumerate((*STAGES, "read to emit"))
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object."""
+        told = {"samples": self.samples, "overruns": self.overruns, "acts": self.acts, "states": self.states}
+        return {**told, "latency_us": self.latency_us()}
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the user's own control says at a sample: opening vetoes, override ends every request."""
+
+    opening: bool = False
+    override: bool = False
+
+
+def run_live(
+    source: Source,
+    monitor: GripMonitor,
+    tare: Tare,
+    clock: Clock,
+    emit: Callable[[Prediction, Sample, Measured], None],
+    *,
+    stopped: Callable[[], bool],
+    command: Callable[[], Command] = Command,
+) -> Summary:
+    """Read, answer and emit until stopped, or until the source ends. Raises what the source and emit raise."""
+    summary, period_ns = Summary(), 1e9 / monitor.card.rate_hz
+    start_ns, turn, acted = clock.now_ns(), 0, False
+    while not stopped():
+        clock.wait_until(start_ns + round(turn * period_ns))
+        began_ns = clock.now_ns()
+        measured = source.read()
+        if measured is None:
+            break
+        read_ns = clock.now_ns()
+        values, valid = tare.prepare(measured.values, measured.valid)
+        sample = Sample(measured.t_ns, values, valid, turn)
+        converted_ns = clock.now_ns()
+        told = command()
+        prediction = monitor.feed(sample, opening=told.opening, override=told.override)
+        emit(prediction, sample, measured)
+        times = [began_ns, read_ns, converted_ns, monitor.stepped_ns, prediction.t_decided_ns, clock.now_ns()]
+        summary.note(prediction, acted, times)
+        acted = prediction.act
+        turn += 1
+        missed = int((clock.now_ns() - start_ns) / period_ns) - turn
+        if missed > 0:
+            summary.overruns += missed
+            turn += missed
+    return summary

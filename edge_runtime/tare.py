@@ -1,0 +1,48 @@
+"""Taking the bias off a stream as it comes: the preparation a model was trained with, live.
+
+A recording is prepared as a whole; a live stream has only its past. The first unloaded rows decide, and until they
+have come every sensor is invalid, so that the state is unknown and not a guess.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.preparation import Preparation
+
+
+class Tare:
+    """Prepares samples one by one. values [C] in, [C] out, and which sensors [S] can be believed.
+
+    A sensor's bias is taken from its own first valid rows, so one that comes late is tared late. What comes out for a
+    whole recording without invalid rows is what Preparation.apply gives.
+    """
+
+    def __init__(self, preparation: Preparation, n_channels: int) -> None:
+        self._preparation = preparation
+        self._rows: list[list[FloatArray]] = [[] for _ in range(n_channels // 3)]
+        self._sign, self._bias = np.ones(n_channels), np.zeros(n_channels)
+        self._known = np.full(n_channels // 3, preparation.bias_rows == 0 and not preparation.flip_negative_normal)
+
+    @property
+    def known(self) -> BoolArray:
+        """[S] whose bias is known."""
+        return self._known
+
+    def prepare(self, values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
+        """One sample; where a bias is not known yet the sensor is invalid."""
+        if not self._known.all():
+            for sensor in np.flatnonzero(valid & ~self._known):
+                self._learn(int(sensor), values[3 * sensor : 3 * sensor + 3])
+        return values * self._sign - self._bias, valid & self._known
+
+    def _learn(self, sensor: int, values: FloatArray) -> None:
+        rows, wanted = self._rows[sensor], max(1, self._preparation.bias_rows)
+        rows.append(values.copy())
+        if len(rows) < wanted:
+            return
+        here = slice(3 * sensor, 3 * sensor + 3)
+        self._sign[here], self._bias[here] = self._preparation.learn(np.array(rows))
+        self._known[sensor] = True
+        rows.clear()

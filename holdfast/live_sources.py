@@ -1,0 +1,163 @@
+"""URLs of hands that can be read live.
+
+    usb://ft232h?number=0                     a bridge on USB
+    i2c://1                                   the board's own bus, /dev/i2c-1
+    virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; seed, trial, and faults
+              &fault=nack:3@1.5+0.2           (drivers/virtual/faults.py)
+    any other source                          a recording or a scene, at the pace it was recorded at
+
+A hand also takes layout=mux (drivers/layout.py), averages=32 and burst=1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+
+from drivers.bus import Bus
+from drivers.hand import Hand
+from drivers.layout import read_layout
+from drivers.live_hand import LiveHand
+from drivers.paced import Paced
+from drivers.tmag5273 import Setup
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import UsageError
+from edge_runtime.live import Source
+from holdfast.bridges import BRIDGES, open_native, open_usb, open_virtual
+from holdfast.sources import open_source
+
+HAND_KEYS = ("layout", "averages", "burst", "bus_hz", "number")
+VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
+FIELD_HZ = 1000.0
+"""A scene's field is simulated so often for the virtual chips, which convert it at their own times."""
+OF_THE_CHIP = ("averaging", "hall_noise", "saturation", "quantisation", "timing_jitter", "dropped_samples",
+               "stale_sensor")  # fmt: skip
+"""Effects that the virtual chip and the bus have themselves."""
+
+ToForce = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Told:
+    """A URL taken apart: scheme, what stands behind it, and its options."""
+
+    scheme: str
+    name: str
+    options: dict[str, list[str]]
+
+    def text(self, key: str, default: str) -> str:
+        """The last value of an option."""
+        return self.options.get(key, [default])[-1]
+
+    def number(self, key: str, default: int) -> int:
+        """The same, a whole number. Raises UsageError."""
+        text = self.text(key, str(default))
+        if not text.isdecimal():
+            raise UsageError(f"{key}={text!r} is no whole number", next_step=f"{key}={default}")
+        return int(text)
+
+
+def open_live(
+    url: str, *, clock: Any, say: Callable[[str], None], to_force: ToForce | None = None
+) -> Source:
+    """Open and start a live source. clock: now_ns, spend and wait_until; to_force: a calibration, for a hand.
+
+    Raises UsageError for a URL that cannot be, and what the hand or the recording raises.
+    """
+    told = _taken_apart(url)
+    if told.scheme == "virtual":
+        return _started(_virtual(told, clock), told, clock, say, to_force or _scene_force())
+    if told.scheme == "usb":
+        _known(told, HAND_KEYS)
+        return _started(lambda: open_usb(told.name, told.number("number", 0), told.number("bus_hz", 400_000)),
+                        told, clock, say, to_force)  # fmt: skip
+    if told.scheme == "i2c":
+        _known(told, HAND_KEYS)
+        return _started(lambda: open_native(told.name), told, clock, say, to_force)
+    return Paced(open_source(url), clock.now_ns)
+
+
+def is_hand(url: str) -> bool:
+    """Whether a URL names a hand, real or virtual, and not a recording."""
+    return _taken_apart(url).scheme in ("usb", "i2c", "virtual")
+
+
+def _taken_apart(url: str) -> Told:
+    parts = urlsplit(url)
+    name = parts.netloc + parts.path
+    if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
+        raise UsageError(f"{url!r}: no bridge {name!r}", next_step=f"one of {', '.join(BRIDGES)}")
+    return Told(parts.scheme, name, parse_qs(parts.query, keep_blank_values=True))
+
+
+def _known(told: Told, allowed: tuple[str, ...]) -> None:
+    for key in told.options:
+        if key not in allowed:
+            raise UsageError(f"{told.scheme}://: {key!r} is not known", next_step=f"allowed: {', '.join(allowed)}")
+
+
+def _started(
+    open_bus: Callable[[], Bus], told: Told, clock: Any, say: Callable[[str], None], to_force: ToForce | None
+) -> LiveHand:
+    averages = told.number("averages", 32)
+    if averages not in (1, 2, 4, 8, 16, 32):
+        raise UsageError(f"averages={averages} is not what the chip has", next_step="1, 2, 4, 8, 16 or 32")
+    hand = Hand(
+        open_bus, read_layout(told.text("layout", "mux")), now_ns=clock.now_ns, say=say,
+        setup=Setup(averages=averages, burst=bool(told.number("burst", 0))),
+        pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
+    )  # fmt: skip
+    try:
+        hand.start()
+    except BaseException:
+        hand.close()
+        raise
+    return LiveHand(hand, to_force)
+
+
+def _virtual(told: Told, clock: Any) -> Callable[[], Bus]:
+    from drivers.virtual.faults import read_fault
+    from drivers.virtual.hand import VirtualHand
+
+    _known(told, VIRTUAL_KEYS)
+    seed = told.number("seed", 0)
+    hand = VirtualHand(
+        clock,
+        track=_track(told.text("scene", ""), seed, told.number("trial", 0)),
+        layout=told.text("layout", "mux"),
+        seed=seed,
+        faults=[read_fault(text) for text in told.options.get("fault", [])],
+    )
+    return open_virtual(told.name, hand, told.number("bus_hz", 400_000))
+
+
+def _track(scene: str, seed: int, trial: int) -> Any:
+    """The field of a scene's trial at the chips, or a hand at rest."""
+    from drivers.virtual.hand import Track, still
+
+    if not scene:
+        return still()
+    from simulation.card import read_card
+    from simulation.scene import Scene
+
+    card = read_card(scene, rate_hz=FIELD_HZ) if Path(scene).is_file() else read_card(scene)
+    effects = {name: told for name, told in card.effects.items() if name not in OF_THE_CHIP}
+    made = Scene(replace(card, rate_hz=FIELD_HZ, unit="uT", effects={"dipole": {}} | effects), seed)
+    trials = made.trials()
+    if trial >= len(trials):
+        raise UsageError(f"scene {scene}: no trial {trial}", next_step=f"0..{len(trials) - 1}")
+    signal = made.run_together([trials[trial]])[0].signal
+    return Track(signal.t_s, signal.values)
+
+
+def _scene_force() -> ToForce:
+    """The calibration of the scenes' sensors, for a virtual hand without one of its own."""
+    from simulation.sensor.calibration import linear_map
+
+    matrix = linear_map()[0]
+    return lambda field_ut: np.einsum("ij,sj->si", matrix, field_ut)

@@ -1,0 +1,133 @@
+"""`holdfast run MODEL --source URL`: read a hand, answer every sample, until Ctrl-C or SIGTERM.
+
+    holdfast run models/holdfast-150hz.onnx --source usb://ft232h
+    holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.clock import MonotonicClock
+from edge_runtime.command import place
+from edge_runtime.contract import Prediction, Sample
+from edge_runtime.errors import ChannelError, UnitError
+from edge_runtime.live import Measured, Source, Summary, run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
+from edge_runtime.tare import Tare
+from holdfast.live_sources import open_live
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
+    parser.add_argument("--source", required=True, metavar="URL", help="usb://ft232h, i2c://1, virtual://ft232h?scene=..")
+    parser.add_argument("--out", type=place, metavar="FILE", help="JSON lines into a new file too")
+    parser.add_argument("--udp", metavar="HOST:PORT", help="JSON lines as datagrams too")
+    parser.add_argument("--samples", type=place, metavar="FILE", help="the prepared samples, to replay, into a new CSV")
+    parser.add_argument("--quiet", action="store_true", help="no JSON lines on stdout")
+    parser.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
+
+
+class RunClock(MonotonicClock):
+    """Real time, which a virtual hand's transfers spend by waiting."""
+
+    def spend(self, duration_ns: int) -> None:
+        """Let time pass."""
+        self.wait_until(self.now_ns() + duration_ns)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run until stopped; JSON lines on stdout, what happens and the summary on stderr."""
+    clock, model = RunClock(), Model(args.model)
+    sinks = [] if args.quiet else [stream_sink(sys.stdout)]
+    sinks += [file_sink(args.out)] if args.out else []
+    sinks += [udp_sink(args.udp)] if args.udp else []
+    with stop_signals() as stopped, kept_samples(args.samples, model) as keep:
+        source = open_live(args.source, clock=clock, say=say)
+        try:
+            summary = answer(source, model, clock, [emit_to(sinks), keep], until(stopped, clock, args.seconds))
+        finally:
+            source.close()
+    say_summary(summary, model)
+    return 0
+
+
+def answer(
+    source: Source, model: Model, clock: Any, emits: list[Callable[..., None]], stopped: Callable[[], bool]
+) -> Summary:
+    """The live loop on a source that fits the model. Raises ChannelError, UnitError."""
+    card = model.card
+    if source.n_channels != card.n_channels:
+        raise ChannelError(
+            f"{source.n_channels} channels, the model wants {card.n_channels}", next_step="another layout or model"
+        )
+    if source.unit != card.unit:
+        raise UnitError(
+            f"the source is in {source.unit}, the model wants {card.unit}", cause="a hand without its calibration",
+            next_step="holdfast calibrate, then --calibration FILE",
+        )  # fmt: skip
+    emit, keep = emits
+
+    def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+        emit(prediction)
+        keep(sample)
+
+    monitor = GripMonitor(model, clock.now_ns)
+    return run_live(source, monitor, Tare(card.preparation, card.n_channels), clock, pass_on, stopped=stopped)
+
+
+def until(stopped: Callable[[], bool], clock: Any, seconds: float | None) -> Callable[[], bool]:
+    """Stopped by a signal, or after so many seconds."""
+    end_ns = None if seconds is None else clock.now_ns() + round(1e9 * seconds)
+    return lambda: stopped() or (end_ns is not None and clock.now_ns() >= end_ns)
+
+
+@contextmanager
+def stop_signals() -> Iterator[Callable[[], bool]]:
+    """SIGINT and SIGTERM ask to stop after the sample under way; a second one has its usual effect."""
+    asked = False
+
+    def ask(number: int, frame: object) -> None:
+        nonlocal asked
+        asked = True
+        signal.signal(number, before[number])
+
+    before: dict[int, Any] = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def kept_samples(path: Path | None, model: Model) -> Iterator[Callable[[Sample], None]]:
+    """What writes every prepared sample with all its digits, so that a replay decides the same."""
+    if path is None:
+        yield lambda sample: None
+        return
+    from edge_runtime.sample_file import SampleFile
+
+    with SampleFile(path, model.card.n_channels) as file:
+        yield file.write
+
+
+def say(line: str) -> None:
+    """What happens, beside the answers."""
+    sys.stderr.write(line + "\n")
+
+
+def say_summary(summary: Summary, model: Model) -> None:
+    """Counts, and where the time of a sample went."""
+    states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
+    say(f"\n{summary.samples} samples, {summary.overruns} overruns, {summary.acts} acts; {states}")
+    for stage, figures in summary.latency_us().items():
+        say(f"{stage:<14}" + "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items()))
