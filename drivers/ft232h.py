@@ -19,8 +19,8 @@ FT232H_IDS = ((0x0403, 0x6014),)
 OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81
 PACKET, STATUS_BYTES = 512, 2
 """Every packet that comes in begins with two bytes of modem status."""
-MOST_IN = PACKET - STATUS_BYTES
-"""A batch answers with at most one packet."""
+MOST_IN = PACKET - STATUS_BYTES - 4
+"""A batch answers with at most one packet: a mark, the idle lines twice, and so many bytes of transfers."""
 EMPTY_READS = 100
 
 VENDOR_OUT, INTERFACE_A = 0x40, 1
@@ -34,7 +34,8 @@ SET_LOW_PINS, GET_LOW_PINS = 0x80, 0x81
 SETUP = bytes([0x8A, 0x97, 0x8C, 0x9E, 0x07, 0x00, 0x85])
 """60 MHz, no adaptive clock, three phases, AD0 .. AD2 drive only zeros, no loopback."""
 DIVIDER, FLUSH = 0x86, 0x87
-BAD_COMMAND, ECHO = 0xAA, bytes([0xFA, 0xAA])
+BAD_COMMANDS, REFUSED = (0xAA, 0xAB), 0xFA
+"""Commands there are none of: the engine answers 0xFA and the command, which marks where an answer begins."""
 
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 DRIVEN = SCL | SDA
@@ -65,6 +66,7 @@ class Ft232h:
         if not 0 < bus_hz <= FASTEST_HZ:
             raise UsageError(f"{bus_hz} Hz is no speed of the bus", next_step=f"up to {FASTEST_HZ} Hz")
         self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
+        self._turn = 0
         self._port = UsbPort(self.name, FT232H_IDS, backend, number=number)
         try:
             self._begin()
@@ -82,7 +84,7 @@ class Ft232h:
     def clear(self) -> None:
         """Nine clocks and a STOP. Raises BusStuck."""
         self._begin()
-        pins = self._ask(CLOCKS + STOP + bytes([GET_LOW_PINS, FLUSH]), 1)[0]
+        pins = self._ask(CLOCKS + STOP + bytes([GET_LOW_PINS]), 1)[0]
         if not pins & SDA_IN:
             raise BusStuck(
                 "SDA stays low after nine clocks", where=self.name,
@@ -102,8 +104,7 @@ class Ft232h:
         self._port.control_out(VENDOR_OUT, SIO_BITMODE, 0, INTERFACE_A)
         self._port.control_out(VENDOR_OUT, SIO_BITMODE, MPSSE_MODE, INTERFACE_A)
         self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
-        if self._ask(bytes([BAD_COMMAND, FLUSH]), len(ECHO)) != ECHO:
-            raise TransferFailed("its engine does not answer", where=self.name, next_step="unplug it and plug it in")
+        self._ask(b"", 0)
         divider = bytes([DIVIDER, self._divider & 0xFF, self._divider >> 8])
         self._port.write(OUT_ENDPOINT, SETUP + divider + _pins(SCL | SDA))
 
@@ -111,7 +112,7 @@ class Ft232h:
         commands = b"".join(_commands(transfer) for transfer in transfers)
         expected = sum(_answers(transfer) for transfer in transfers)
         look = bytes([GET_LOW_PINS])
-        answer = self._ask(look + commands + look + bytes([FLUSH]), expected + 2)
+        answer = self._ask(look + commands + look, expected + 2)
         if any(pins & (SCL | SDA_IN) != SCL | SDA_IN for pins in (answer[0], answer[-1])):
             raise BusStuck("SCL or SDA is held low", where=self.name, cause="a chip cut off in the middle of a byte")
         replies, at = [], 1
@@ -121,10 +122,18 @@ class Ft232h:
         return replies
 
     def _ask(self, commands: bytes, expected: int) -> bytes:
-        """Send commands and collect what they answer; a failure leaves nothing in the pipe."""
+        """Send commands and collect what they answer; a failure leaves nothing in the pipe.
+
+        Marks take turns, so a late answer to an earlier question is never taken for this one's.
+        """
+        self._turn = 1 - self._turn
+        mark = BAD_COMMANDS[self._turn]
         try:
-            self._port.write(OUT_ENDPOINT, commands)
-            return self._collect(expected)
+            self._port.write(OUT_ENDPOINT, bytes([mark]) + commands + bytes([FLUSH]))
+            answer = self._collect(expected + 2)
+            if answer[:2] != bytes([REFUSED, mark]):
+                raise TransferFailed("an answer to another question", where=self.name, cause="a reply that came late")
+            return answer[2:]
         except TransferFailed:
             self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
             raise
@@ -185,11 +194,11 @@ def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
     room = 0
     for transfer in transfers:
         needed = _answers(transfer)
-        if needed > MOST_IN - 2:
-            raise UsageError(f"{transfer.read} bytes do not fit a transfer", next_step=f"read fewer than {MOST_IN - 4}")
+        if needed > MOST_IN:
+            raise UsageError(f"{transfer.read} bytes do not fit a transfer", next_step=f"read fewer than {MOST_IN - 2}")
         if needed > room:
             batches.append([])
-            room = MOST_IN - 2
+            room = MOST_IN
         batches[-1].append(transfer)
         room -= needed
     return batches

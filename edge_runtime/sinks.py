@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -25,16 +26,19 @@ def stream_sink(stream: TextIO) -> Sink:
     return write
 
 
-def file_sink(path: Path) -> Sink:
+@contextmanager
+def file_sink(path: Path) -> Iterator[Sink]:
     """A new file, line-buffered. Raises OutputError where there is one already, or none can be made."""
     try:
         file = path.open("x", encoding="utf-8", buffering=1)
     except OSError as error:
         raise OutputError(f"cannot write ({error.strerror})", where=path, next_step="name a new file") from None
-    return stream_sink(file)
+    with file:
+        yield stream_sink(file)
 
 
-def udp_sink(address: str) -> Sink:
+@contextmanager
+def udp_sink(address: str) -> Iterator[Sink]:
     """A datagram a line to HOST:PORT. Nobody listening is no error: the hand goes on. Raises UsageError."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
@@ -43,17 +47,17 @@ def udp_sink(address: str) -> Sink:
         family, kind, proto, _, target = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
     except OSError as error:
         raise UsageError(f"{address!r}: {error.strerror}", next_step="HOST:PORT, such as 127.0.0.1:9000") from None
-    sender = socket.socket(family, kind, proto)
-    sender.setblocking(False)
+    with socket.socket(family, kind, proto) as sender:
+        sender.setblocking(False)
 
-    def send(line: str) -> None:
-        with contextlib.suppress(OSError):  # a full buffer or a closed port: the next line is newer
-            sender.sendto(line.encode(), target)
+        def send(line: str) -> None:
+            with contextlib.suppress(OSError):  # a full buffer or a closed port: the next line is newer
+                sender.sendto(line.encode(), target)
 
-    return send
+        yield send
 
 
-def emit_to(sinks: list[Sink]) -> Callable[[Prediction], None]:
+def emit_to(sinks: Sequence[Sink]) -> Callable[[Prediction], None]:
     """One prediction to all of them."""
 
     def emit(prediction: Prediction) -> None:

@@ -122,9 +122,11 @@ def _started(
 
 def _virtual(told: Told, clock: Any) -> Callable[[], Bus]:
     from drivers.virtual.faults import read_fault
-    from drivers.virtual.hand import VirtualHand
+    from drivers.virtual.hand import LAYOUTS, VirtualHand
 
     _known(told, VIRTUAL_KEYS)
+    if told.text("layout", "mux") not in LAYOUTS:
+        raise UsageError("a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}")
     seed = told.number("seed", 0)
     hand = VirtualHand(
         clock,

@@ -10,7 +10,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +47,12 @@ class RunClock(MonotonicClock):
 def run(args: argparse.Namespace) -> int:
     """Run until stopped; JSON lines on stdout, what happens and the summary on stderr."""
     clock, model = RunClock(), Model(args.model)
-    sinks = [] if args.quiet else [stream_sink(sys.stdout)]
-    sinks += [file_sink(args.out)] if args.out else []
-    sinks += [udp_sink(args.udp)] if args.udp else []
-    with stop_signals() as stopped, kept_samples(args.samples, model) as keep:
+    with ExitStack() as open_until_the_end:
+        enter = open_until_the_end.enter_context
+        sinks = [] if args.quiet else [stream_sink(sys.stdout)]
+        sinks += [enter(file_sink(args.out))] if args.out else []
+        sinks += [enter(udp_sink(args.udp))] if args.udp else []
+        stopped, keep = enter(stop_signals()), enter(kept_samples(args.samples, model))
         source = open_live(args.source, clock=clock, say=say)
         try:
             summary = answer(source, model, clock, [emit_to(sinks), keep], until(stopped, clock, args.seconds))

@@ -1,0 +1,183 @@
+"""An MCP2221A: its HID reports, and its I2C engine with the states and the traps that others have found in it.
+
+States and undocumented bytes are those of EasyMCP2221; the time a cancel takes is a guess.
+"""
+
+from __future__ import annotations
+
+from drivers.virtual.hand import VirtualHand
+from drivers.virtual.usb_backend import INTERRUPT, Device, endpoints, stall
+
+OUT_ENDPOINT, IN_ENDPOINT, REPORT = 0x03, 0x83, 64
+REPORT_NS = 1_500_000
+"""Of a report, each way."""
+CANCEL_NS = 4_000_000
+"""From a cancel until the engine is idle."""
+STATUS_SET, GET_DATA, RESET = 0x10, 0x40, bytes([0x70, 0xAB, 0xCD, 0xEF])
+WRITE, READ, WRITE_AGAIN, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x92, 0x93, 0x94
+CANCEL, SET_SPEED, SPEED_SET, SPEED_NOT_SET = 0x10, 0x20, 0x20, 0x21
+IDLE, START_TIMEOUT, NACK, WRITING, WRITTEN_NO_STOP = 0x00, 0x12, 0x25, 0x42, 0x45
+READING, DATA_READY, STOPPING, STOP_WAIT, STOP_TIMEOUT = 0x50, 0x55, 0x60, 0x61, 0x62
+NO_DATA, NO_COUNT = 0x41, 127
+UNUSED_18, CONFUSED_18, GOOD_18, USED_21 = 0x00, 0x08, 0x10, 0x60
+MOST_BYTES = 60
+BOGUS = 0xFF
+
+
+class VirtualMcp2221(Device):
+    """The bridge before a virtual hand."""
+
+    vendor, product = 0x04D8, 0x00DD
+    interfaces = ((), (), endpoints((IN_ENDPOINT, INTERRUPT, REPORT), (OUT_ENDPOINT, INTERRUPT, REPORT)))
+    kernel_driver = frozenset({0, 1, 2})  # cdc_acm, cdc_acm, hid-mcp2221
+
+    def __init__(self, hand: VirtualHand) -> None:
+        self.hand = hand
+        self.reset()
+
+    def reset(self) -> None:
+        """As plugged in: 100 kHz, an engine that was never used."""
+        self.bus_hz = 100e3
+        self.state, self.used, self.confused, self.hangs = IDLE, False, False, False
+        self._nacked = False
+        self._meanwhile, self._busy_until_ns = IDLE, 0
+        self._length, self._data, self._divider = 0, b"", 117
+        self._reply = b""
+
+    def tick_sda(self) -> None:
+        """SDA moves while the engine is idle, as when a chip is plugged in: it is confused, if it was ever used."""
+        self.confused = self.used
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        """A command; the reply to the one before is lost, if nobody has read it."""
+        if endpoint != OUT_ENDPOINT:
+            raise stall()
+        self.hand.clock.spend(REPORT_NS)
+        self.hand.suffer()
+        command = data.ljust(REPORT, b"\0")
+        if command.startswith(RESET):
+            self.reset()
+            return
+        reply = bytearray(REPORT)
+        reply[0] = command[0]
+        if command[0] == STATUS_SET:
+            self._status_set(command, reply)
+        elif command[0] == GET_DATA:
+            self._get_data(reply)
+        elif WRITE <= command[0] <= WRITE_NO_STOP:
+            self._transfer(command, reply)
+        else:
+            reply[1] = 1
+        self._reply = bytes(reply)
+
+    def read(self, endpoint: int, length: int) -> bytes:
+        """The reply, once."""
+        if endpoint != IN_ENDPOINT:
+            raise stall()
+        self.hand.clock.spend(REPORT_NS)
+        reply, self._reply = self._reply, b""
+        return reply[:length]
+
+    # -- commands
+
+    def _shown(self) -> int:
+        """The state, which is another while the engine works."""
+        return self._meanwhile if self.hand.clock.now_ns() < self._busy_until_ns else self.state
+
+    def _status_set(self, command: bytes, reply: bytearray) -> None:
+        if command[3] == SET_SPEED:
+            quiet = self._shown() == IDLE
+            reply[3] = SPEED_SET if quiet else SPEED_NOT_SET
+            if quiet:
+                self._divider = command[4]
+                self.bus_hz = 12e6 / (command[4] + 3)
+        reply[8] = self._shown()
+        if command[2] == CANCEL:
+            self._cancel()
+            reply[2], reply[8] = CANCEL, STOPPING  # whatever comes of it
+        reply[9:11] = reply[11:13] = self._length.to_bytes(2, "little")
+        reply[14] = self._divider
+        reply[18] = self._byte_18()
+        reply[20] = 0x40 if self._nacked else 0
+        reply[21] = USED_21 if self.used else 0
+        reply[22], reply[23] = 1, 0 if self.hand.wire.held_low else 1
+
+    def _byte_18(self) -> int:
+        if not self.used:
+            return UNUSED_18
+        return CONFUSED_18 if self.confused or self.state in (NACK, WRITTEN_NO_STOP) else GOOD_18
+
+    def _cancel(self) -> None:
+        """An engine that was never used hangs from then on; one whose bus is held gets no STOP out."""
+        self._work(CANCEL_NS, STOP_WAIT)
+        self.hangs = self.hangs or not self.used
+        if self.hangs or self.hand.wire.held_low:
+            self.state = STOP_TIMEOUT
+            return
+        if self.state == WRITTEN_NO_STOP:
+            self.hand.wire.stop()
+        self.state, self.confused, self._nacked, self._data = IDLE, False, False, b""
+
+    def _get_data(self, reply: bytearray) -> None:
+        reply[2] = self._shown()
+        if reply[2] != DATA_READY:
+            reply[1], reply[3] = NO_DATA, NO_COUNT
+            return
+        reply[3] = len(self._data)
+        reply[4 : 4 + len(self._data)] = self._data
+        self.state, self._data = IDLE, b""
+
+    def _transfer(self, command: bytes, reply: bytearray) -> None:
+        kind, length, address = command[0], int.from_bytes(command[1:3], "little"), command[3]
+        allowed = (WRITTEN_NO_STOP, IDLE, NACK) if kind in (WRITE_AGAIN, READ_AGAIN) else (IDLE, NACK)
+        if self._shown() not in allowed or not 0 < length <= MOST_BYTES:
+            reply[1], reply[2] = 1, self._shown()
+            return
+        self.used, self._length = True, length
+        bits = self.hand.wire.bits
+        if self.hand.wire.held_low:
+            self.state = START_TIMEOUT
+        elif self.confused or self.state == NACK:
+            self._bogus(kind, length)
+        elif kind in (READ, READ_AGAIN):
+            self._read(address, length)
+        else:
+            self._write(kind, address, command[4 : 4 + length])
+        working = READING if kind in (READ, READ_AGAIN) else WRITING
+        self._work(round(1e9 * (self.hand.wire.bits - bits) / self.bus_hz), working)
+        reply[2] = self._shown()
+
+    # -- the engine
+
+    def _work(self, duration_ns: int, state: int) -> None:
+        """Show this state meanwhile; USB goes on."""
+        self._meanwhile, self._busy_until_ns = state, self.hand.clock.now_ns() + duration_ns
+
+    def _bogus(self, kind: int, length: int) -> None:
+        """A transfer that looks good and never was on the wire."""
+        self.confused = self._nacked = False
+        if kind in (READ, READ_AGAIN):
+            self.state, self._data = DATA_READY, bytes([BOGUS]) * length
+        else:
+            self.state = WRITTEN_NO_STOP if kind == WRITE_NO_STOP else IDLE
+
+    def _read(self, address: int, length: int) -> None:
+        wire = self.hand.wire
+        wire.start()
+        if wire.write(address | 1):
+            self.state, self._data = DATA_READY, bytes(wire.read() for _ in range(length))
+        else:
+            self.state, self._nacked = NACK, True
+        wire.stop()
+
+    def _write(self, kind: int, address: int, data: bytes) -> None:
+        wire = self.hand.wire
+        wire.start()
+        if not all(wire.write(byte) for byte in (address & 0xFE, *data)):
+            self.state, self._nacked = NACK, True
+            wire.stop()
+        elif kind == WRITE_NO_STOP:
+            self.state = WRITTEN_NO_STOP
+        else:
+            self.state = IDLE
+            wire.stop()

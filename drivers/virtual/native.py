@@ -1,0 +1,184 @@
+"""A fake /dev/i2c-N: smbus2 opens it and sends it ioctls, as it would the kernel.
+
+Only what smbus2 itself calls is replaced, and only while the shim is installed; every other file is the system's.
+Faults come as the kernel tells them: stall is EIO, short is EAGAIN (arbitration lost), late and a held bus are
+ETIMEDOUT after the controller's second, unplug is ENODEV and then a file that is not there.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import sys
+from types import TracebackType
+from typing import Any
+
+import drivers.native_i2c  # noqa: F401  (it imports smbus2)
+from drivers.virtual.hand import VirtualHand
+from drivers.virtual.usb_backend import Traffic
+
+I2C_FUNCS, I2C_RDWR = 0x0705, 0x0707
+FLAG_READ = 0x0001
+FUNCS = 0x0EFF0009
+"""I2C_FUNC_I2C and what the kernel emulates with it."""
+MOST_MESSAGES, MOST_BYTES = 42, 8192
+BUS_HZ = 400_000
+IOCTL_NS = 50_000
+"""Interrupts, context switches and the controller's set-up."""
+TIMEOUT_NS = 1_000_000_000
+FIRST_FD = 1_000_000
+"""No real file has such a number."""
+
+
+class VirtualI2cDev:
+    """The board's I2C before a virtual hand, while it is entered.
+
+    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as of a Raspberry Pi, ENXIO of others. readable: by this user.
+    traffic: transfers are ioctls, bytes their payload.
+    """
+
+    def __init__(
+        self, hand: VirtualHand, number: int = 1, *, nack_errno: int = errno.EREMOTEIO, readable: bool = True
+    ) -> None:
+        self.hand, self.traffic = hand, Traffic()
+        self.readable = readable
+        self._path, self._nack_errno = f"/dev/i2c-{number}", nack_errno
+        self._born_ns = hand.clock.now_ns()
+        self._opened: dict[int, int] = {}
+        self._generation, self._gone = 0, False
+        self._replaced: dict[str, Any] = {}
+
+    def __enter__(self) -> VirtualI2cDev:
+        """Put it before what smbus2 calls; several can be, one in the other."""
+        module = vars(sys.modules["smbus2.smbus2"])
+        self._replaced = {name: module[name] for name in ("os", "ioctl")}
+        module["os"] = _Os(self, self._replaced["os"])
+        module["ioctl"] = self._ioctl
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Take it away again."""
+        vars(sys.modules["smbus2.smbus2"]).update(self._replaced)
+
+    # -- what smbus2 calls
+
+    @property
+    def open_files(self) -> int:
+        """How many have not been closed."""
+        return len(self._opened)
+
+    def open(self, path: str, flags: int) -> int | None:
+        """A file number, or None where the path is another's."""
+        if path != self._path:
+            return None
+        if self._unplugged():
+            raise _error(errno.ENOENT)
+        if not self.readable:
+            raise _error(errno.EACCES)
+        fd = FIRST_FD + id(self) % 1000 * 1000 + len(self._opened)
+        while fd in self._opened:
+            fd += 1
+        self._opened[fd] = self._generation
+        return fd
+
+    def close(self, fd: int) -> bool:
+        """Whether it was one of ours."""
+        return self._opened.pop(fd, None) is not None
+
+    def _ioctl(self, fd: int, request: int, argument: Any = 0) -> Any:
+        if fd not in self._opened:
+            return self._replaced["ioctl"](fd, request, argument)
+        if self._unplugged() or self._opened[fd] != self._generation:
+            raise _error(errno.ENODEV)
+        if request == I2C_FUNCS:
+            argument.value = FUNCS
+            return 0
+        if request != I2C_RDWR:
+            raise _error(errno.ENOTTY)
+        return self._transfer([argument.msgs[k] for k in range(argument.nmsgs)])
+
+    # -- the controller
+
+    def _transfer(self, messages: list[Any]) -> int:
+        """Messages with START between and STOP after the last; how many, as the kernel returns."""
+        self._check(messages)
+        self.traffic.transfers += 1
+        self.hand.clock.spend(IOCTL_NS)
+        self._suffer()
+        bits = self.hand.wire.bits
+        try:
+            for message in messages:
+                self._carry(message)
+        finally:
+            self.hand.wire.stop()
+            self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / BUS_HZ))
+        return len(messages)
+
+    def _check(self, messages: list[Any]) -> None:
+        if not 0 < len(messages) <= MOST_MESSAGES or any(message.len > MOST_BYTES for message in messages):
+            raise _error(errno.EINVAL)
+        if any(message.flags & FLAG_READ for message in messages[:-1]):
+            raise _error(errno.EOPNOTSUPP)
+
+    def _carry(self, message: Any) -> None:
+        wire, read = self.hand.wire, message.flags & FLAG_READ
+        wire.start()
+        if not wire.write(message.addr << 1 | read):
+            raise _error(self._nack_errno)
+        if read:
+            data = bytes(wire.read() for _ in range(message.len))
+            ctypes.memmove(message.buf, data, len(data))
+            self.traffic.bytes_in += len(data)
+            return
+        for byte in ctypes.string_at(message.buf, message.len):
+            if not wire.write(byte):
+                raise _error(self._nack_errno)
+        self.traffic.bytes_out += message.len
+
+    # -- faults
+
+    def _suffer(self) -> None:
+        self.hand.suffer()
+        if self.hand.wire.held_low or self._lasts("late"):
+            self.hand.clock.spend(TIMEOUT_NS)
+            raise _error(errno.ETIMEDOUT)
+        if self._lasts("stall"):
+            raise _error(errno.EIO)
+        if self._lasts("short"):
+            raise _error(errno.EAGAIN)
+
+    def _unplugged(self) -> bool:
+        gone = self._lasts("unplug")
+        if gone and not self._gone:
+            self._generation += 1
+            self.hand.power_off()
+        self._gone = gone
+        return gone
+
+    def _lasts(self, kind: str) -> bool:
+        return self.hand.faults.lasts(kind, 1e-9 * (self.hand.clock.now_ns() - self._born_ns))
+
+
+class _Os:
+    """The os that smbus2 sees: the real one, with one file more."""
+
+    def __init__(self, device: VirtualI2cDev, real: Any) -> None:
+        self._device, self._real = device, real
+
+    def open(self, path: str, flags: int) -> Any:
+        fd = self._device.open(path, flags)
+        return self._real.open(path, flags) if fd is None else fd
+
+    def close(self, fd: int) -> None:
+        if not self._device.close(fd):
+            self._real.close(fd)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+
+def _error(number: int) -> OSError:
+    return OSError(number, os.strerror(number))

@@ -1,0 +1,130 @@
+"""An i2c-tiny-usb with one of four firmwares, which agree on everything but an address that nobody acknowledges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.virtual.hand import VirtualHand
+from drivers.virtual.usb_backend import Device, stall
+
+VENDOR_OUT, VENDOR_IN = 0x41, 0xC1
+ECHO, GET_FUNC, SET_DELAY, GET_STATUS, I2C_IO = 0, 1, 2, 3, 4
+BEGIN, END = 1, 2
+FLAG_READ = 1
+FUNC = 0x0EFF0009
+"""I2C_FUNC_I2C and what the kernel emulates with it."""
+IDLE, ACKED, NOT_ACKED = 0, 1, 2
+BUFFER = 64
+
+
+@dataclass(frozen=True)
+class Firmware:
+    """speed on USB; time of a control transfer and of a bit, ns. absent: what a read of an absent chip answers.
+
+    data_nak: whether a written byte that nobody acknowledges is reported ("status"), answered with "stall", or not.
+    """
+
+    speed: str
+    transfer_ns: int
+    bit_ns: int
+    absent: str
+    data_nak: str
+
+
+FIRMWARES = {
+    "avr": Firmware("low", 3_000_000, 20_000, "zeros", ""),
+    "rp2040": Firmware("full", 350_000, 2_500, "stale", "status"),
+    "stm32": Firmware("full", 350_000, 2_500, "nothing", "status"),
+    "pico": Firmware("full", 350_000, 10_000, "stall", "stall"),
+}
+"""harbaum's and the Digispark's, Nicolai Electronics', i2c-star, I2C-Pico-USB."""
+
+
+class VirtualTinyUsb(Device):
+    """The bridge before a virtual hand. firmware: a name of FIRMWARES."""
+
+    vendor, product = 0x0403, 0xC631
+    interfaces = ((),)
+    kernel_driver = frozenset({0})  # i2c-tiny-usb
+
+    def __init__(self, hand: VirtualHand, firmware: str = "avr") -> None:
+        self.hand, self.firmware = hand, FIRMWARES[firmware]
+        self.speed = self.firmware.speed
+        self.delay_us = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """As plugged in."""
+        self.delay_us, self._status, self._buffer = 10, IDLE, bytes(BUFFER)
+
+    def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
+        """SET_DELAY, or a message to write."""
+        self.hand.clock.spend(self.firmware.transfer_ns)
+        if request_type != VENDOR_OUT:
+            raise stall()
+        if request == SET_DELAY and not data:
+            self.delay_us = value
+        elif request & ~(BEGIN | END) == I2C_IO and not value & FLAG_READ:
+            self._write(request, index, data)
+        else:
+            raise stall()
+
+    def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+        """Echo, functions, status, or a message to read."""
+        self.hand.clock.spend(self.firmware.transfer_ns)
+        if request_type != VENDOR_IN:
+            raise stall()
+        if request == ECHO:
+            return value.to_bytes(2, "little")[:length]
+        if request == GET_FUNC:
+            return FUNC.to_bytes(4, "little")[:length]
+        if request == GET_STATUS:
+            return bytes([self._status])[:length]
+        if request & ~(BEGIN | END) == I2C_IO and value & FLAG_READ:
+            return self._read(request, index, length)
+        raise stall()
+
+    # -- messages
+
+    def _write(self, request: int, address: int, data: bytes) -> None:
+        bits = self.hand.wire.bits
+        absent = not self._address(address << 1)
+        refused = not absent and not all([self.hand.wire.write(byte) for byte in data])
+        if absent or request & END or (refused and self.firmware.data_nak):
+            self.hand.wire.stop()
+        self._spend_bits(bits)
+        if refused and self.firmware.data_nak == "status":
+            self._status = NOT_ACKED
+        if (absent and self.firmware.absent == "stall") or (refused and self.firmware.data_nak == "stall"):
+            raise stall()
+
+    def _read(self, request: int, address: int, length: int) -> bytes:
+        bits = self.hand.wire.bits
+        present = self._address(address << 1 | 1)
+        data = bytes(self.hand.wire.read() for _ in range(length)) if present else b""
+        if not present or request & END:
+            self.hand.wire.stop()
+        self._spend_bits(bits)
+        if not present:
+            return self._absent(length)
+        self._buffer = (data + self._buffer[len(data) :])[:BUFFER]
+        return data
+
+    def _address(self, byte: int) -> bool:
+        """START (or START again), then the address: the status is about this."""
+        self.hand.suffer()
+        self.hand.wire.start()
+        acked = self.hand.wire.write(byte)
+        self._status = ACKED if acked else NOT_ACKED
+        return acked
+
+    def _absent(self, length: int) -> bytes:
+        """What comes where no data are."""
+        if self.firmware.absent == "stall":
+            raise stall()
+        if self.firmware.absent == "nothing":
+            return b""
+        return bytes(length) if self.firmware.absent == "zeros" else self._buffer[:length]
+
+    def _spend_bits(self, before: int) -> None:
+        self.hand.clock.spend((self.hand.wire.bits - before) * self.firmware.bit_ns)

@@ -1,0 +1,262 @@
+"""The hand behind a bridge: what it reads, what it says when something fails, and how it comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from drivers.ft232h import Ft232h
+from drivers.hand import STALE_NS, Hand, Reading
+from drivers.layout import LAYOUTS, Finger, read_layout
+from drivers.tmag5273 import Setup
+from drivers.virtual.clock import VirtualClock
+from drivers.virtual.faults import KINDS, Fault, read_fault
+from drivers.virtual.ft232h import VirtualFt232h
+from drivers.virtual.hand import REST_UT, Track, VirtualHand
+from drivers.virtual.usb_backend import VirtualBackend
+from edge_runtime.errors import DeviceNotFound, UsageError, WrongDevice
+
+PERIOD_NS = round(1e9 / 150)
+
+
+@dataclass
+class Bench:
+    """A virtual hand, its driver, and what the driver said."""
+
+    faults: tuple[str, ...] = ()
+    track: Track | None = None
+    layout: str = "mux"
+    setup: Setup = field(default_factory=Setup)
+    on_wire: str | None = None
+
+    def __post_init__(self) -> None:
+        self.clock = VirtualClock()
+        self.virtual = VirtualHand(
+            self.clock, track=self.track, layout=self.on_wire or self.layout, seed=0,
+            faults=[read_fault(one) for one in self.faults],
+        )  # fmt: skip
+        virtual = self.virtual
+        self.backend = VirtualBackend(VirtualFt232h(virtual), self.clock, virtual.faults, virtual.power_off)
+        self.said: list[str] = []
+        self.hand = Hand(
+            lambda: Ft232h(self.backend), read_layout(self.layout), setup=self.setup, now_ns=self.clock.now_ns,
+            pause=lambda seconds: self.clock.spend(round(1e9 * seconds)), say=self.said.append,
+        )  # fmt: skip
+
+    def read_for(self, seconds: float) -> list[Reading]:
+        start_ns = self.clock.now_ns()
+        readings = []
+        for k in range(round(150 * seconds)):
+            self.clock.wait_until(start_ns + k * PERIOD_NS)
+            readings.append(self.hand.read())
+        return readings
+
+
+def started(*faults: str, **told: object) -> Bench:
+    bench = Bench(faults=faults, **told)  # type: ignore[arg-type]
+    bench.hand.start()
+    return bench
+
+
+def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:
+    return [r for r in readings if not (r.valid.all() if finger is None else r.valid[finger - 1])]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("burst", [False, True])
+def test_six_fingers_report_the_field_at_their_magnets(layout, burst):
+    field_ut = np.arange(18.0).reshape(1, 6, 3) * 500.0
+    bench = started(track=Track(np.array([0.0]), field_ut), layout=layout, setup=Setup(burst=burst))
+    reading = bench.read_for(0.05)[-1]
+    assert reading.valid.all()
+    assert reading.why == ("",) * 6
+    np.testing.assert_allclose(reading.field_ut, field_ut[0], atol=110.0)
+
+
+def test_every_reading_is_valid_while_nothing_fails():
+    bench = started()
+    assert bad(bench.read_for(2.0)) == []
+    assert bench.said == []
+
+
+def test_a_finger_that_is_not_acknowledged_costs_only_itself_and_comes_back():
+    bench = started("nack:3@1+0.3")
+    readings = bench.read_for(2.0)
+    assert bad(readings) == bad(readings, finger=3)
+    times = [r.t_ns * 1e-9 for r in bad(readings)]
+    assert 1.0 <= times[0] < 1.0 + 2 / 150
+    assert times[-1] < 1.3 + 0.05 + 3 / 150
+    assert bench.said[0] == "finger 3: nack"
+    assert bench.said[-1] == "finger 3: good again"
+
+
+def test_a_chip_that_converts_no_more_is_stale_within_twenty_milliseconds_and_one_sample():
+    bench = started("frozen:2@1+0.3")
+    found = bad(bench.read_for(2.0), finger=2)
+    assert found[0].why[1] == "stale"
+    assert found[0].t_ns - 1e9 <= STALE_NS + 2 * PERIOD_NS
+    assert found[-1].t_ns < 1.3e9 + 100e6
+    gaps = np.diff([r.t_ns for r in found])
+    assert gaps.max() < 1.5 * PERIOD_NS  # never good in between
+
+
+@pytest.mark.parametrize(("fault", "why"), [("por:4@1", "reset"), ("sleep:4@1", "nack"), ("diag:4@1+0.1", "diagnosis")])
+def test_a_chip_that_lost_itself_is_brought_up_while_the_others_are_read(fault, why):
+    readings = started(fault).read_for(2.0)
+    found = bad(readings)
+    assert found == bad(readings, finger=4)
+    assert found[0].why[3] == why
+    assert found[0].t_ns < 1e9 + 2 * PERIOD_NS
+    assert found[-1].t_ns < 1.1e9 + 0.1e9
+
+
+@pytest.mark.parametrize("fault", ["stuck@1", "stall@1+0.05", "short@1+0.05", "late@1+0.05", "unplug@1+0.3"])
+def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_back(fault):
+    bench = started(fault)
+    found = bad(bench.read_for(2.5))
+    assert found[0].t_ns < 1e9 + 2 * PERIOD_NS
+    assert not found[0].valid.any()
+    assert np.isnan(found[0].field_ut).all()
+    assert found[-1].t_ns < 1e9 + 0.3e9 + 0.15e9
+    assert bench.said[-1].endswith("good again")
+
+
+def test_a_late_reply_never_answers_the_next_question():
+    field_ut = np.array([[[0, 0, 1000.0]] * 6, [[0, 0, 30000.0]] * 6])
+    bench = started("late@1+0.02", track=Track(np.array([0.9, 1.1]), field_ut))
+    readings = bench.read_for(2.0)
+    for reading in readings:
+        if reading.valid.all():
+            expected = np.interp(reading.t_ns * 1e-9 - 0.0025, [0.9, 1.1], [1000.0, 30000.0])
+            assert np.abs(reading.field_ut[:, 2] - expected).max() < 1200.0
+
+
+def test_a_field_at_the_end_of_the_range_is_not_believed():
+    bench = started(track=Track(np.array([0.0]), np.full((1, 6, 3), 60e3)))
+    assert bench.read_for(0.05)[-1].why == ("saturated",) * 6
+
+
+def test_a_missing_finger_is_said_and_the_rest_goes_on():
+    bench = Bench(faults=("nack:6@0+100",))
+    bench.hand.start()
+    reading = bench.read_for(0.5)[-1]
+    assert reading.valid.tolist() == [True] * 5 + [False]
+    assert bench.said[0].startswith("finger 6: 0x22: does not answer")
+
+
+def test_a_finger_that_comes_after_the_start_is_taken_in():
+    bench = Bench(faults=("nack:6@0+0.5",))
+    bench.hand.start()
+    assert bench.read_for(1.0)[-1].valid.all()
+
+
+def test_no_finger_at_all_is_an_error_with_the_next_command():
+    bench = Bench(faults=tuple(f"nack:{k}@0+100" for k in range(1, 7)))
+    with pytest.raises(DeviceNotFound, match="holdfast scan"):
+        bench.hand.start()
+
+
+def test_another_chip_at_an_address_is_refused_by_its_maker():
+    bench = Bench(faults=("wrong:2@0+100",))
+    with pytest.raises(WrongDevice, match=r"maker 0x0000.*no TMAG5273"):
+        bench.hand.start()
+
+
+def test_two_chips_at_one_address_are_noticed():
+    bench = Bench(on_wire="mux")
+    bench.virtual.mux.channels[0].append(bench.virtual.chips[4])
+    bench.virtual.chips[4].version = 2
+    bench.virtual.chips[4].power_on()
+    with pytest.raises(WrongDevice):
+        bench.hand.start()
+
+
+def test_a_hand_left_in_one_byte_mode_by_a_driver_that_died_is_read_again():
+    first = started(setup=Setup(burst=True))
+    again = Hand(
+        lambda: Ft232h(first.backend), LAYOUTS["mux"], now_ns=first.clock.now_ns,
+        pause=lambda seconds: first.clock.spend(round(1e9 * seconds)),
+    )  # fmt: skip
+    again.start()
+    assert again.read().valid.all()
+
+
+def test_a_scan_with_burst_reads_is_shorter():
+    spent = {}
+    for burst in (False, True):
+        bench = started(setup=Setup(burst=burst))
+        before_ns = bench.clock.now_ns()
+        bench.hand.read()
+        spent[burst] = bench.clock.now_ns() - before_ns
+    assert spent[True] < 0.85 * spent[False]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_fault_can_be_written_in_a_url(kind):
+    text = f"{kind}:2@1+0.5" if read_needs_sensor(kind) else f"{kind}@1+0.5"
+    assert read_fault(text) == Fault(kind, 1.0, 0.5, 2 if read_needs_sensor(kind) else None)
+
+
+def read_needs_sensor(kind: str) -> bool:
+    from drivers.virtual.faults import OF_A_SENSOR
+
+    return kind in OF_A_SENSOR
+
+
+@pytest.mark.parametrize("text", ["nack@1", "stuck:2@1", "melt:1@1", "nack:3", "nack:3@x"])
+def test_a_fault_that_cannot_be_is_a_usage_error(text):
+    with pytest.raises(UsageError, match=r"such as|kind one of"):
+        read_fault(text)
+
+
+def test_a_layout_is_a_name_or_a_list_of_places():
+    assert read_layout("3:35,44") == (Finger(0x35, 3), Finger(0x44, None))
+    for wrong in ("nine", "9:35", "0:05", "0:35,0:35", ""):
+        with pytest.raises(UsageError):
+            read_layout(wrong)
+
+
+RECOVERIES: dict[str, Callable[[int], str]] = {
+    "nack": lambda s: f"nack:{s}", "por": lambda s: f"por:{s}", "sleep": lambda s: f"sleep:{s}",
+    "frozen": lambda s: f"frozen:{s}", "stuck": lambda s: "stuck", "stall": lambda s: "stall",
+    "short": lambda s: "short", "unplug": lambda s: "unplug",
+}  # fmt: skip
+
+
+def soak(scans: int) -> None:
+    """Random faults, one every half second: the hand is whole again before the next."""
+    rng = np.random.default_rng(7)
+    seconds = scans / 150
+    faults = []
+    for at in np.arange(1.0, seconds - 1.0, 1.0):
+        kind = list(RECOVERIES)[rng.integers(len(RECOVERIES))]
+        what, begins_s, lasts_s = RECOVERIES[kind](int(rng.integers(1, 7))), at + 0.2 * rng.random(), 0.1 * rng.random()
+        faults.append(f"{what}@{begins_s:.4f}+{lasts_s:.4f}")
+    bench = started(*faults)
+    readings = bench.read_for(seconds)
+    assert len(readings) == scans
+    assert readings[-1].valid.all()
+    second = np.array([int(r.t_ns * 1e-9 + 0.4) for r in readings])
+    whole = np.array([r.valid.all() for r in readings])
+    for number in range(2, int(seconds) - 1):
+        assert whole[second == number][:10].all()  # from 0.6 s after a fault on
+    assert set(np.concatenate([r.why for r in bad(readings)])) <= {
+        "", "nack", "missing", "reset", "stale", "stuck", "bridge", "lost", "garbage"
+    }  # fmt: skip
+
+
+def test_ten_thousand_scans_with_random_faults_end_whole():
+    soak(10_000)
+
+
+@pytest.mark.soak
+def test_a_million_scans_with_random_faults_end_whole():
+    soak(1_000_000)
+
+
+def test_a_resting_magnet_reads_its_field():
+    reading = started().read_for(0.1)[-1]
+    assert reading.field_ut.mean(axis=0) == pytest.approx(REST_UT, abs=40.0)

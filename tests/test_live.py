@@ -1,0 +1,323 @@
+"""The live loop: on time or counted, unknown at once, the same again in a replay, and a clean end."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from drivers.paced import Paced
+from drivers.replay import Replay, open_replay
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.contract import Prediction, Sample
+from edge_runtime.errors import ChannelError, DeviceError, OutputError, UnitError, UsageError
+from edge_runtime.live import STAGES, Command, Measured, Summary, run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.preparation import Preparation
+from edge_runtime.sample_file import SampleFile
+from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
+from edge_runtime.tare import Tare
+from holdfast.live_sources import open_live
+from holdfast.run import answer
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+ROOT = Path(__file__).resolve().parent.parent
+DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(DEFAULT)
+
+
+class Steady:
+    """A source of noise that takes no time, but for stalls: {reading: seconds}."""
+
+    unit, n_channels = "N", 18
+
+    def __init__(self, clock: VirtualClock, n: int, stalls: dict[int, float] | None = None) -> None:
+        self.clock, self.n, self.stalls, self.k = clock, n, stalls or {}, 0
+        self.times: list[int] = []
+
+    def read(self) -> Measured | None:
+        if self.k == self.n:
+            return None
+        self.times.append(self.clock.now_ns())
+        self.clock.spend(round(1e9 * self.stalls.get(self.k, 0.0)))
+        self.k += 1
+        values = 0.02 * np.random.default_rng(self.k).normal(size=18)
+        return Measured(self.times[-1], values, np.ones(6, dtype=np.bool_))
+
+    def close(self) -> None:
+        pass
+
+
+def go(model: Model, source: Any, clock: VirtualClock, **told: Any) -> tuple[Summary, list[Prediction], list[Sample]]:
+    said: list[tuple[Prediction, Sample]] = []
+    summary = run_live(
+        source, GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
+        lambda prediction, sample, measured: said.append((prediction, sample)),
+        stopped=told.pop("stopped", lambda: False), **told,
+    )  # fmt: skip
+    return summary, [one for one, _ in said], [one for _, one in said]
+
+
+# -- the schedule
+
+
+def test_samples_are_due_at_whole_periods_from_the_start(model):
+    clock = VirtualClock(5_000_000_000)
+    source = Steady(clock, 301)
+    summary, _, _ = go(model, source, clock)
+    assert np.diff(source.times).min() >= 1e9 / 150 - 1
+    assert source.times[300] == 5_000_000_000 + 2_000_000_000
+    assert (summary.samples, summary.overruns) == (301, 0)
+
+
+def test_a_late_sample_delays_no_other(model):
+    clock = VirtualClock()
+    source = Steady(clock, 20, {5: 0.005})
+    summary, _, _ = go(model, source, clock)
+    assert summary.overruns == 0
+    assert source.times[6] == round(6e9 / 150)
+
+
+def test_a_machine_that_sleeps_for_a_second_loses_samples_counted_and_is_unknown_until_it_has_settled(model):
+    clock = VirtualClock()
+    source = Steady(clock, 400, {200: 1.003})
+    summary, predictions, samples = go(model, source, clock)
+    assert summary.overruns == 149
+    assert samples[201].sequence - samples[200].sequence == 150
+    assert 0 <= source.times[201] - round(samples[201].sequence * 1e9 / 150) < 1e9 / 150
+    states = [prediction.state for prediction in predictions]
+    assert states[199] == "nothing"
+    assert states[201:210] == ["unknown"] * 9
+    assert states[-1] == "nothing"
+
+
+def test_stopping_ends_after_the_sample_under_way(model):
+    clock = VirtualClock()
+    source = Steady(clock, 1000)
+    summary, predictions, _ = go(model, source, clock, stopped=lambda: source.k == 10)
+    assert summary.samples == len(predictions) == 10
+
+
+def test_every_stage_has_its_latency_and_a_run_of_nothing_has_none(model):
+    clock = VirtualClock()
+    summary, _, _ = go(model, Steady(clock, 5, {k: 0.001 for k in range(5)}), clock)
+    assert list(summary.latency_us()) == [*STAGES, "read to emit"]
+    assert summary.latency_us()["read"]["p50"] == pytest.approx(1000.0)
+    assert summary.latency_us()["read to emit"]["p99"] == pytest.approx(1000.0)
+    assert Summary().latency_us() == {}
+    json.dumps(summary.to_json())
+
+
+def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(model, monkeypatch):
+    import edge_runtime.monitor as watched
+
+    asked = []
+    real = watched.decide
+    monkeypatch.setattr(watched, "decide", lambda *a, **k: asked.append((k["opening"], k["override"])) or real(*a, **k))
+    clock = VirtualClock()
+    told = iter([Command(), Command(opening=True), Command(override=True)])
+    go(model, Steady(clock, 3), clock, command=lambda: next(told))
+    assert asked == [(False, False), (True, False), (False, True)]
+
+
+# -- taking the bias off
+
+rows = hnp.arrays(np.float64, st.tuples(st.integers(5, 12), st.just(6)), elements=st.floats(-50, 50))
+
+
+@given(rows, st.sampled_from([0, 1, 5]), st.sampled_from(["mean", "median"]), st.booleans())
+def test_a_stream_is_tared_as_a_recording_is_prepared(raw, bias_rows, statistic, flip):
+    preparation = Preparation(bias_rows, statistic, flip, flip_beyond=0.3)
+    tare, valid = Tare(preparation, 6), np.ones(2, dtype=np.bool_)
+    out = [tare.prepare(row, valid) for row in raw]
+    whole = preparation.apply(raw)
+    first = max(1, bias_rows) - 1 if bias_rows or flip else 0
+    for k, (values, good) in enumerate(out):
+        assert good.all() == (k >= first)
+        if k >= first:
+            np.testing.assert_array_equal(values, whole[k])
+
+
+def test_a_finger_that_comes_late_is_tared_late_and_believed_only_then():
+    tare = Tare(Preparation(2, "mean"), 6)
+    there, both = np.array([True, False]), np.array([True, True])
+    for _ in range(3):
+        _, good = tare.prepare(np.full(6, 4.0), there)
+    assert good.tolist() == [True, False]
+    tare.prepare(np.full(6, 4.0), both)
+    values, good = tare.prepare(np.full(6, 4.0), both)
+    assert good.all()
+    assert values.tolist() == [0.0] * 6
+
+
+# -- a virtual hand, end to end
+
+
+def live(model: Model, url: str, seconds: float) -> tuple[Summary, list[Prediction], list[Sample], list[str]]:
+    clock = VirtualClock()
+    said: list[str] = []
+    answers: list[Prediction] = []
+    samples: list[Sample] = []
+    source = open_live(url, clock=clock, say=said.append)
+    end_ns = clock.now_ns() + round(1e9 * seconds)
+    summary = answer(source, model, clock, [answers.append, samples.append], lambda: clock.now_ns() >= end_ns)
+    source.close()
+    return summary, answers, samples, said
+
+
+def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on(model):
+    from simulation.card import read_card
+    from simulation.scene import Scene
+
+    summary, answers, _, _ = live(model, "virtual://ft232h?scene=pull-soft-ball&seed=1", 9.0)
+    scene = Scene(read_card("pull-soft-ball"), 1)
+    truth = scene.run_together(scene.trials())[0].truth
+    acts = [a.t_acquired_ns * 1e-9 for a in answers if a.act]
+    assert summary.acts == 1
+    assert summary.overruns == 0
+    assert truth.load_onset_s is not None
+    assert 0.0 < acts[0] - truth.load_onset_s < 0.15
+
+
+@pytest.mark.parametrize("fault", ["nack:3@3+0.3", "frozen:2@3+0.3", "por:4@3", "unplug@3+0.3", "late@3+0.1"])
+def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(model, fault):
+    _, answers, _, said = live(model, f"virtual://ft232h?fault={fault.replace('+', '%2B')}", 5.0)
+    unknown = [a.t_acquired_ns * 1e-9 for a in answers if a.state == "unknown" and a.t_acquired_ns > 2e9]
+    assert 3.0 <= unknown[0] < 3.0 + 0.020 + 3 / 150
+    assert answers[-1].state == "nothing"
+    assert answers[-1].settled
+    assert said
+
+
+def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, tmp_path):
+    url = "virtual://ft232h?scene=pull-soft-ball&seed=2&fault=nack:3@4%2B0.1&fault=unplug@5%2B0.2"
+    _, answers, samples, _ = live(model, url, 8.0)
+    with SampleFile(tmp_path / "kept.csv", 18) as file:
+        for sample in samples:
+            file.write(sample)
+    monitor = GripMonitor(model, VirtualClock().now_ns)
+    replayed = {a.t_acquired_ns: a for a in (monitor.feed(sample) for sample in open_replay(tmp_path / "kept.csv"))}
+    again = [replayed[sample.t_ns - samples[0].t_ns] for sample in samples]  # rows that never came are filled in there
+    told = [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in answers]
+    assert [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in again] == told
+    assert any(a.act for a in again)
+    assert any(a.state == "unknown" for a in again[200:])
+
+
+def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Built):
+    clock, model = VirtualClock(), Model(eight_classes.model)
+    trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
+    source = Paced(open_replay(trial), clock.now_ns)
+    answers: list[Prediction] = []
+    answer(source, model, clock, [answers.append, lambda sample: None], lambda: False)
+    monitor = GripMonitor(model, VirtualClock().now_ns)
+    offline = [monitor.feed(sample) for sample in open_replay(trial).prepared(model.card.preparation)]
+    settle = model.card.preparation.bias_rows + model.card.settle_samples
+    assert [a.state for a in answers[settle:]] == [a.state for a in offline[settle:]]
+
+
+def test_a_reader_that_comes_late_finds_the_newest_row():
+    clock = VirtualClock()
+    values = np.arange(30.0).reshape(10, 3)
+    source = Paced(Replay(np.arange(10), values, np.ones((10, 1), bool), 100.0, "N"), clock.now_ns)
+    first = source.read()
+    clock.spend(35_000_000)
+    late = source.read()
+    assert first is not None and late is not None  # noqa: PT018
+    assert (first.values[0], late.values[0]) == (0.0, 12.0)
+    clock.spend(100_000_000)
+    assert source.read() is None
+
+
+def test_a_model_for_another_unit_or_hand_is_refused_before_the_first_sample(model):
+    clock = VirtualClock()
+    source = Steady(clock, 1)
+    source.unit = "uT"
+    with pytest.raises(UnitError, match="calibrate"):
+        answer(source, model, clock, [print, print], lambda: False)
+    source.unit, source.n_channels = "N", 15
+    with pytest.raises(ChannelError, match="15 channels"):
+        answer(source, model, clock, [print, print], lambda: False)
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["virtual://usb5", "virtual://ft232h?colour=red", "virtual://ft232h?averages=3", "virtual://ft232h?layout=nine",
+     "virtual://ft232h?fault=melt@1", "usb://ft232h?scene=thesis", "virtual://ft232h?scene=thesis&trial=5000",
+     "virtual://ft232h?seed=x"],
+)  # fmt: skip
+def test_a_url_that_cannot_be_is_a_usage_error(url):
+    with pytest.raises(UsageError):
+        open_live(url, clock=VirtualClock(), say=lambda line: None)
+
+
+def test_a_real_bridge_that_is_not_there_is_a_device_error():
+    with pytest.raises(DeviceError):
+        open_live("usb://ft232h", clock=VirtualClock(), say=lambda line: None)
+
+
+# -- where answers go
+
+
+def test_a_line_goes_everywhere_at_once(tmp_path, model):
+    clock = VirtualClock()
+    _, predictions, _ = go(model, Steady(clock, 1), clock)
+    text = io.StringIO()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(5)
+        port = receiver.getsockname()[1]
+        with file_sink(tmp_path / "out.jsonl") as to_file, udp_sink(f"127.0.0.1:{port}") as to_port:
+            emit_to([stream_sink(text), to_file, to_port])(predictions[0])
+        datagram = receiver.recv(65536).decode()
+    assert text.getvalue() == datagram + "\n" == (tmp_path / "out.jsonl").read_text()
+    assert json.loads(datagram)["state"] == "unknown"
+
+
+def test_a_file_that_is_there_is_not_written_over(tmp_path):
+    (tmp_path / "out.jsonl").write_text("mine")
+    with pytest.raises(OutputError, match="new file"), file_sink(tmp_path / "out.jsonl"):
+        pass
+    with pytest.raises(OutputError, match="new file"):
+        SampleFile(tmp_path / "out.jsonl", 18)
+    assert (tmp_path / "out.jsonl").read_text() == "mine"
+
+
+@pytest.mark.parametrize("address", ["9000", "host:", ":9", "127.0.0.1:99999", "127.0.0.1:x"])
+def test_an_address_that_cannot_be_is_a_usage_error(address):
+    with pytest.raises(UsageError, match="HOST:PORT"), udp_sink(address):
+        pass
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
+    command = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h", "--seconds", "60"]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+    ) as run:
+        assert run.stdout is not None
+        lines = [run.stdout.readline() for _ in range(20)]
+        run.send_signal(how)
+        out, err = run.communicate(timeout=60)
+    assert run.returncode == 0
+    assert all(json.loads(line) for line in (*lines, *out.splitlines()))
+    assert "samples" in err
+    assert "read to emit" in err
