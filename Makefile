@@ -60,6 +60,7 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m export.features_page > docs/features.md
 	$(BIN)/python -m training.real_table build/real/metrics.json README.md
 	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
+	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
 
 bench: setup  ## time one step, the effects and the simulator on this machine, into build/bench
 	$(BIN)/python -m benchmarks.step --out build/bench $(ARGS)

@@ -1,7 +1,9 @@
 """Six fingertips on a bus: brought up, read in one scan, and brought back when something fails.
 
 A reading is valid only where the chip acknowledged, has converted anew within 20 ms, kept its power, found no fault in
-itself, and is not at the end of its range. Whatever fails costs only itself, and is repaired while the others are read
+itself, and is not at the end of its range. It has converted anew where its packet differs: results and SET_COUNT
+change with a conversion and with nothing else. (SET_COUNT alone rolls over every 8 conversions, 19.4 ms, and seems to
+stand still to whoever reads at 50 Hz.) Whatever fails costs only itself, and is repaired while the others are read
 on (the recovery ladder):
 
     a finger      does not acknowledge twice in a row, or lost its power: it is brought up anew
@@ -39,8 +41,6 @@ NACKS_TO_BRING_UP = 2
 EDGE = 32767
 TIRED = ("reset", "missing", "stale", "garbage", "diagnosis")
 """Why a finger is brought up anew, beside two missing acknowledges."""
-UNSEEN = -1
-"""SET_COUNT before the first packet: until it has been seen to change, nothing is known to be converted."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class _State:
 
     ready: bool = False
     version: int = 1
-    set_count: int = UNSEEN
+    last: bytes = b""
     changed_ns: int = 0
     converts: bool = False
     nacks: int = 0
@@ -198,9 +198,9 @@ class Hand:
             return "reset"
         if found.failing:
             return "diagnosis"
-        if found.set_count != state.set_count:
-            state.converts = state.set_count != UNSEEN
-            state.set_count, state.changed_ns = found.set_count, t_ns
+        if reply.data != state.last:
+            state.converts = bool(state.last)
+            state.last, state.changed_ns = reply.data, t_ns
         if t_ns - state.changed_ns > STALE_NS:
             state.converts = False
         if not state.converts:
@@ -279,6 +279,6 @@ class Hand:
             state.version = bring_up(bus, finger.address, self.setup, self._pause)
         except (DeviceNotFound, WrongDevice) as trouble:
             return trouble
-        state.ready, state.set_count, state.changed_ns = True, UNSEEN, self._now_ns()
+        state.ready, state.last, state.changed_ns = True, b"", self._now_ns()
         state.converts = False
         return None

@@ -31,10 +31,12 @@ WORKING = frozenset(
 )
 """States that pass by themselves."""
 MOST_BYTES = 60
+TIMEOUT_MS = 50
+"""Of a report; its reply comes within a few ms, whatever the I2C bus does."""
 SLOWEST_HZ, FASTEST_HZ = 47_000, 400_000
 POLLS = 20
 """60 bytes at 47 kHz take 12 ms, a poll 2 to 3 ms."""
-CANCELS, POLLS_OF_A_CANCEL = 3, 5
+CANCELS = 3
 
 
 @dataclass(frozen=True)
@@ -106,18 +108,12 @@ class Mcp2221:
     def _write(self, command: int, transfer: Transfer, done: int) -> bool:
         """Whether it was acknowledged. done: the state it ends in."""
         self._start(command, len(transfer.write), transfer.address << 1, transfer.write)
-        for _ in range(POLLS):
-            status = self._status()
-            if status.state == done:
-                if done == IDLE and status.confused:
-                    self._cancel()
-                return True
-            if status.state == NACK:
-                self._cancel()
-                return False
-            if status.state not in WORKING:
-                break
-        raise self._gave_up(status.state)
+        status = self._settled()
+        if status.state not in (done, NACK):
+            raise self._gave_up(status.state)
+        if status.state == NACK or status.confused:
+            self._cancel()
+        return status.state == done
 
     def _read(self, transfer: Transfer) -> Reply:
         """A write without STOP first, if there is one: what reads on from a NACK would read something else."""
@@ -160,29 +156,33 @@ class Mcp2221:
     def _begin(self) -> None:
         """Make it ready and set the speed."""
         self._make_ready()
-        reply = self._ask(bytes([STATUS_SET, 0, 0, SET_SPEED, self._divider]))
-        if reply[3] != SPEED_IS_SET:
+        if self._ask(bytes([STATUS_SET, 0, 0, SET_SPEED, self._divider]))[3] != SPEED_IS_SET:
             raise TransferFailed("does not take its speed", where=self.name, next_step="unplug it and plug it in")
 
     def _make_ready(self) -> None:
         self._synchronise()
-        status = self._status()
+        status = self._settled()
         if status.ready:
             return
         if not status.used:
             raise self._not_ready(status)
         self._cancel()
 
+    def _settled(self) -> Status:
+        """The status once it is no longer one that passes by itself, or the last that was asked for."""
+        for _ in range(POLLS):
+            status = self._status()
+            if status.state not in WORKING:
+                break
+        return status
+
     def _cancel(self) -> None:
         """Bring a used engine back to idle. Raises BusStuck where a line stays low, TransferFailed where it hangs."""
         for _ in range(CANCELS):
             self._ask(bytes([STATUS_SET, 0, CANCEL]))
-            for _ in range(POLLS_OF_A_CANCEL):
-                status = self._status()
-                if status.ready:
-                    return
-                if status.state not in WORKING:
-                    break
+            status = self._settled()
+            if status.ready:
+                return
         raise self._not_ready(status)
 
     def _not_ready(self, status: Status) -> BusStuck | TransferFailed:
@@ -214,8 +214,8 @@ class Mcp2221:
     def _ask(self, command: bytes) -> bytes:
         """A report out, and the one that answers it. After a failure nobody knows what the next one will answer."""
         try:
-            self._port.write(OUT_ENDPOINT, command.ljust(REPORT, b"\0"))
-            reply = self._port.read(IN_ENDPOINT, REPORT)
+            self._port.write(OUT_ENDPOINT, command.ljust(REPORT, b"\0"), TIMEOUT_MS)
+            reply = self._port.read(IN_ENDPOINT, REPORT, TIMEOUT_MS)
             if len(reply) != REPORT:
                 raise TransferFailed(f"a report of {len(reply)} bytes", where=self.name)
             if reply[0] != command[0]:
@@ -226,12 +226,16 @@ class Mcp2221:
         return reply
 
     def _synchronise(self) -> None:
-        """After a failure: read away late replies, which carry nothing that tells them from the next ones."""
+        """After a failure: read away late replies, which only by their command can be told from the next ones.
+
+        One that comes later still meets another command, since no scan asks the same thing twice in its first two
+        commands: that is a failure again.
+        """
         if not self._doubtful:
             return
         with named_errors(self.name):
             for endpoint in (OUT_ENDPOINT, IN_ENDPOINT):
-                self._port.device.clear_halt(endpoint)
+                self._port.clear_halt(endpoint)
         self._port.drain(IN_ENDPOINT, REPORT)
         self._doubtful = False
 

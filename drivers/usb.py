@@ -41,6 +41,10 @@ def find_usb(ids: Iterable[UsbId], backend: Any) -> list[Any]:
         return [device for device in found if (device.idVendor, device.idProduct) in wanted]
 
 
+class Stalled(TransferFailed):
+    """The device refused a transfer with STALL."""
+
+
 class UsbPort:
     """An opened device: one interface claimed, its kernel driver out of the way.
 
@@ -108,6 +112,11 @@ class UsbPort:
             except TransferFailed:
                 return
 
+    def clear_halt(self, endpoint: int) -> None:
+        """End the stall of an endpoint."""
+        with named_errors(self.name):
+            self.device.clear_halt(endpoint)
+
     def reset(self) -> None:
         """Reset the device on its USB port and claim it again."""
         with named_errors(self.name):
@@ -160,5 +169,5 @@ def _named(error: Any, name: str) -> DeviceError:
     if error.errno == TIMED_OUT:
         return TransferFailed("no answer in time", where=name, cause="a bridge or bus that hangs")
     if error.errno == STALL:
-        return TransferFailed("the bridge refused the transfer (stall)", where=name)
+        return Stalled("the bridge refused the transfer (stall)", where=name)
     return TransferFailed(f"USB error {error.errno}: {error.strerror}", where=name)

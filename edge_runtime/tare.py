@@ -17,13 +17,18 @@ class Tare:
 
     A sensor's bias is taken from its own first valid rows, so one that comes late is tared late. What comes out for a
     whole recording without invalid rows is what Preparation.apply gives.
+
+    resting [C]: what the unloaded hand reads, where that is known (`holdfast bias`); then the first rows may be loaded.
     """
 
-    def __init__(self, preparation: Preparation, n_channels: int) -> None:
+    def __init__(self, preparation: Preparation, n_channels: int, resting: FloatArray | None = None) -> None:
         self._preparation = preparation
         self._rows: list[list[FloatArray]] = [[] for _ in range(n_channels // 3)]
         self._sign, self._bias = np.ones(n_channels), np.zeros(n_channels)
         self._known = np.full(n_channels // 3, preparation.bias_rows == 0 and not preparation.flip_negative_normal)
+        if resting is not None:
+            self._sign, self._bias = preparation.learn(resting[None])
+            self._known[:] = True
 
     @property
     def known(self) -> BoolArray:

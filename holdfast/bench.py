@@ -1,6 +1,7 @@
 """`holdfast bench WHAT`: what accuracy costs in time, each as JSON and a table.
 
     effects      ns per sample of every effect of a scene
+    hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
     simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
                  laws of friction and, after `make peers`, MuJoCo on the same hold and pull
 """
@@ -11,6 +12,7 @@ import argparse
 import json
 import os
 import platform
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,7 @@ from edge_runtime.writing import require_writable, write_whole
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("what", choices=("effects", "simulator", "all"), metavar="WHAT", help="effects, simulator, all")
+    parser.add_argument("what", choices=(*MEASURES, "all"), metavar="WHAT", help=f"{', '.join(MEASURES)}, all")
     parser.add_argument("--out", type=place, default=Path("build/bench"), metavar="DIR", help="default build/bench")
 
 
@@ -30,8 +32,8 @@ def run(args: argparse.Namespace) -> int:
     from benchmarks.scenes_page import markdown
 
     require_writable(args.out)
-    for what in ("effects", "simulator") if args.what == "all" else (args.what,):
-        figures = _effects() if what == "effects" else _simulator(args.out)
+    for what in MEASURES if args.what == "all" else (args.what,):
+        figures = MEASURES[what](args.out)
         path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(), indent=2) + "\n")
         for title, rows in figures.items():
             if isinstance(rows, list):
@@ -40,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _effects() -> dict[str, Any]:
+def _effects(out: Path) -> dict[str, Any]:
     from benchmarks.effects import empty_list_over_core, prices
 
     return {"prices": prices(), "empty_list_over_core": empty_list_over_core()}
@@ -53,6 +55,20 @@ def _simulator(out: Path) -> dict[str, Any]:
 
     peers = {"hold_and_pull": rows(out), "friction": table()}
     return {"step": step_curve(), **size_curve(), "plausibility": plausibility(), **peers}
+
+
+def _hand(out: Path) -> dict[str, Any]:
+    from benchmarks.hand import delays, fault_table, latency, scan_costs
+
+    scans = scan_costs()
+    live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
+    compute_ms = 1e-3 * sum(live[0]["latency_us"][stage]["p50"] for stage in ("convert", "step", "decide", "emit"))
+    return {"scans": scans, "faults": fault_table(MODEL), "live": live, "delays": delays(scans, compute_ms)}
+
+
+MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {"effects": _effects, "hand": _hand, "simulator": _simulator}
+MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
 
 
 def _host() -> dict[str, Any]:

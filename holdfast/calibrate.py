@@ -6,14 +6,17 @@ twice; or a folder in the layout of eflesh_calibration (normal_force/ and shear_
 Every split leaves one probing out. In a CSV file a probing runs from unloaded to unloaded.
 
 The unit of the load in eflesh_calibration is written nowhere ("weight"), so `load_unit` looks for it in the data and
-refuses where nothing fits. Its evidence, printed with every run:
+refuses where not exactly one unit fits. Its evidence, printed with every run:
 
-- A reading of exactly -1 is no load: every second row has it, no other reading is below zero. It is left out.
-- The steepest part of a press gives the pad's stiffness and its largest load. In newtons the pad would carry 3.4 kN at
-  290 N/mm, in a machine that prints its position in micrometres; in millinewtons 3.4 N at 12 mm.
-- The authors publish 0.27 N. A network cannot be 250 times better than the best line through the same readings, so
-  newtons are out, nor should it be worse than a line, so millinewtons are out. Gram-force is what is left.
+- A reading of exactly -1 is no load: nearly every second row has it, no other reading is below zero. It is left out.
+- The deeper half of a press gives the pad's stiffness, and its end the largest load. In newtons the pad would carry
+  3.5 kN at 380 N/mm under a probe that an arm holds; in gram-force 34 N at 3.7 N/mm (shear: 18 N at 1.1 N/mm).
+- The authors publish 0.27 N and 0.12 N. A network is not 250 times better than the best line through the same
+  readings, so newtons are out; nor is it worse than a line, so millinewtons are out. Gram-force is what is left.
 - Centinewtons are 2 % off gram-force, and the data cannot tell these two apart; a column called "weight" can.
+
+The field needs no guess: it moves in steps of 2.4 (x, y) and 3.872 (z), or 0.6 and 0.968, which are 16 and 4 times the
+MLX90393's 0.150 and 0.242 uT.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.calibration import Calibration, fit, rmse_normal, rmse_shear, write_calibration
+from drivers.calibration import NORMAL_FLOOR, Calibration, fit, rmse_normal, rmse_shear, write_calibration
 from edge_runtime.command import place, seed
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
 from edge_runtime.errors import (
@@ -48,7 +51,6 @@ PUBLISHED_N = {"normal": 0.27, "shear": 0.12}
 UNITS_N = {"newton": 1.0, "gram-force": 9.80665e-3, "millinewton": 1e-3}
 LARGEST_PLAUSIBLE_N = 200.0
 """More than an arm that probes a palm-sized printed pad can push."""
-GRAM_FORCE = "gram-force"
 NO_LOAD = -1.0
 KINDS = {"normal_force": NORMAL_AXIS, "shear_force": 0}
 """Folder, and the axis its load is on. Which way the pad was sheared is not told; it is called x here."""
@@ -70,13 +72,15 @@ class Probing:
 
 @dataclass(frozen=True)
 class Study:
-    """Probings of one piece of hardware. load_n: newtons in one unit of the load. rest_ut: [S, 3] or None."""
+    """Probings of one piece of hardware. load_n: newtons in one unit of the load. rest_ut: [S, 3] or None,
+    reversed_: [S] magnets found upside down, or None where polarity says nothing."""
 
     name: str
     probings: tuple[Probing, ...]
     load_unit: str
     load_n: float
     rest_ut: FloatArray | None
+    reversed_: BoolArray | None
     evidence: tuple[str, ...]
 
     @property
@@ -114,7 +118,7 @@ class Judged:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("path", type=place, metavar="PATH", help="a CSV file (Time,X1..Zn,Fx,Fy,Fz), or eflesh's folder")
+    parser.add_argument("path", type=place, metavar="PATH", help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or eflesh's folder")
     parser.add_argument("--out", type=place, required=True, metavar="FILE", help="the calibration, as JSON")
     parser.add_argument("--json", type=place, metavar="FILE", help="also the figures, as JSON")
     parser.add_argument("--date", default=date.today().isoformat(), metavar="DAY", help="of the loads (default today)")
@@ -157,7 +161,7 @@ def judge(study: Study, source: str, day: str, seed: int) -> tuple[Calibration, 
     """The calibration of all probings; and the line and the trees, judged on each probing by the others."""
     fitted = fit(
         study.field_ut, study.force_n, study.blocks,
-        rest_ut=None, source=f"{source}/{study.name}", date=day, load_unit=study.load_unit,
+        reversed_=study.reversed_, source=f"{source}/{study.name}", date=day, load_unit=study.load_unit,
     )  # fmt: skip
     plain = fitted.calibration
     calibration = Calibration(plain.matrix, study.rest_ut, plain.reversed, plain.meta)
@@ -222,7 +226,7 @@ def _probed_study(folder: Path, axis: int) -> Study:
     loads = np.concatenate([one.load[:, axis] for one in probings])
     missing = f"-1 stands for no reading in {sum(m for _, _, m in read)} rows, left out; no other reading is below zero"
     unit, evidence = load_unit(probings, axis, loads, depth_mm)
-    return Study(folder.name, probings, unit, UNITS_N[unit], None, (missing, *evidence))
+    return Study(folder.name, probings, unit, UNITS_N[unit], None, None, (missing, *evidence))
 
 
 def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
@@ -246,7 +250,7 @@ def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
 def load_unit(
     probings: Sequence[Probing], axis: int, loads: FloatArray, depth_mm: FloatArray
 ) -> tuple[str, tuple[str, ...]]:
-    """(unit of the load column, the evidence in words), from the readings alone; UnitError where none is left."""
+    """(unit of the load column, the evidence): the readings and the published error leave one unit, else UnitError."""
     published = PUBLISHED_N["normal" if axis == NORMAL_AXIS else "shear"]
     blocks = np.repeat(np.arange(len(probings)), [len(one.load) for one in probings])
     line = fit(
@@ -264,9 +268,14 @@ def load_unit(
             f"as {unit}: largest {loads.max() * newton:.4g} N, stiffness {stiffness * newton:.3g} N/mm, the published "
             f"{published} N would be {ratio:.2g} of a line's error: {'possible' if fits else 'out'}"
         )
-    if left != [GRAM_FORCE]:
-        raise UnitError(f"the load column fits {left or 'no unit'}, not gram-force alone", next_step="; ".join(lines))
-    return GRAM_FORCE, (*lines, "taken as gram-force; centinewton (2 % more) cannot be told apart by the data")
+    if len(left) != 1:
+        raise UnitError(
+            f"the load column fits {' and '.join(left) or 'no unit we know'}",
+            cause="; ".join(lines),
+            next_step="ask who recorded it",
+        )
+    doubt = "; centinewton (2 % more) cannot be told apart by the data" if left == ["gram-force"] else ""
+    return left[0], (*lines, f"taken as {left[0]}{doubt}")
 
 
 def _resolution(loads: FloatArray) -> float:
@@ -285,7 +294,7 @@ def _table(path: Path) -> FloatArray:
     try:
         table = np.loadtxt(path, delimiter=",", ndmin=2)
     except OSError:
-        raise DataNotFound("cannot be read", where=path, cause="an interrupted copy", next_step="copy it again") from None
+        raise DataNotFound("no such file, or unreadable", where=path, next_step="copy the folder again") from None
     except ValueError as error:
         raise NotANumber(str(error), where=path, next_step="write plain decimal numbers") from None
     if not table.size or not np.isfinite(table).all():
@@ -311,7 +320,10 @@ def _csv_study(path: Path) -> Study:
     pieces = [_tared(field[a:b], force[a:b]) for a, b in bounds]
     probings = tuple(Probing(f"probing {k + 1}", moved, force) for k, (moved, force, _) in enumerate(pieces))
     rest_ut = np.median([rest for _, _, rest in pieces], axis=0)
-    return Study(path.stem, probings, "N", 1.0, rest_ut, (f"{int(lost.sum())} rows with a lost value left out",))
+    reversed_ = rest_ut[:, NORMAL_AXIS] < -NORMAL_FLOOR["uT"]
+    names = ", ".join(str(k + 1) for k in np.flatnonzero(reversed_)) or "none"
+    evidence = (f"{int(lost.sum())} rows with a lost value left out; sensors with a reversed magnet: {names}",)
+    return Study(path.stem, probings, "N", 1.0, rest_ut, reversed_, evidence)
 
 
 def _tared(field: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

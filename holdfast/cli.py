@@ -15,11 +15,15 @@ from edge_runtime.errors import UsageError
 
 VERBS = {
     "simulate": ("holdfast.simulate", "a scene card -> trials with their truth, no hardware needed"),
+    "board": ("holdfast.board", "udev rules and a systemd unit for the board"),
     "doctor": ("holdfast.doctor", "say what is here, what is missing, and how to get it"),
     "train": ("training.train", "recordings -> an artifact folder (forests, spec, held-out figures)"),
     "export": ("export.export", "artifact folder -> one verified, sealed holdfast.onnx"),
     "evaluate": ("holdfast.evaluate", "score a model file on a labelled set or folder"),
     "bench": ("holdfast.bench", "what accuracy costs in time, as JSON and tables"),
+    "scan": ("holdfast.scan", "bridges, sensors, addresses, and what is wrong with them"),
+    "calibrate": ("holdfast.calibrate", "known loads -> field to force, judged on probings it never saw"),
+    "bias": ("holdfast.bias", "what the unloaded hand reads, with a look at how good that is"),
     "run": ("holdfast.run", "read a hand live and answer every sample"),
     "replay": ("holdfast.replay", "a model's answers on a recorded trial, one JSON line a sample"),
 }

@@ -8,13 +8,14 @@ import json
 import os
 import platform
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
 EXTRAS = {
-    "live path": ("numpy", "onnxruntime"),
+    "live path": ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
     "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
     "viz": ("matplotlib",),
 }
@@ -54,6 +55,12 @@ def examine() -> list[Finding]:
         ("onnxruntime", _runtime),
         ("data sets", _data_sets),
         ("model", _default_model),
+        ("libusb", _libusb),
+        ("bridges", _bridges),
+        ("i2c", _native_buses),
+        ("udev", _udev),
+        ("clock", _clock),
+        ("governor", _governor),
     ]
     return [finding for name, check in checks for finding in _safely(name, check)]
 
@@ -122,3 +129,67 @@ def _default_model() -> list[Finding]:
         return [Finding("model", "ok", f"{path}, id {Model(path).card.model_id}, golden sequences reproduced")]
     except HoldfastError as error:
         return [Finding("model", "broken", str(error), error.next_step)]
+
+
+def _libusb() -> list[Finding]:
+    from drivers.usb import real_backend
+    from edge_runtime.errors import LibraryMissing
+
+    try:
+        return [Finding("libusb", "ok", str(real_backend().lib._name))]
+    except LibraryMissing as error:
+        return [Finding("libusb", "missing", str(error), "apt install libusb-1.0-0")]
+
+
+def _bridges() -> list[Finding]:
+    """Every bridge on USB: whether this user may open it, and which kernel driver is bound."""
+    from drivers.bridges import BRIDGES, ids_of
+    from drivers.usb import UsbPort, find_usb, real_backend
+    from edge_runtime.errors import DeviceError
+
+    findings = []
+    for name in BRIDGES:
+        for number in range(len(find_usb(ids_of(name), real_backend()))):
+            try:
+                UsbPort(name, ids_of(name), real_backend(), number=number).close()
+                findings.append(Finding(f"bridge {name}", "ok", "can be opened"))
+            except DeviceError as error:
+                step = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules, then plug it in anew"
+                findings.append(Finding(f"bridge {name}", "broken", str(error), step))
+    return findings or [Finding("bridges", "missing", "none on USB", "virtual://ft232h needs none")]
+
+
+def _native_buses() -> list[Finding]:
+    buses = sorted(Path("/dev").glob("i2c-*"))
+    if not buses:
+        return [Finding("i2c", "missing", "no /dev/i2c-*", "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt")]
+    closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
+    if closed:
+        return [Finding("i2c", "broken", f"not allowed: {', '.join(closed)}", "sudo usermod -aG i2c $USER")]
+    return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
+
+
+def _udev() -> list[Finding]:
+    folder = Path("/etc/udev/rules.d")
+    if not folder.is_dir():
+        return [Finding("udev", "missing", "no /etc/udev/rules.d", "as root, or without udev, USB is open anyway")]
+    found = [rule for rule in folder.glob("*.rules") if "6014" in rule.read_text(encoding="utf-8", errors="replace")]
+    step = "" if found else "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
+    return [Finding("udev", "ok" if found else "missing", ", ".join(map(str, found)) or "no rule of ours", step)]
+
+
+def _clock() -> list[Finding]:
+    info = time.get_clock_info("monotonic")
+    fine = info.monotonic and info.resolution <= 1e-6
+    found = f"{info.implementation}, resolution {1e9 * info.resolution:g} ns"
+    return [Finding("clock", "ok" if fine else "broken", found, "" if fine else "a kernel with high-resolution timers")]
+
+
+def _governor() -> list[Finding]:
+    files = sorted(Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
+    if not names:
+        return [Finding("governor", "ok", "the kernel does not change the clock rate")]
+    fast = names == ["performance"]
+    step = "" if fast else "cpupower frequency-set -g performance, for a steady latency"
+    return [Finding("governor", "ok" if fast else "missing", ", ".join(names), step)]

@@ -19,6 +19,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
 from drivers.bus import Bus
 from drivers.hand import Hand
 from drivers.layout import read_layout
@@ -28,9 +29,9 @@ from drivers.tmag5273 import Setup
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Source
-from holdfast.bridges import BRIDGES, open_native, open_usb, open_virtual
 from holdfast.sources import open_source
 
+HANDS = ("usb", "i2c", "virtual")
 HAND_KEYS = ("layout", "averages", "burst", "bus_hz", "number")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
@@ -70,21 +71,30 @@ def open_live(
     Raises UsageError for a URL that cannot be, and what the hand or the recording raises.
     """
     told = _taken_apart(url)
+    if told.scheme not in HANDS:
+        return Paced(open_source(url), clock.now_ns)
     if told.scheme == "virtual":
-        return _started(_virtual(told, clock), told, clock, say, to_force or _scene_force())
+        to_force = to_force or _scene_force()
+    return _started(_opener(told, clock), told, clock, say, to_force)
+
+
+def open_bus(url: str, clock: Any) -> Bus:
+    """The bus behind a hand's URL, nothing brought up. Raises UsageError, and what the bridge raises."""
+    told = _taken_apart(url)
+    if told.scheme not in HANDS:
+        raise UsageError(f"{url!r} is no hand", next_step=f"{'://.., '.join(HANDS)}://..")
+    return _opener(told, clock)()
+
+
+def _opener(told: Told, clock: Any) -> Callable[[], Bus]:
+    """What opens the bridge, now and after it was lost."""
+    _known(told, VIRTUAL_KEYS if told.scheme == "virtual" else HAND_KEYS)
+    number, bus_hz = told.number("number", 0), told.number("bus_hz", 400_000)
+    if told.scheme == "virtual":
+        return _virtual(told, clock, bus_hz)
     if told.scheme == "usb":
-        _known(told, HAND_KEYS)
-        return _started(lambda: open_usb(told.name, told.number("number", 0), told.number("bus_hz", 400_000)),
-                        told, clock, say, to_force)  # fmt: skip
-    if told.scheme == "i2c":
-        _known(told, HAND_KEYS)
-        return _started(lambda: open_native(told.name), told, clock, say, to_force)
-    return Paced(open_source(url), clock.now_ns)
-
-
-def is_hand(url: str) -> bool:
-    """Whether a URL names a hand, real or virtual, and not a recording."""
-    return _taken_apart(url).scheme in ("usb", "i2c", "virtual")
+        return lambda: open_usb(told.name, number, bus_hz)
+    return lambda: open_native(told.name)
 
 
 def _taken_apart(url: str) -> Told:
@@ -120,11 +130,10 @@ def _started(
     return LiveHand(hand, to_force)
 
 
-def _virtual(told: Told, clock: Any) -> Callable[[], Bus]:
+def _virtual(told: Told, clock: Any, bus_hz: int) -> Callable[[], Bus]:
     from drivers.virtual.faults import read_fault
     from drivers.virtual.hand import LAYOUTS, VirtualHand
 
-    _known(told, VIRTUAL_KEYS)
     if told.text("layout", "mux") not in LAYOUTS:
         raise UsageError("a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}")
     seed = told.number("seed", 0)
@@ -135,7 +144,7 @@ def _virtual(told: Told, clock: Any) -> Callable[[], Bus]:
         seed=seed,
         faults=[read_fault(text) for text in told.options.get("fault", [])],
     )
-    return open_virtual(told.name, hand, told.number("bus_hz", 400_000))
+    return open_virtual(told.name, hand, bus_hz)
 
 
 def _track(scene: str, seed: int, trial: int) -> Any:

@@ -10,13 +10,13 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.clock import MonotonicClock
 from edge_runtime.command import place
-from edge_runtime.contract import Prediction, Sample
+from edge_runtime.contract import FloatArray, Prediction, Sample
 from edge_runtime.errors import ChannelError, UnitError
 from edge_runtime.live import Measured, Source, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
@@ -33,7 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--udp", metavar="HOST:PORT", help="JSON lines as datagrams too")
     parser.add_argument("--samples", type=place, metavar="FILE", help="the prepared samples, to replay, into a new CSV")
     parser.add_argument("--quiet", action="store_true", help="no JSON lines on stdout")
+    parser.add_argument("--view", action="store_true", help="a picture of the stream in the terminal (needs rich)")
+    parser.add_argument("--calibration", type=place, metavar="FILE", help="field to force, of holdfast calibrate")
+    parser.add_argument("--bias", type=place, metavar="FILE", help="of holdfast bias (default: first rows)")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
+
+
+Emit = Callable[[Prediction, Sample, Measured], None]
 
 
 class RunClock(MonotonicClock):
@@ -53,9 +59,18 @@ def run(args: argparse.Namespace) -> int:
         sinks += [enter(file_sink(args.out))] if args.out else []
         sinks += [enter(udp_sink(args.udp))] if args.udp else []
         stopped, keep = enter(stop_signals()), enter(kept_samples(args.samples, model))
-        source = open_live(args.source, clock=clock, say=say)
+        show = enter(_view(model)) if args.view else _no_view
+        emit = emit_to(sinks)
+
+        def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+            emit(prediction)
+            keep(sample)
+            show(prediction, sample, measured)
+
+        source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
         try:
-            summary = answer(source, model, clock, [emit_to(sinks), keep], until(stopped, clock, args.seconds))
+            resting = resting_of(args.bias, source)
+            summary = answer(source, model, clock, pass_on, until(stopped, clock, args.seconds), resting)
         finally:
             source.close()
     say_summary(summary, model)
@@ -63,7 +78,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def answer(
-    source: Source, model: Model, clock: Any, emits: list[Callable[..., None]], stopped: Callable[[], bool]
+    source: Source,
+    model: Model,
+    clock: Any,
+    emit: Emit,
+    stopped: Callable[[], bool],
+    resting: FloatArray | None = None,
 ) -> Summary:
     """The live loop on a source that fits the model. Raises ChannelError, UnitError."""
     card = model.card
@@ -76,14 +96,43 @@ def answer(
             f"the source is in {source.unit}, the model wants {card.unit}", cause="a hand without its calibration",
             next_step="holdfast calibrate, then --calibration FILE",
         )  # fmt: skip
-    emit, keep = emits
-
-    def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> None:
-        emit(prediction)
-        keep(sample)
-
     monitor = GripMonitor(model, clock.now_ns)
-    return run_live(source, monitor, Tare(card.preparation, card.n_channels), clock, pass_on, stopped=stopped)
+    tare = Tare(card.preparation, card.n_channels, resting)
+    return run_live(source, monitor, tare, clock, emit, stopped=stopped)
+
+
+def resting_of(path: Path | None, source: Source) -> FloatArray | None:
+    """A bias file [C] that fits the source, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from drivers.calibration import read_bias
+
+    bias = read_bias(path)
+    if bias.unit != source.unit or len(bias.values) != source.n_channels:
+        raise UnitError(
+            f"{len(bias.values)} channels in {bias.unit}, the source has {source.n_channels} in {source.unit}",
+            where=path, cause="taken with another calibration or hand", next_step="holdfast bias again",
+        )  # fmt: skip
+    return bias.values
+
+
+def force_of(path: Path | None) -> Callable[[FloatArray], FloatArray] | None:
+    """A calibration file as what it does, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from drivers.calibration import read_calibration
+
+    return read_calibration(path).apply
+
+
+def _view(model: Model) -> AbstractContextManager[Emit]:
+    from holdfast.view import viewed
+
+    return viewed(model.card.unit)
+
+
+def _no_view(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+    """Nobody looks."""
 
 
 def until(stopped: Callable[[], bool], clock: Any, seconds: float | None) -> Callable[[], bool]:

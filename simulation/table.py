@@ -36,9 +36,10 @@ def _full(rows: int, letter: int) -> npt.NDArray[np.uint8]:
 def _cells(values: FloatArray, decimals: int) -> npt.NDArray[np.uint8]:
     """[T, width] letters, blanks in front."""
     lost = np.isnan(values)
-    scaled = np.rint(np.where(lost, 0.0, values) * 10.0**decimals)
-    if not (np.abs(scaled) < LARGEST).all():
+    found = np.where(lost, 0.0, values)
+    if not (np.abs(found) < LARGEST / 10.0**decimals).all():
         raise ValueError("a value is infinite or has more digits than it can hold")
+    scaled = np.rint(found * 10.0**decimals)
     left = np.abs(scaled).astype(np.int64)
     digits = max(len(str(int(left.max(initial=0)))), decimals + 1, 3)
     if left.max(initial=0) < 2**31:

@@ -46,11 +46,11 @@ class Bench:
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)), say=self.said.append,
         )  # fmt: skip
 
-    def read_for(self, seconds: float) -> list[Reading]:
+    def read_for(self, seconds: float, rate_hz: float = 150.0) -> list[Reading]:
         start_ns = self.clock.now_ns()
         readings = []
-        for k in range(round(150 * seconds)):
-            self.clock.wait_until(start_ns + k * PERIOD_NS)
+        for k in range(round(rate_hz * seconds)):
+            self.clock.wait_until(start_ns + round(1e9 * k / rate_hz))
             readings.append(self.hand.read())
         return readings
 
@@ -101,6 +101,14 @@ def test_a_chip_that_converts_no_more_is_stale_within_twenty_milliseconds_and_on
     assert found[-1].t_ns < 1.3e9 + 100e6
     gaps = np.diff([r.t_ns for r in found])
     assert gaps.max() < 1.5 * PERIOD_NS  # never good in between
+
+
+def test_a_slow_reader_takes_no_roll_over_of_the_counter_for_a_stop_and_still_sees_one():
+    readings = started("frozen:2@4+1").read_for(6.0, rate_hz=50.0)
+    found = bad(readings)
+    assert found == bad(readings, finger=2)
+    assert 4e9 < found[0].t_ns < 4e9 + STALE_NS + 2 * 20e6
+    assert found[-1].t_ns < 5.1e9
 
 
 @pytest.mark.parametrize(("fault", "why"), [("por:4@1", "reset"), ("sleep:4@1", "nack"), ("diag:4@1+0.1", "diagnosis")])

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -171,6 +172,14 @@ def test_a_finger_that_comes_late_is_tared_late_and_believed_only_then():
 # -- a virtual hand, end to end
 
 
+def kept(answers: list[Prediction], samples: list[Sample]) -> Callable[[Prediction, Sample, Measured], None]:
+    def emit(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+        answers.append(prediction)
+        samples.append(sample)
+
+    return emit
+
+
 def live(model: Model, url: str, seconds: float) -> tuple[Summary, list[Prediction], list[Sample], list[str]]:
     clock = VirtualClock()
     said: list[str] = []
@@ -178,7 +187,7 @@ def live(model: Model, url: str, seconds: float) -> tuple[Summary, list[Predicti
     samples: list[Sample] = []
     source = open_live(url, clock=clock, say=said.append)
     end_ns = clock.now_ns() + round(1e9 * seconds)
-    summary = answer(source, model, clock, [answers.append, samples.append], lambda: clock.now_ns() >= end_ns)
+    summary = answer(source, model, clock, kept(answers, samples), lambda: clock.now_ns() >= end_ns)
     source.close()
     return summary, answers, samples, said
 
@@ -227,7 +236,7 @@ def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Bui
     trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
     source = Paced(open_replay(trial), clock.now_ns)
     answers: list[Prediction] = []
-    answer(source, model, clock, [answers.append, lambda sample: None], lambda: False)
+    answer(source, model, clock, kept(answers, []), lambda: False)
     monitor = GripMonitor(model, VirtualClock().now_ns)
     offline = [monitor.feed(sample) for sample in open_replay(trial).prepared(model.card.preparation)]
     settle = model.card.preparation.bias_rows + model.card.settle_samples
@@ -252,10 +261,10 @@ def test_a_model_for_another_unit_or_hand_is_refused_before_the_first_sample(mod
     source = Steady(clock, 1)
     source.unit = "uT"
     with pytest.raises(UnitError, match="calibrate"):
-        answer(source, model, clock, [print, print], lambda: False)
+        answer(source, model, clock, kept([], []), lambda: False)
     source.unit, source.n_channels = "N", 15
     with pytest.raises(ChannelError, match="15 channels"):
-        answer(source, model, clock, [print, print], lambda: False)
+        answer(source, model, clock, kept([], []), lambda: False)
 
 
 @pytest.mark.parametrize(
@@ -321,3 +330,55 @@ def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
     assert all(json.loads(line) for line in (*lines, *out.splitlines()))
     assert "samples" in err
     assert "read to emit" in err
+
+
+def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model):
+    from rich.console import Console
+
+    from holdfast.view import picture, viewed
+
+    _, answers, samples, _ = live(model, "virtual://ft232h?fault=nack:3@0.5%2B5", 1.0)
+    measured = Measured(0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", ""))
+    console = Console(file=io.StringIO(), width=80, force_terminal=True)
+    console.print(picture(answers[-1], samples[-1], measured, "N"))
+    text = console.file.getvalue()
+    assert "UNKNOWN" in text
+    assert "nack" in text
+    assert "risky slip" in text
+    with viewed("N", console=Console(file=io.StringIO(), width=80, force_terminal=True)) as show:
+        show(answers[-1], samples[-1], measured)
+
+
+def test_scan_names_every_sensor_and_the_layout_to_use(capsys):
+    from holdfast.cli import main
+
+    assert main(["scan", "virtual://ft232h?layout=mux6&fault=diag:3@0%2B100"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("TMAG5273 A1 (40/80 mT)") == 6
+    assert "its own diagnosis failed" in out
+    assert "layout=0:35,1:35,2:35,3:35,4:35,5:35" in out
+    assert "serves" in out
+
+
+def test_scan_without_a_bridge_says_what_to_do_next(capsys):
+    from holdfast.cli import main
+
+    assert main(["scan"]) == 6
+    assert "holdfast doctor" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("part", "holds"), [("udev", "6014"), ("service", "NoNewPrivileges=yes")])
+def test_the_board_s_files_come_out_whole(capsys, part, holds):
+    from holdfast.cli import main
+
+    assert main(["board", part]) == 0
+    assert holds in capsys.readouterr().out
+
+
+def test_the_udev_rules_name_every_bridge():
+    from drivers.bridges import BRIDGES, ids_of
+
+    rules = (ROOT / "drivers" / "board" / "70-holdfast.rules").read_text()
+    for name in BRIDGES:
+        for vendor, product in ids_of(name):
+            assert f'ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}"' in rules

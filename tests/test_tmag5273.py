@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ FIRST = Transfer(0x70, bytes([0b01]))
 class Bench:
     """A virtual hand on a bridge of its own."""
 
-    def __init__(self, **told: object) -> None:
+    def __init__(self, **told: Any) -> None:
         self.clock = VirtualClock()
         self.hand = VirtualHand(self.clock, **told)
         self.backend = VirtualBackend(VirtualFt232h(self.hand), self.clock, self.hand.faults, self.hand.power_off)

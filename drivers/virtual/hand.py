@@ -70,6 +70,7 @@ class VirtualHand:
     def power_off(self) -> None:
         """Power goes and comes back: everything on the wire begins anew."""
         self.mux.power_on()
+        self.wire.power_on()
         for chip in self.chips:
             chip.power_on()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import itertools
 import os
 import sys
 from types import TracebackType
@@ -27,8 +28,8 @@ BUS_HZ = 400_000
 IOCTL_NS = 50_000
 """Interrupts, context switches and the controller's set-up."""
 TIMEOUT_NS = 1_000_000_000
-FIRST_FD = 1_000_000
-"""No real file has such a number."""
+_NUMBERS = itertools.count(1_000_000)
+"""Of files; no real one has such a number."""
 
 
 class VirtualI2cDev:
@@ -78,9 +79,7 @@ class VirtualI2cDev:
             raise _error(errno.ENOENT)
         if not self.readable:
             raise _error(errno.EACCES)
-        fd = FIRST_FD + id(self) % 1000 * 1000 + len(self._opened)
-        while fd in self._opened:
-            fd += 1
+        fd = next(_NUMBERS)
         self._opened[fd] = self._generation
         return fd
 

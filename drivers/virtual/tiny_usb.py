@@ -1,4 +1,9 @@
-"""An i2c-tiny-usb with one of four firmwares, which agree on everything but an address that nobody acknowledges."""
+"""An i2c-tiny-usb with one of four firmwares, which disagree on what to say where nobody acknowledges.
+
+Two of them swing the pins themselves: to them SDA held low is an acknowledge, and what they clock frees the bus; and
+after a message without STOP a BEGIN makes no START, since they take SCL for high. The other two have a controller,
+which takes SDA held low for a bus that is not theirs (nothing is acknowledged) and always makes a START.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +11,7 @@ from dataclasses import dataclass
 
 from drivers.virtual.hand import VirtualHand
 from drivers.virtual.usb_backend import Device, stall
+from drivers.virtual.wire import BITS_OF_A_BYTE
 
 VENDOR_OUT, VENDOR_IN = 0x41, 0xC1
 ECHO, GET_FUNC, SET_DELAY, GET_STATUS, I2C_IO = 0, 1, 2, 3, 4
@@ -14,7 +20,7 @@ FLAG_READ = 1
 FUNC = 0x0EFF0009
 """I2C_FUNC_I2C and what the kernel emulates with it."""
 IDLE, ACKED, NOT_ACKED = 0, 1, 2
-BUFFER = 64
+BUFFER = 254
 
 
 @dataclass(frozen=True)
@@ -22,6 +28,7 @@ class Firmware:
     """speed on USB; time of a control transfer and of a bit, ns. absent: what a read of an absent chip answers.
 
     data_nak: whether a written byte that nobody acknowledges is reported ("status"), answered with "stall", or not.
+    largest: message, bytes. swings: the pins, by itself. empty_reads: a write of nothing is made a read of a byte.
     """
 
     speed: str
@@ -29,13 +36,16 @@ class Firmware:
     bit_ns: int
     absent: str
     data_nak: str
+    largest: int
+    swings: bool = False
+    empty_reads: bool = False
 
 
 FIRMWARES = {
-    "avr": Firmware("low", 3_000_000, 20_000, "zeros", ""),
-    "rp2040": Firmware("full", 350_000, 2_500, "stale", "status"),
-    "stm32": Firmware("full", 350_000, 2_500, "nothing", "status"),
-    "pico": Firmware("full", 350_000, 10_000, "stall", "stall"),
+    "avr": Firmware("low", 3_000_000, 20_000, "zeros", "", 254, swings=True),
+    "rp2040": Firmware("full", 350_000, 2_500, "stale", "status", 254, empty_reads=True),
+    "stm32": Firmware("full", 350_000, 2_500, "nothing", "status", 64),
+    "pico": Firmware("full", 350_000, 10_000, "stall", "stall", 64, swings=True),
 }
 """harbaum's and the Digispark's, Nicolai Electronics', i2c-star, I2C-Pico-USB."""
 
@@ -47,7 +57,7 @@ class VirtualTinyUsb(Device):
     interfaces = ((),)
     kernel_driver = frozenset({0})  # i2c-tiny-usb
 
-    def __init__(self, hand: VirtualHand, firmware: str = "avr") -> None:
+    def __init__(self, hand: VirtualHand, firmware: str = "rp2040") -> None:
         self.hand, self.firmware = hand, FIRMWARES[firmware]
         self.speed = self.firmware.speed
         self.delay_us = 0
@@ -56,6 +66,7 @@ class VirtualTinyUsb(Device):
     def reset(self) -> None:
         """As plugged in."""
         self.delay_us, self._status, self._buffer = 10, IDLE, bytes(BUFFER)
+        self._open = False
 
     def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
         """SET_DELAY, or a message to write."""
@@ -87,11 +98,15 @@ class VirtualTinyUsb(Device):
     # -- messages
 
     def _write(self, request: int, address: int, data: bytes) -> None:
+        self._fits(len(data))
         bits = self.hand.wire.bits
-        absent = not self._address(address << 1)
+        reads = self.firmware.empty_reads and not data
+        absent = not self._address(request, address << 1 | reads)
+        if reads and not absent:
+            self.hand.wire.read()
         refused = not absent and not all([self.hand.wire.write(byte) for byte in data])
         if absent or request & END or (refused and self.firmware.data_nak):
-            self.hand.wire.stop()
+            self._stop()
         self._spend_bits(bits)
         if refused and self.firmware.data_nak == "status":
             self._status = NOT_ACKED
@@ -99,24 +114,42 @@ class VirtualTinyUsb(Device):
             raise stall()
 
     def _read(self, request: int, address: int, length: int) -> bytes:
+        self._fits(length)
         bits = self.hand.wire.bits
-        present = self._address(address << 1 | 1)
+        present = self._address(request, address << 1 | 1)
         data = bytes(self.hand.wire.read() for _ in range(length)) if present else b""
         if not present or request & END:
-            self.hand.wire.stop()
+            self._stop()
         self._spend_bits(bits)
         if not present:
             return self._absent(length)
         self._buffer = (data + self._buffer[len(data) :])[:BUFFER]
         return data
 
-    def _address(self, byte: int) -> bool:
+    def _stop(self) -> None:
+        self._open = False
+        self.hand.wire.stop()
+
+    def _address(self, request: int, byte: int) -> bool:
         """START (or START again), then the address: the status is about this."""
         self.hand.suffer()
-        self.hand.wire.start()
-        acked = self.hand.wire.write(byte)
+        if not (self._open and request & BEGIN and self.firmware.swings):
+            self.hand.wire.start()
+        self._open = True
+        acked = self._swing() if self.firmware.swings and self.hand.wire.held_low else self.hand.wire.write(byte)
         self._status = ACKED if acked else NOT_ACKED
         return acked
+
+    def _swing(self) -> bool:
+        """An address while SDA is held low: no START is seen, nine clocks go out, and the last looks acknowledged."""
+        for _ in range(BITS_OF_A_BYTE):
+            self.hand.wire.clock()
+        self.hand.wire.stop()
+        return True
+
+    def _fits(self, length: int) -> None:
+        if length > self.firmware.largest:
+            raise stall()
 
     def _absent(self, length: int) -> bytes:
         """What comes where no data are."""

@@ -52,6 +52,10 @@ class Wire:
         """A chip was cut off in the middle of a byte and holds SDA until it has been clocked on."""
         self._clocks_to_go = CLOCKS_TO_FREE
 
+    def power_on(self) -> None:
+        """Whoever held SDA low has lost its power meanwhile."""
+        self._clocks_to_go = 0
+
     def clock(self) -> None:
         """One clock pulse with SDA released."""
         self.bits += 1

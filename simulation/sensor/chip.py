@@ -10,7 +10,7 @@ from simulation.effect import Drawn, Effect, Signal
 from simulation.values import Parameter
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
-"""1 sigma at 32 conversions averaged (data sheet SLYS045); 125 and 68 uT at one."""
+"""1 sigma at 32 conversions averaged (data sheet SLYS045); its 125 and 68 uT at one fit root 32 within 10 %."""
 RANGE_UT = np.array([40e3, 40e3, 80e3])
 
 

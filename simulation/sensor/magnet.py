@@ -54,7 +54,8 @@ def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
 def dipole(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
     """Force moves a magnet in silicone, and the chip under it reads the field of a dipole, uT, rest field included.
 
-    Displacement F / (k (1 + |F| / 30 N)), k 30 N/mm in and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
+    Displacement F / (k (1 + |F| / 30 N)) axis by axis, k 30 N/mm in and 15 N/mm sideways (a Shore-35A dome);
+    field: dipole_ut.
     """
     return replace(signal, values=dipole_ut(place_m(signal.values, drawn["height_mm"])), unit="uT")
 

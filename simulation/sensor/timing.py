@@ -29,10 +29,15 @@ def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sig
 
 
 def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A share of the samples never comes, in bursts of 1 to 3 rows, never the first two or the last."""
-    n = len(signal.t_s)
+    """A share of the samples never comes, in bursts of 1 to 3 rows, never the first two or the last.
+
+    Two rows come between bursts, then one begins with probability p a row: m / (m + 1 + 1 / p) is lost, m the mean
+    burst.
+    """
+    n, mean = len(signal.t_s), 0.5 * (1 + LONGEST_BURST)
     bursts = rng.integers(1, LONGEST_BURST + 1, n)
-    begins = rng.uniform(size=n) < drawn["share"] / bursts.mean()
+    share = drawn["share"]
+    begins = rng.uniform(size=n) < (1.0 / (mean / share - mean - 1.0) if share else 0.0)
     kept = np.ones(n, dtype=np.bool_)
     last = -LONGEST_BURST
     for start in np.flatnonzero(begins):

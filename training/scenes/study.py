@@ -38,7 +38,7 @@ CAVEAT = (
     "people. The figures show what the method can tell apart in the scenes' physics, not how good it is on a hand."
 )
 """Stands beside every number of the study."""
-STAGES = 11 + RETRAININGS
+STAGES = 10 + RETRAININGS
 """Lines one rate says, for the progress bar, when every card is there."""
 
 

@@ -1,0 +1,200 @@
+"""What reading six fingertips costs and how it fails: on the virtual hand, through the drivers that real ones have.
+
+Times of transfers are the emulation's (wire bits at the bus's speed, a USB round trip as its class has it), not
+measured on silicon; times of computing are this machine's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.bridges import BRIDGES, open_virtual
+from drivers.hand import Hand
+from drivers.layout import read_layout
+from drivers.live_hand import LiveHand
+from drivers.tmag5273 import Setup, conversion_s
+from drivers.virtual.clock import VirtualClock
+from drivers.virtual.faults import read_fault
+from drivers.virtual.hand import VirtualHand
+from edge_runtime.clock import MonotonicClock
+from edge_runtime.contract import FloatArray, Prediction, Sample
+from edge_runtime.live import Measured, Summary, run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.tare import Tare
+from edge_runtime.timing import busy_wait, time_in_turns
+
+GRAVITY_M_S2 = 9.81
+CLOSING_S = 0.37
+"""Full stroke of the Michelangelo hand."""
+FAULTS = {
+    "nack:3@3+0.3": "finger 3 does not acknowledge for 0.3 s",
+    "frozen:2@3+0.3": "finger 2 converts no more for 0.3 s",
+    "por:4@3": "finger 4 loses its power for an instant",
+    "sleep:5@3": "finger 5 has fallen asleep",
+    "diag:6@3+0.3": "finger 6 fails its own diagnosis for 0.3 s",
+    "stuck@3": "SDA is held low",
+    "stall@3+0.1": "the bridge stalls for 0.1 s",
+    "late@3+0.1": "the bridge answers too late for 0.1 s",
+    "short@3+0.1": "the bridge answers by halves for 0.1 s",
+    "unplug@3+0.5": "the bridge is unplugged for 0.5 s",
+}
+FAULT_AT_S, FAULT_RUN_S = 3.0, 6.0
+SCANS = 50
+RATES_HZ = (300.0, 150.0, 100.0, 50.0)
+SPARE = 0.8
+ACT_SAMPLES = 2
+
+
+@dataclass
+class Bench:
+    """A virtual hand behind a bridge, its driver started."""
+
+    bridge: str = "ft232h"
+    burst: bool = False
+    layout: str = "mux"
+    bus_hz: int = 400_000
+    faults: tuple[str, ...] = ()
+    clock: Any = None
+
+    def __post_init__(self) -> None:
+        self.clock = self.clock or VirtualClock()
+        self.virtual = VirtualHand(
+            self.clock, layout=self.layout, seed=0, faults=[read_fault(one) for one in self.faults]
+        )
+        self.said: list[str] = []
+        opened = open_virtual(self.bridge, self.virtual, self.bus_hz)
+        self.backend = opened.backend
+        self.hand = Hand(
+            opened, read_layout(self.layout), setup=Setup(burst=self.burst), now_ns=self.clock.now_ns,
+            pause=lambda seconds: self.clock.spend(round(1e9 * seconds)), say=self.said.append,
+        )  # fmt: skip
+        self.hand.start()
+
+
+def scan_costs() -> list[dict[str, Any]]:
+    """One row a bridge and way to read: transfers, bytes and ms a scan of six, and the model rate that it serves."""
+    ways = [(bridge, burst, "mux", 400_000) for bridge in BRIDGES for burst in (False, True)]
+    ways += [("ft232h", burst, "mux", 1_000_000) for burst in (False, True)]
+    return [_scan_cost(*way) for way in [*ways, ("ft232h", False, "mux6", 400_000)]]
+
+
+def _scan_cost(bridge: str, burst: bool, layout: str, bus_hz: int) -> dict[str, Any]:
+    bench = Bench(bridge, burst, layout, bus_hz)
+    traffic, before_ns = bench.backend.traffic, bench.clock.now_ns()
+    traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
+    for _ in range(SCANS):
+        bench.hand.read()
+    scan_s = 1e-9 * (bench.clock.now_ns() - before_ns) / SCANS
+    served = next((rate for rate in RATES_HZ if scan_s * rate < SPARE), None)
+    return {
+        "bridge": bridge, "reads": "1-byte" if burst else "registers", "layout": layout, "bus_khz": bus_hz // 1000,
+        "transfers": traffic.transfers / SCANS, "bytes_out": traffic.bytes_out / SCANS,
+        "bytes_in": traffic.bytes_in / SCANS, "scan_ms": 1e3 * scan_s, "scans_hz": 1.0 / scan_s,
+        "serves_model_hz": served,
+    }  # fmt: skip
+
+
+def fault_table(model_path: Path) -> list[dict[str, Any]]:
+    """One row a fault, 150 Hz: what was said, detected after, states meanwhile, good again when, samples lost."""
+    model = Model(model_path)
+    return [_fault_row(model, fault, what) for fault, what in FAULTS.items()]
+
+
+def _fault_row(model: Model, fault: str, what: str) -> dict[str, Any]:
+    bench = Bench(faults=(fault,))
+    rows: list[tuple[float, bool, str]] = []
+
+    def emit(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+        rows.append((1e-9 * sample.t_ns, bool(sample.valid.all()), prediction.state))
+
+    end_ns = round(1e9 * FAULT_RUN_S)
+    summary = _answered(bench, model, bench.clock, emit, lambda: bench.clock.now_ns() >= end_ns)
+    after = [row for row in rows if row[0] >= FAULT_AT_S - 0.01]
+    bad = [t for t, good, _ in after if not good]
+    unknown = [t for t, _, state in after if state == "unknown"]
+    ends_s = FAULT_AT_S + (read_fault(fault).lasts_s if "+" in fault else 0.0)
+    return {
+        "fault": fault, "what": what, "said": bench.said[0].split(";")[0] if bench.said else "",
+        "detected_ms": 1e3 * (bad[0] - FAULT_AT_S), "first_unknown_ms": 1e3 * (unknown[0] - FAULT_AT_S),
+        "meanwhile": ", ".join(sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})),
+        "whole_again_ms": 1e3 * (bad[-1] - ends_s), "settled_again_ms": 1e3 * (unknown[-1] - ends_s),
+        "samples_lost": summary.overruns, "ends": rows[-1][2],
+    }  # fmt: skip
+
+
+def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
+    """Real time on the virtual FT232H whose transfers take no time: our own share of a period, by stage, in us.
+
+    Every period's floor: a busy wait as long as the whole sample, timed in turns on the same machine.
+    """
+    model = Model(model_path)
+    model.card.__dict__["rate_hz"] = rate_hz
+    clock = MonotonicClock()
+    bench = Bench(clock=_Instant(clock))
+    end_ns = clock.now_ns() + round(1e9 * seconds)
+    summary = _answered(bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns)
+    told = summary.latency_us()
+    floor = time_in_turns({"floor": busy_wait(told["read to emit"]["p50"])})["floor"]
+    return {
+        "rate_hz": rate_hz, "samples": summary.samples, "overruns": summary.overruns, "latency_us": told,
+        "share_of_period": told["read to emit"]["p50"] * 1e-6 * rate_hz,
+        "floor_us": {f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)},
+    }  # fmt: skip
+
+
+class _Instant(VirtualClock):
+    """Real time for the chips, and transfers that take none."""
+
+    def __init__(self, clock: MonotonicClock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def now_ns(self) -> int:
+        """The machine's."""
+        return self._clock.now_ns()
+
+    def spend(self, duration_ns: int) -> None:
+        """Nothing: what is timed is our own computing."""
+
+
+def _answered(
+    bench: Bench, model: Model, clock: Any, emit: Callable[..., None], stopped: Callable[[], bool]
+) -> Summary:
+    source = LiveHand(bench.hand, _to_force)
+    monitor = GripMonitor(model, clock.now_ns)
+    return run_live(source, monitor, Tare(model.card.preparation, 18), clock, emit, stopped=stopped)
+
+
+def _to_force(field_ut: FloatArray) -> FloatArray:
+    """Any newtons will do: about those of the scenes' sensors."""
+    return 1e-3 * field_ut
+
+
+def delays(scan_costs: list[dict[str, Any]], compute_ms: float) -> list[dict[str, Any]]:
+    """From a change of the field to the hand having closed, by bridge and rate, means in ms; and the fall meanwhile.
+
+    The chip reports the mean over its conversion (half of it late) and is read up to one conversion later; a change
+    waits half a period on average; the decision acts at the second risky sample.
+    """
+    rows = []
+    conversion_ms = 1e3 * conversion_s(32)
+    for cost in (cost for cost in scan_costs if cost["layout"] == "mux" and cost["serves_model_hz"]):
+        for rate in (rate for rate in RATES_HZ[:-1] if rate <= cost["serves_model_hz"]):
+            period_ms = 1e3 / rate
+            parts = {
+                "conversion_ms": conversion_ms, "waits_ms": 0.5 * period_ms, "bus_ms": cost["scan_ms"],
+                "compute_ms": compute_ms, "debounce_ms": (ACT_SAMPLES - 1) * period_ms,
+            }  # fmt: skip
+            asked_ms = sum(parts.values())
+            closed_s = 1e-3 * asked_ms + CLOSING_S
+            rows.append(
+                {"bridge": cost["bridge"], "reads": cost["reads"], "bus_khz": cost["bus_khz"], "rate_hz": rate, **parts,
+                 "asked_ms": asked_ms, "falls_until_asked_mm": 500.0 * GRAVITY_M_S2 * (1e-3 * asked_ms) ** 2,
+                 "falls_until_closed_mm": 500.0 * GRAVITY_M_S2 * closed_s**2}
+            )  # fmt: skip
+    return rows

@@ -1,0 +1,78 @@
+"""docs/hand.md, written from what `holdfast bench hand` measured: `make docs`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from benchmarks.scenes_page import markdown
+
+INTRO = """# Reading six fingertips
+
+How to wire them: [wiring](wiring.md). Written by `make docs` from `holdfast bench hand`. No silicon was measured:
+transfers are the **emulation's** (bits at the bus's speed, USB round trips as their class has them), computing is a
+machine's with two cores, whose own jitter stands beside it.
+
+```sh
+holdfast scan                                            # what is plugged in, and what is wrong with it
+holdfast run MODEL --source usb://ft232h --view
+holdfast run MODEL --source "virtual://ft232h?scene=pull-soft-ball&fault=nack:3@2%2B0.3"
+```
+"""
+SCANS = """## What a scan costs
+
+Six sensors on two channels of a mux (or one each, mux6); counted on the virtual bus. The chip itself converts at
+412 Hz with 32 averages. "serves": the fastest usual model whose period is filled to 80 % at most.
+
+"""
+FAULTS = """## When something fails
+
+The default model at 150 Hz; each fault begins at 3 s and is scripted ([faults](../drivers/virtual/faults.py)). Times in
+ms: detected and unknown after the fault's begin, whole and settled again after its end (settled: the model has
+0.5 s of whole history again, which gaps up to 20 ms do not cost). "lost": samples whose time went by unread.
+
+"""
+DELAYS = """## From a change of the field to a closed hand
+
+Means, ms: the chip's mean over its conversion and the wait for its end, half a period, the bus, computing, one more
+sample until the decision acts. Then the hand closes (0.37 s for the Michelangelo's full stroke), and an object in free
+fall falls meanwhile: who must close the whole way is too late, who already holds need not.
+
+"""
+LIVE = """## Where a sample's time goes
+
+`run_live` in real time for a minute on the virtual FT232H whose transfers take no time; "read" is mostly the emulated
+engine's own computing. us; the floor is a busy wait of the same length, timed on the same machine.
+
+"""
+
+
+def page(figures: dict[str, Any]) -> str:
+    """The whole page."""
+    scans = [{**row, "serves_model_hz": _rate(row["serves_model_hz"])} for row in figures["scans"]]
+    live = [_stage(run, stage, times) for run in figures["live"] for stage, times in run["latency_us"].items()]
+    live += [_stage(run, "floor of read to emit", run["floor_us"]) for run in figures["live"]]
+    told = "; ".join(
+        f"{run['rate_hz']:g} Hz: {run['samples']} samples, {run['overruns']} overruns, {run['share_of_period']:.0%} of "
+        "the period"
+        for run in figures["live"]
+    )
+    parts = [
+        INTRO, SCANS + markdown(scans), FAULTS + markdown(figures["faults"]), DELAYS + markdown(figures["delays"]),
+        LIVE + f"{told}.\n\n" + markdown(live),
+    ]  # fmt: skip
+    return "\n\n".join(parts) + "\n"
+
+
+def _rate(rate_hz: float | None) -> str:
+    return "none" if rate_hz is None else f"{rate_hz:g} Hz"
+
+
+def _stage(run: dict[str, Any], stage: str, times: dict[str, float]) -> dict[str, Any]:
+    return {"rate_hz": run["rate_hz"], "stage": stage, **{name: f"{value:,.0f}" for name, value in times.items()}}
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page(json.loads(Path(sys.argv[1]).read_text("utf-8"))))

@@ -1,0 +1,583 @@
+"""Field to force: the law of the map, its files and their errors; the bias and its warnings; eFlesh's real loads."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from drivers.calibration import (
+    Bias,
+    Calibration,
+    Meta,
+    bias_of,
+    fit,
+    read_bias,
+    read_calibration,
+    rmse_normal,
+    rmse_shear,
+    write_bias,
+    write_calibration,
+)
+from edge_runtime.command import Parser
+from edge_runtime.contract import FloatArray, channel_names
+from edge_runtime.errors import (
+    ChannelError,
+    ColumnError,
+    DataError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+    TooFewGroups,
+    UnitError,
+)
+from holdfast import calibrate
+from training.datasets import data_folder
+
+FINITE = st.floats(-1e4, 1e4)
+ANY = st.floats(allow_nan=False, allow_infinity=False)
+FIELDS = arrays(np.float64, (4, 2, 3), elements=FINITE)
+
+
+def made(n_sensors: int = 2, *, rest: bool = False, seed: int = 0) -> Calibration:
+    rng = np.random.default_rng(seed)
+    meta = Meta("made up", "2026-01-02", "N", 100, np.full((n_sensors, 3), 0.25))
+    resting = rng.normal(0.0, 1000.0, (n_sensors, 3)) if rest else None
+    return Calibration(rng.normal(0.0, 0.01, (n_sensors, 3, 3)), resting, np.zeros(n_sensors, dtype=np.bool_), meta)
+
+
+def pressed(n_sensors: int = 2, *, seed: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(field [M, S, 3] uT, matrix [S, 3, 3], blocks [M]) of loads in every direction, each sensor in its turn."""
+    rng = np.random.default_rng(seed)
+    matrix = np.diag([0.008, 0.009, 0.01]) + rng.normal(0.0, 0.001, (n_sensors, 3, 3))
+    blocks = np.repeat(np.arange(4.0), 20)
+    return rng.normal(0.0, 500.0, (80, n_sensors, 3)), matrix, blocks
+
+
+def total(matrix: FloatArray, field: FloatArray) -> FloatArray:
+    return np.einsum("sij,tsj->ti", matrix, field)
+
+
+# The map
+
+
+@given(FIELDS, FIELDS, st.floats(-100.0, 100.0))
+def test_the_force_of_a_sum_of_fields_is_the_sum_of_their_forces(a: FloatArray, b: FloatArray, factor: float) -> None:
+    c = made()
+    np.testing.assert_allclose(c.apply(a + factor * b), c.apply(a) + factor * c.apply(b), rtol=1e-9, atol=1e-6)
+
+
+@given(FIELDS)
+def test_a_batch_is_its_rows_one_by_one(field: FloatArray) -> None:
+    c = made(rest=True)
+    np.testing.assert_allclose(c.apply(field), [c.apply(row) for row in field], rtol=1e-12, atol=1e-9)
+
+
+def test_the_resting_field_is_no_force() -> None:
+    c = made(rest=True)
+    assert c.rest_ut is not None
+    assert not c.apply(c.rest_ut).any()
+
+
+def test_a_reversed_magnet_pulls_the_way_it_is_pulled() -> None:
+    """Its whole field has the other sign, at rest and under load."""
+    right = made(rest=True)
+    assert right.rest_ut is not None
+    signs = np.array([[1.0], [-1.0]])
+    turned = replace(right, reversed=np.array([False, True]), rest_ut=signs * right.rest_ut)
+    field = np.random.default_rng(2).normal(0.0, 500.0, (5, 2, 3))
+    np.testing.assert_array_equal(turned.apply(signs * field), right.apply(field))
+
+
+def test_a_lost_channel_makes_its_own_sensor_nan_and_no_other() -> None:
+    field = np.ones((1, 2, 3))
+    field[0, 1, 0] = np.nan
+    assert np.isnan(made().apply(field)).tolist() == [[[False] * 3, [True] * 3]]
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (2, 2), (6,), (5, 1, 3)])
+def test_a_field_of_another_hand_is_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ChannelError, match=r"2 sensors.*next: give"):
+        made().apply(np.zeros(shape))
+
+
+# The fit
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_noiseless_loads_give_back_the_matrix(seed: int, n_sensors: int) -> None:
+    field, matrix, blocks = pressed(n_sensors, seed=seed)
+    rest = np.full((n_sensors, 3), 2000.0)
+    flipped = np.arange(n_sensors) % 2 == 1
+    sign = np.where(flipped, -1.0, 1.0)[:, None]
+    fitted = fit(rest + sign * field, total(matrix, field), blocks, rest_ut=rest, reversed_=flipped)
+    np.testing.assert_allclose(fitted.calibration.matrix, matrix, atol=1e-9)
+    assert fitted.held_out_n.max() < 1e-6
+
+
+def test_one_sensor_needs_no_axis_of_its_own() -> None:
+    field, matrix, blocks = pressed(1)
+    flat = fit(field[:, 0], total(matrix, field), blocks).calibration
+    np.testing.assert_array_equal(flat.matrix, fit(field, total(matrix, field), blocks).calibration.matrix)
+
+
+def test_the_normal_alone_leaves_the_shear_unsaid() -> None:
+    field, matrix, blocks = pressed()
+    fitted = fit(field, total(matrix, field)[:, 2], blocks)
+    assert not fitted.calibration.matrix[:, :2].any()
+    np.testing.assert_allclose(fitted.calibration.matrix[:, 2], matrix[:, 2], atol=1e-9)
+    assert np.isnan(fitted.held_out_n).all(axis=0).tolist() == [True, True, False]
+
+
+def test_a_held_out_block_is_judged_by_the_others_only() -> None:
+    """A block with loads that contradict all others shows its whole error."""
+    field, matrix, blocks = pressed(1)
+    force = total(matrix, field)
+    force[blocks == 3] *= -1.0
+    only = blocks < 3
+    others = fit(field[only], force[only], blocks[only]).calibration
+    error = others.apply(field[~only]).sum(axis=1) - force[~only]
+    np.testing.assert_allclose(fit(field, force, blocks).held_out_n[3], np.sqrt(np.mean(error**2, axis=0)))
+
+
+def test_the_held_out_error_is_the_noise_of_the_loads() -> None:
+    field, matrix, blocks = pressed(1)
+    noise = np.random.default_rng(4).normal(0.0, 0.2, (80, 3))
+    fitted = fit(field, total(matrix, field) + noise, blocks)
+    assert rmse_normal(fitted.held_out_n) == pytest.approx(0.2, rel=0.2)
+    assert rmse_shear(fitted.held_out_n) == pytest.approx(0.2, rel=0.2)
+    assert fitted.calibration.meta.residual_n[0, 2] == pytest.approx(0.2, rel=0.2)
+
+
+def test_loads_one_way_give_no_matrix_for_three() -> None:
+    field, matrix, blocks = pressed(1)
+    field[:, :, :2] = 0.0
+    with pytest.raises(DataError, match="3 axes move the field in 1 direction"):
+        fit(field, total(matrix, field), blocks)
+
+
+@pytest.mark.parametrize("broken", ["field", "force", "part of an axis"])
+def test_a_row_that_is_not_finite_is_refused(broken: str) -> None:
+    field, matrix, blocks = pressed()
+    force = total(matrix, field)
+    if broken == "field":
+        field[5, 0, 0] = np.nan
+    elif broken == "force":
+        force[5, 2] = np.inf
+    else:
+        force[5:, 0] = np.nan
+    with pytest.raises(NotANumber, match="leave those rows out"):
+        fit(field, force, blocks)
+
+
+def test_a_fit_says_what_it_lacks() -> None:
+    field, matrix, blocks = pressed()
+    force = total(matrix, field)
+    with pytest.raises(EmptyRecording, match="4 rows"):
+        fit(field[:4], force[:4], blocks[:4])
+    with pytest.raises(TooFewGroups, match="one is held out"):
+        fit(field, force, np.zeros(80))
+    with pytest.raises(ChannelError, match="do not fit"):
+        fit(field, force[:-1], blocks)
+
+
+# Its file
+
+
+@st.composite
+def calibrations(draw: st.DrawFn) -> Calibration:
+    n = draw(st.integers(1, 6))
+    numbers = {size: arrays(np.float64, size, elements=ANY) for size in ((n, 3, 3), (n, 3))}
+    residual = draw(arrays(np.float64, (n, 3), elements=st.floats(0.0, 1e3) | st.just(float("nan"))))
+    meta = Meta(draw(st.text()), draw(st.text()), draw(st.text()), draw(st.integers(0, 10**9)), residual)
+    rest = draw(st.none() | numbers[n, 3])
+    return Calibration(draw(numbers[n, 3, 3]), rest, draw(arrays(np.bool_, n)), meta)
+
+
+def same_bits(a: FloatArray, b: FloatArray) -> bool:
+    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+@given(calibrations())
+def test_a_calibration_comes_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, c: Calibration) -> None:
+    back = read_calibration(write_calibration(tmp_path_factory.getbasetemp() / "c.json", c))
+    assert same_bits(back.matrix, c.matrix)
+    assert (back.rest_ut is None) == (c.rest_ut is None)
+    assert c.rest_ut is None or back.rest_ut is None or same_bits(back.rest_ut, c.rest_ut)
+    assert back.reversed.tolist() == c.reversed.tolist()
+    np.testing.assert_array_equal(back.meta.residual_n, c.meta.residual_n)
+    assert replace(back.meta, residual_n=c.meta.residual_n) == c.meta
+
+
+BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
+    ({"format": 2}, DataError, "format 2 is not known, only 1"),
+    ({"format": True}, DataError, "format True is not known"),
+    ({"kind": "bias"}, DataError, "this is a 'bias', not a calibration"),
+    ({"matrix_n_per_ut": [[1.0, 2.0, 3.0]]}, ChannelError, r"shape \[1, 3\], not \[S, 3, 3\]"),
+    ({"matrix_n_per_ut": []}, ChannelError, "shape no rectangle"),
+    ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]}, ChannelError, "shape no rectangle"),
+    ({"matrix_n_per_ut": 3.0}, ChannelError, "shape"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2}, NotANumber, "nan, which is not finite"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, float("-inf")]] * 3] * 2}, NotANumber, "-inf, which is not finite"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2}, NotANumber, "not finite"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, NotANumber, "'3', which is no number"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, NotANumber, "None, which is no number"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2}, NotANumber, "True, which is no number"),
+    ({"rest_ut": [[0.0, 0.0, 0.0]]}, ChannelError, r"rest_ut has shape \[1, 3\], not \[2, 3\]"),
+    ({"reversed": [False]}, ChannelError, "reversed is not 2 times"),
+    ({"reversed": [0, 1]}, ChannelError, "reversed is not 2 times"),
+    ({"n": 2.5}, NotANumber, "n is 2.5"),
+    ({"n": -1}, NotANumber, "n is -1"),
+    ({"source": None}, DataError, "source is None, not a text"),
+]
+
+
+@pytest.mark.parametrize(("change", "error", "says"), BROKEN, ids=[f"{k}" for k in range(len(BROKEN))])
+def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
+    tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str
+) -> None:
+    path = write_calibration(tmp_path / "c.json", made())
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(error, match=f"c.json: .*{says}.*next: .*holdfast calibrate") as told:
+        read_calibration(path)
+    assert type(told.value) is error
+
+
+@pytest.mark.parametrize("missing", ["format", "kind", "matrix_n_per_ut", "rest_ut", "reversed", "date", "residual_n"])
+def test_a_missing_entry_is_named(tmp_path: Path, missing: str) -> None:
+    path = write_calibration(tmp_path / "c.json", made())
+    content = json.loads(path.read_text())
+    del content[missing]
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=f"'{missing}' is missing"):
+        read_calibration(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"Time,X1\n", b"[" * 100_000], ids=range(5))
+def test_what_is_not_json_is_called_that(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "c.json"
+    path.write_bytes(content)
+    with pytest.raises(DataError, match=r"c.json: not JSON.*next: write it again"):
+        read_calibration(path)
+    with pytest.raises(DataError, match=r"c.json: not JSON.*next: take the bias again"):
+        read_bias(path)
+
+
+def test_what_is_not_an_object_is_called_that(tmp_path: Path) -> None:
+    (tmp_path / "c.json").write_text("[1]")
+    with pytest.raises(DataError, match="not a JSON object"):
+        read_calibration(tmp_path / "c.json")
+
+
+def test_a_calibration_that_is_not_there_names_the_command_that_makes_one(tmp_path: Path) -> None:
+    with pytest.raises(DataNotFound, match=r"no such file.*holdfast calibrate"):
+        read_calibration(tmp_path / "none.json")
+    with pytest.raises(DataNotFound, match="cannot be read"):
+        read_calibration(tmp_path)
+
+
+# The bias
+
+
+def resting(n: int = 300, n_sensors: int = 6) -> FloatArray:
+    """[T, C] uT of an untouched hand, with the noise the chip has."""
+    noise = np.random.default_rng(7).normal(0.0, 1.0, (n, 3 * n_sensors)) * np.tile([22.0, 22.0, 11.0], n_sensors)
+    return np.tile([120.0, -80.0, 2300.0], n_sensors) + noise
+
+
+def test_the_bias_of_a_quiet_hand_is_its_median_without_a_warning() -> None:
+    rows = resting()
+    bias, warned = bias_of(rows, "uT")
+    assert warned == ()
+    np.testing.assert_array_equal(bias.values, np.median(rows, axis=0))
+    assert (bias.n, bias.unit, bias.reversed.any()) == (300, "uT", False)
+    assert bias.spread[2] == pytest.approx(11.0, rel=0.2)
+
+
+def test_a_short_touch_is_a_warning_with_the_channel_and_moves_no_bias() -> None:
+    rows = resting()
+    rows[40:70, 5] += 300.0
+    bias, warned = bias_of(rows, "uT")
+    assert len(warned) == 1
+    assert "more restless than 40 uT: Z2;" in warned[0]
+    assert bias.values[5] == pytest.approx(2300.0, abs=5.0)
+
+
+def test_a_drift_is_a_warning_with_the_channel() -> None:
+    rows = resting()
+    rows[:, 16] += np.linspace(0.0, 90.0, 300)
+    assert [line for line in bias_of(rows, "uT")[1] if "drifts by more than 40 uT: Y6;" in line]
+
+
+def test_a_few_lost_rows_are_a_warning_and_do_not_count() -> None:
+    rows = resting()
+    rows[:9, 0] = np.nan
+    rows[3, 1] = np.inf
+    bias, warned = bias_of(rows, "uT")
+    assert np.isfinite(bias.values).all()
+    assert warned == ("up to 9 of 300 rows are lost in X1, Y1; next: look at that finger's wires",)
+
+
+def test_a_channel_lost_for_a_whole_third_is_told_without_a_warning_of_numpy() -> None:
+    rows = resting()
+    rows[:150, 0] = np.nan
+    assert len(bias_of(rows, "uT")[1]) == 1
+
+
+def test_a_finger_that_does_not_answer_is_an_error_with_its_channels() -> None:
+    rows = resting()
+    rows[20:, 3:6] = np.nan
+    with pytest.raises(NotANumber, match="finite rows in X2, Y2, Z2"):
+        bias_of(rows, "uT")
+
+
+def test_too_few_rows_are_an_error() -> None:
+    with pytest.raises(EmptyRecording, match=r"29 rows.*at least 30"):
+        bias_of(resting(29), "uT")
+
+
+@pytest.mark.parametrize("shape", [(300, 4), (300, 0), (300,)])
+def test_channels_that_are_no_sensors_are_an_error(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ChannelError, match="three channels a sensor"):
+        bias_of(np.zeros(shape), "uT")
+
+
+def test_a_reversed_magnet_is_found_and_named() -> None:
+    rows = resting()
+    rows[:, 9:12] *= -1.0
+    bias, warned = bias_of(rows, "uT")
+    assert bias.reversed.tolist() == [False, False, False, True, False, False]
+    assert len(warned) == 1
+    assert "reversed" in warned[0]
+    assert " in Z4;" in warned[0]
+
+
+@given(st.integers(0, 5), st.floats(-250.0, 250.0))
+def test_a_magnet_is_reversed_below_the_floor_and_never_above(sensor: int, normal_ut: float) -> None:
+    rows = np.full((30, 18), 500.0)
+    rows[:, 3 * sensor + 2] = normal_ut
+    assert bias_of(rows, "uT", normal_floor=100.0)[0].reversed[sensor] == (normal_ut < -100.0)
+
+
+def test_the_floor_is_in_the_unit_of_the_stream() -> None:
+    rows = np.full((30, 3), -0.31)
+    assert bias_of(rows, "N")[0].reversed.all()
+    assert not bias_of(rows, "uT")[0].reversed.any()
+    assert not bias_of(rows, "N", normal_floor=0.32)[0].reversed.any()
+
+
+def test_counts_have_no_usual_noise_so_it_must_be_given() -> None:
+    with pytest.raises(UnitError, match="normal_floor and quiet"):
+        bias_of(resting(), "count")
+    assert bias_of(resting(), "count", normal_floor=300.0, quiet=60.0)[1] == ()
+
+
+@given(st.integers(1, 6), st.data())
+def test_a_bias_comes_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, n: int, data: st.DataObject) -> None:
+    numbers = arrays(np.float64, 3 * n, elements=ANY)
+    bias = Bias(data.draw(numbers), data.draw(numbers), data.draw(st.integers(0)), "N", data.draw(arrays(np.bool_, n)))
+    back = read_bias(write_bias(tmp_path_factory.getbasetemp() / "b.json", bias))
+    assert same_bits(back.values, bias.values)
+    assert same_bits(back.spread, bias.spread)
+    assert (back.n, back.unit, back.reversed.tolist()) == (bias.n, bias.unit, bias.reversed.tolist())
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "says"),
+    [
+        ({"unit": "g"}, UnitError, "unit 'g' is not one of"),
+        ({"values": [1.0, 2.0]}, ChannelError, "2 values, no multiple of three"),
+        ({"values": [float("nan")] * 3}, NotANumber, "not finite"),
+        ({"spread": [1.0]}, ChannelError, "spread has shape"),
+        ({"reversed": []}, ChannelError, "reversed is not 6 times"),
+        ({"kind": "calibration"}, DataError, "not a bias"),
+        ({"format": "1"}, DataError, "format '1' is not known"),
+    ],
+)
+def test_a_broken_bias_is_refused(tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str) -> None:
+    path = write_bias(tmp_path / "b.json", bias_of(resting(), "uT")[0])
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(error, match=f"b.json: .*{says}.*next: take the bias again"):
+        read_bias(path)
+
+
+# The verb
+
+
+def calibrate_with(*words: str | Path) -> int:
+    parser = Parser(prog="holdfast calibrate")
+    calibrate.add_arguments(parser)
+    return calibrate.run(parser.parse_args([str(word) for word in words]))
+
+
+def write_loads(path: Path, *, n_probings: int = 6, reversed_sensor: int | None = None) -> FloatArray:
+    """A CSV of two fingertips pressed in turn; returns their matrices."""
+    rng = np.random.default_rng(3)
+    matrix = pressed()[1]
+    pieces = []
+    for k in range(n_probings):
+        ramp = np.concatenate([np.zeros(10), np.sin(np.linspace(0.0, np.pi, 40)), np.zeros(3)])[:, None]
+        force = np.zeros((53, 2, 3))
+        side = ramp * np.roll(ramp, 3) * rng.normal(0.0, 2.0, 3)
+        force[:, k % 2] = ramp * [rng.normal(), rng.normal(), 8.0] + side
+        pieces.append(force)
+    force = np.concatenate(pieces)
+    field = np.einsum("sij,tsj->tsi", np.linalg.inv(matrix), force)
+    sign = np.ones((2, 1))
+    if reversed_sensor is not None:
+        sign[reversed_sensor] = -1.0
+    field = sign * (field + np.array([100.0, 50.0, 2000.0]))
+    table = np.column_stack([np.arange(len(force)) / 100.0, field.reshape(len(force), 6), force.sum(axis=1)])
+    header = ",".join(("Time", *channel_names(2), "Fx", "Fy", "Fz"))
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
+    return matrix
+
+
+@pytest.mark.parametrize("upside_down", [None, 1])
+def test_loads_in_a_csv_file_become_a_calibration(
+    tmp_path: Path, upside_down: int | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    matrix = write_loads(tmp_path / "loads.csv", reversed_sensor=upside_down)
+    words = ("--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2026-01-02")
+    assert calibrate_with(tmp_path / "loads.csv", *words) == 0
+    c = read_calibration(tmp_path / "c.json")
+    np.testing.assert_allclose(c.matrix, matrix, atol=1e-8)
+    assert c.reversed.tolist() == [False, upside_down == 1]
+    assert c.rest_ut is not None
+    np.testing.assert_allclose(np.abs(c.rest_ut), [[100.0, 50.0, 2000.0]] * 2, atol=1e-8)
+    assert (c.meta.source, c.meta.date, c.meta.load_unit) == ("loads.csv/loads", "2026-01-02", "N")
+    told = json.loads((tmp_path / "f.json").read_text())["studies"][0]
+    assert len(told["probings"]) == 6
+    assert told["models"]["one matrix"]["normal"]["rmse_n"] < 1e-6
+    assert "6 probings, 318 rows, 2 sensors" in capsys.readouterr().out
+
+
+def test_rows_with_a_lost_value_are_left_out_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_loads(tmp_path / "loads.csv")
+    lines = (tmp_path / "loads.csv").read_text().splitlines()
+    lines[30] = ",".join(["nan" if k == 2 else cell for k, cell in enumerate(lines[30].split(","))])
+    (tmp_path / "loads.csv").write_text("\n".join(lines))
+    calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
+    assert "1 rows with a lost value left out" in capsys.readouterr().out
+
+
+def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
+    write_loads(tmp_path / "loads.csv", n_probings=1)
+    with pytest.raises(TooFewGroups, match=r"1 probings.*press every fingertip at least twice"):
+        calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "says"),
+    [
+        ("Time,X1,Y1,Z1,Fx,Fy\n0,1,2,3,4,5\n", ColumnError, "Fz"),
+        ("Time,X1,Y1,Z1,Fx,Fy,Fz,g\n0,1,2,3,4,5,6,7\n", ColumnError, "unknown: g"),
+        ("Time,X1,Y1,Z1,Fx,Fy,Fz,Fz\n0,1,2,3,4,5,6,7\n", ColumnError, "some twice"),
+        ("Time,Fx,Fy,Fz\n0,1,2,3\n", ColumnError, "Time,X1,Y1,Z1"),
+        ("Time,X1,Y1,Z1,Fx,Fy,Fz\n0,1,2,much,4,5,6\n", NotANumber, "much"),
+        ("", ColumnError, "Time"),
+    ],
+)
+def test_a_csv_file_in_another_layout_is_refused(tmp_path: Path, text: str, error: type[DataError], says: str) -> None:
+    (tmp_path / "loads.csv").write_text(text)
+    with pytest.raises(error, match=f"loads.csv: .*{says}"):
+        calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
+
+
+def test_a_folder_without_probings_says_what_belongs_there(tmp_path: Path) -> None:
+    with pytest.raises(DataNotFound, match="normal_force or shear_force"):
+        calibrate_with(tmp_path, "--out", tmp_path / "c.json")
+    with pytest.raises(DataNotFound, match=r"no such file|cannot be read"):
+        calibrate_with(tmp_path / "none.csv", "--out", tmp_path / "c.json")
+
+
+def write_probings(root: Path, newtons_in_a_unit: float) -> Path:
+    """A pad of one sensor that is a little off a line (0.5 N), probed 12 mm deep up to 34 N, as eFlesh's is."""
+    rng = np.random.default_rng(5)
+    for k in range(2):
+        folder = root / "normal_force" / f"probe_{k}"
+        folder.mkdir(parents=True)
+        depth = np.tile(np.concatenate([np.linspace(0, 12, 50), np.linspace(12, 0, 50)]), 4)
+        force = 34.0 * (depth / 12.0)
+        field = np.column_stack([force * 10.0, force * 5.0, force * 60.0]) + rng.normal(0.0, 30.0, (400, 3))
+        load = np.where(np.arange(400) % 2, -1.0, np.round(force / newtons_in_a_unit, 2))
+        zero = np.zeros(400)
+        np.savetxt(folder / "sensor_post_baselines.csv", np.column_stack([zero, field]), delimiter=",")
+        np.savetxt(folder / "states.csv", np.column_stack([zero, zero, zero, 288.0 - depth, load]), delimiter=",")
+    return root
+
+
+@pytest.mark.parametrize(("unit", "newtons"), [("gram-force", 9.80665e-3), ("newton", 1.0), ("millinewton", 1e-3)])
+def test_the_unit_of_the_load_is_found_in_the_readings(tmp_path: Path, unit: str, newtons: float) -> None:
+    study = calibrate.read_studies(write_probings(tmp_path, newtons))[0]
+    assert study.load_unit == unit
+    assert study.force_n[:, 2].max() == pytest.approx(34.0, abs=0.01)
+
+
+def test_a_row_that_says_minus_one_has_no_load_and_is_left_out(tmp_path: Path) -> None:
+    study = calibrate.read_studies(write_probings(tmp_path, 9.80665e-3))[0]
+    assert len(study.blocks) == 400
+    assert study.force_n[:, 2].min() == 0.0
+    assert "no reading in 400 rows" in study.evidence[0]
+
+
+def test_loads_in_no_unit_we_know_are_refused_with_the_evidence(tmp_path: Path) -> None:
+    with pytest.raises(UnitError, match=r"fits no unit we know.*as newton: largest 3.4e\+05 N.*: out"):
+        calibrate.read_studies(write_probings(tmp_path, 1e-4))
+
+
+def test_a_load_below_zero_beside_the_marker_is_refused(tmp_path: Path) -> None:
+    root = write_probings(tmp_path, 9.80665e-3)
+    path = root / "normal_force" / "probe_1" / "states.csv"
+    table = np.loadtxt(path, delimiter=",")
+    table[0, 4] = -0.5
+    np.savetxt(path, table, delimiter=",")
+    with pytest.raises(UnitError, match=r"probe_1: loads below zero"):
+        calibrate.read_studies(root)
+
+
+def test_a_probing_with_rows_missing_is_refused(tmp_path: Path) -> None:
+    root = write_probings(tmp_path, 9.80665e-3)
+    path = root / "normal_force" / "probe_0" / "states.csv"
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]))
+    with pytest.raises(ColumnError, match=r"probe_0: .*400 and 399 rows"):
+        calibrate.read_studies(root)
+    path.unlink()
+    with pytest.raises(DataNotFound, match=r"states.csv: no such file"):
+        calibrate.read_studies(root)
+
+
+@pytest.fixture(scope="module")
+def eflesh() -> Path:
+    folder = data_folder() / "eflesh_calibration"
+    line = f"{folder}: eflesh_calibration is not there; set HOLDFAST_DATA"
+    if not folder.is_dir() and os.environ.get("HOLDFAST_REQUIRE_DATA") == "1":
+        pytest.fail(line, pytrace=False)
+    if not folder.is_dir():
+        pytest.skip(line)
+    return folder
+
+
+def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
+    eflesh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calibrate_with(eflesh, "--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2025-04-16")
+    normal, shear = json.loads((tmp_path / "f.json").read_text())["studies"]
+    assert (normal["rows"], len(normal["probings"]), shear["rows"], len(shear["probings"])) == (5580, 3, 7350, 2)
+    assert normal["load_unit"] == shear["load_unit"] == "gram-force"
+    assert normal["models"]["one matrix"]["normal"]["rmse_n"] == pytest.approx(0.69, abs=0.01)
+    assert shear["models"]["one matrix"]["shear"]["rmse_n"] == pytest.approx(0.50, abs=0.01)
+    assert normal["models"]["extra trees"]["normal"]["rmse_n"] == pytest.approx(0.55, abs=0.03)
+    assert shear["models"]["extra trees"]["shear"]["rmse_n"] == pytest.approx(0.27, abs=0.03)
+    assert "eFlesh publishes 0.27 N" in capsys.readouterr().out
+    pad = read_calibration(tmp_path / "c.json")
+    assert (pad.matrix.shape, pad.rest_ut) == ((5, 3, 3), None)
+    assert read_calibration(tmp_path / "c.shear_force.json").matrix.shape == (10, 3, 3)

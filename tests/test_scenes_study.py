@@ -1,0 +1,602 @@
+"""The study of simulated scenes: what its figures mean, what nobody was trained on, and the page it leaves."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
+from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from edge_runtime.errors import DataNotFound, RateError, UnitError
+from export.reference import IntArray
+from export.spec import window_samples
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from training.crossval import HeldOut
+from training.featurise import features_of, spec_for
+from training.marked import write_between
+from training.plan import CLOCK_PLAN, RAW_BASELINE, RAW_GROUPS, ForestPlan, TrainingPlan
+from training.recording import DataSet, LabelledRows, Recording
+from training.scenes import __main__ as command
+from training.scenes.baselines import (
+    BACK_SAMPLES,
+    JUMP_N,
+    clock_features,
+    one_line,
+    one_line_at,
+    raw_windows,
+    windows_alone,
+)
+from training.scenes.pictures import FINGER_COLOURS, SITUATION_COLOURS
+from training.scenes.report import SceneEvidence, demo_report, write_scene_report
+from training.scenes.scores import (
+    CEILING,
+    answers_at,
+    calls,
+    confusion,
+    labels_at,
+    leak_check,
+    scores,
+    spread_of,
+)
+from training.scenes.streams import SHOWN, decided, held_out_streams, shown_trials
+from training.scenes.study import (
+    CLOCK,
+    LINE,
+    OURS,
+    RAW,
+    RETRAININGS,
+    STAGES,
+    RateStudy,
+    Way,
+    never_met,
+    objects_held_out,
+    read_trained,
+    study_rate,
+    ways,
+)
+
+FEW = ForestPlan(n_estimators=10, min_samples_leaf=8, max_features=0.3)
+SHARP = ForestPlan(n_estimators=10)
+OKABE_ITO = {"#000000", "#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7"}
+QUIET_GREY = "#bbbbbb"
+SMALL = ways(
+    plan=TrainingPlan(folds=2, situation=FEW),
+    raw=replace(RAW_BASELINE, folds=2, situation=FEW),
+    clock=replace(CLOCK_PLAN, folds=2, situation=FEW),
+)
+
+
+@dataclass(frozen=True)
+class Studied:
+    """One rate's study, and every line it said on the way."""
+
+    rate: RateStudy
+    said: list[str]
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """What the whole command left."""
+
+    out: Path
+    figures: dict[str, Any]
+    page: str
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sixty trials of the thesis and twelve of an apple at 50 Hz; nobody's other styles. Read only."""
+    made = tmp_path_factory.mktemp("scenes")
+    for card, trials in (("thesis", 60), ("apple", 12)):
+        write_set(Scene(read_card(card, rate_hz=50.0), 0), made / "50hz" / card, trials)
+    return made
+
+
+@pytest.fixture(scope="module")
+def data(folder: Path) -> DataSet:
+    return read_trained(folder / "50hz", 0)
+
+
+@pytest.fixture(scope="module")
+def studied(folder: Path) -> Studied:
+    said: list[str] = []
+    return Studied(study_rate(folder / "50hz", SMALL, 0, said.append), said)
+
+
+@pytest.fixture(scope="module")
+def commanded(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Commanded:
+    """The command as typed, with the small plans in the place of the usual ones."""
+    out = tmp_path_factory.mktemp("out")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(command, "ways", lambda: SMALL)
+        assert command.main([str(folder), "--out", str(out), "--seed", "0"]) == 0
+    text = (out / "scenes.json").read_text(encoding="utf-8")
+    figures = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    return Commanded(out, figures, (out / "report.html").read_text(encoding="utf-8"))
+
+
+def one_hot(answer: npt.NDArray[np.integer[Any]]) -> IntArray:
+    return 100 * np.eye(len(CLASSES), dtype=np.int64)[answer]
+
+
+def of_rows(data: DataSet, label: npt.NDArray[np.int64]) -> DataSet:
+    """The same windows with other labels."""
+    return replace(data, tasks={"classes": replace(data.tasks["classes"], label=label)})
+
+
+def a_set(samples: FloatArray, rows: list[int], rate_hz: float = 100.0) -> DataSet:
+    """One recording with windows that end at these rows, on everything else that the fixture's sets have."""
+    task = LabelledRows(np.zeros(len(rows), np.int64), np.array(rows), np.zeros(len(rows), np.int64), CLASSES)
+    trial = Recording("a/pull/trial_1", "a", samples, np.ones((len(samples), 1), dtype=bool), rate_hz, "N")
+    preparation: Any = None
+    return DataSet("made", [trial], {"classes": task}, rate_hz, "N", preparation, "made up", True, "")
+
+
+def shear(*summed_n: float) -> FloatArray:
+    """[T, 6]: two sensors whose summed shear is as given, one along -x and the other along y; normals wander."""
+    samples = np.zeros((len(summed_n), 6))
+    samples[:, 0], samples[:, 4] = -np.array(summed_n) / 2, np.array(summed_n) / 2
+    samples[:, 2] = 3.0 * np.arange(len(summed_n))
+    return samples
+
+
+# Levels
+
+
+def test_seven_classes_count_nothing_once_and_four_situations_forget_the_weight() -> None:
+    label = np.array([7, 0, 1, 2, 3, 4, 5, 6])
+    assert labels_at(label, "eight").tolist() == label.tolist()
+    assert labels_at(label, "seven").tolist() == [6, 0, 0, 1, 2, 3, 4, 5]
+    assert labels_at(label, "four").tolist() == [3, 0, 0, 1, 1, 2, 2, 3]
+
+
+def test_votes_of_merged_classes_are_added_before_the_largest_wins() -> None:
+    votes = np.array([[3, 3, 5, 0, 0, 0, 0, 0], [0, 0, 4, 3, 0, 0, 0, 6], [1, 0, 0, 0, 4, 4, 5, 2]])
+    assert answers_at(votes, "eight").tolist() == [2, 7, 6]
+    assert answers_at(votes, "seven").tolist() == [0, 6, 5]
+    assert answers_at(votes, "four").tolist() == [NOTHING, GRASP, SAFE_SLIP]
+
+
+def test_a_tie_goes_to_the_riskier_class_at_every_level() -> None:
+    votes = np.array([[5, 0, 0, 0, 5, 0, 0, 0], [2, 3, 5, 0, 0, 0, 0, 0], [0, 0, 0, 0, 3, 2, 1, 4]])
+    assert answers_at(votes, "eight").tolist() == [4, 2, 7]
+    assert answers_at(votes, "seven").tolist() == [3, 1, 6]
+    assert answers_at(votes, "four").tolist() == [SAFE_SLIP, GRASP, RISKY_SLIP]
+
+
+def test_votes_that_know_everything_score_one_and_of_the_wrong_weight_only_situations_are_right(data: DataSet) -> None:
+    label = data.tasks["classes"].label
+    right, wrong_weight = scores(data, one_hot(label)), scores(data, one_hot(label ^ 1))
+    assert [right[level]["accuracy"] for level in ("eight", "seven", "four")] == [1.0, 1.0, 1.0]
+    assert [wrong_weight[level]["accuracy"] for level in ("eight", "seven", "four")] == [0.0, 0.25, 1.0]
+    assert (right["n_windows"], right["n_trials"]) == (len(label), len(set(data.group_of("classes"))))
+    assert {level: right[level]["present"] for level in ("eight", "seven", "four")} == {
+        "eight": 8,
+        "seven": 7,
+        "four": 4,
+    }
+
+
+def test_calls_are_the_share_of_each_situation_that_is_called_risky(data: DataSet) -> None:
+    situation = data.tasks["classes"].label // 2
+    called = (situation == RISKY_SLIP) | (situation == SAFE_SLIP)
+    called[np.flatnonzero(situation == SAFE_SLIP)[::4]] = False
+    shares = {name: one["share"] for name, one in calls(data, called).items()}
+    assert shares == {"risky": 1.0, "safe": 0.75, "grasp": 0.0, "nothing": 0.0}
+
+
+def test_a_confusion_matrix_counts_truth_in_rows_and_answers_in_columns() -> None:
+    counts = confusion(np.array([2, 2, 5]), one_hot(np.array([2, 7, 5])))
+    assert counts.shape == (8, 8)
+    assert {(int(was), int(said)): int(counts[was, said]) for was, said in np.argwhere(counts)} == {
+        (2, 2): 1,
+        (2, 7): 1,
+        (5, 5): 1,
+    }
+
+
+# The leak of a weight that nothing shows
+
+
+def test_votes_that_know_the_weight_within_nothing_are_called_a_leak(data: DataSet) -> None:
+    label = data.tasks["classes"].label
+    told = leak_check(data, one_hot(label))
+    assert told["leak"]
+    assert told["eight_class_accuracy"] == told["weight_within_nothing"] == 1.0
+
+
+def test_the_weight_within_nothing_is_a_leak_however_bad_the_rest_is(data: DataSet) -> None:
+    label = data.tasks["classes"].label
+    bad = leak_check(data, one_hot(np.where(label < 2, label, (label + 2) % 8)))
+    assert bad["leak"]
+    assert bad["eight_class_accuracy"] == 0.25
+    outvoted = one_hot(np.where(label < 2, 5, label))
+    outvoted[label < 2, label[label < 2]] = 1  # the answer is safe slip, and yet the votes know the weight
+    assert leak_check(data, outvoted)["leak"]
+
+
+def test_honest_coin_votes_are_no_leak_though_they_know_all_that_can_be_known(data: DataSet) -> None:
+    label = data.tasks["classes"].label
+    coin = np.random.default_rng(0).integers(0, 2, len(label))
+    told = leak_check(data, one_hot(np.where(label < 2, coin, label)))
+    assert not told["leak"]
+    assert told["balanced"]
+    low, high = told["weight_within_nothing_ci99"]
+    assert low < 0.5 < high
+    low, high = told["eight_class_accuracy_ci99"]
+    assert low < CEILING < high
+
+
+def test_who_is_right_on_every_second_window_of_nothing_reaches_the_ceiling_and_not_more(data: DataSet) -> None:
+    label = data.tasks["classes"].label
+    told = leak_check(data, one_hot(np.maximum(label, 1)))
+    assert told["eight_class_accuracy"] == told["ceiling"] == CEILING == 0.875
+    assert not told["leak"]
+
+
+# What stands beside ours
+
+
+def test_a_window_stepped_alone_has_the_features_of_the_stream(data: DataSet) -> None:
+    assert all(recording.valid.all() for recording in data.recordings)
+    streamed = features_of(data, spec_for(data, RAW_GROUPS))["classes"]
+    np.testing.assert_array_equal(raw_windows(data), streamed)
+
+
+def test_a_window_alone_sees_its_first_row_and_nothing_before_it(data: DataSet) -> None:
+    n = window_samples(data.rate_hz)
+    one = replace(data, tasks={"classes": data.tasks["classes"].take(np.array([40]))})
+    task = one.tasks["classes"]
+    trial, first = int(task.trial[0]), int(task.row[0]) + 1 - n
+
+    def with_raised(rows: slice) -> DataSet:
+        recordings = list(one.recordings)
+        samples = recordings[trial].samples.copy()
+        samples[rows] += 7.0
+        recordings[trial] = replace(recordings[trial], samples=samples)
+        return replace(one, recordings=recordings)
+
+    assert first > 0
+    np.testing.assert_array_equal(raw_windows(with_raised(slice(0, first))), raw_windows(one))
+    np.testing.assert_array_equal(raw_windows(with_raised(slice(first + n, None))), raw_windows(one))
+    assert (raw_windows(with_raised(slice(first, first + 1))) != raw_windows(one)).any()
+
+
+def test_a_window_alone_is_a_recording_of_its_own_that_ends_at_its_row(data: DataSet) -> None:
+    task, alone = data.tasks["classes"], windows_alone(data)
+    assert {len(recording.samples) for recording in alone.recordings} == {window_samples(data.rate_hz)}
+    assert len(alone.recordings) == len(task)
+    for k in (0, 17, len(task) - 1):
+        np.testing.assert_array_equal(
+            alone.recordings[k].samples[-1], data.recordings[task.trial[k]].samples[task.row[k]]
+        )
+    np.testing.assert_array_equal(alone.tasks["classes"].label, task.label)
+
+
+def test_the_one_line_finds_a_jump_over_half_a_newton_within_two_samples() -> None:
+    assert (BACK_SAMPLES, JUMP_N) == (2, 0.5)
+    up = one_line(shear(1.0, 1.0, 1.0, 1.75, 1.75, 1.75, 1.75))
+    assert up.tolist() == [False, False, False, True, True, False, False]
+    down_in_two_steps = one_line(shear(2.0, 2.0, 2.0, 1.625, 1.25, 1.25, 1.25))
+    assert down_in_two_steps.tolist() == [False, False, False, False, True, False, False]
+
+
+def test_the_one_line_is_silent_at_half_a_newton_on_a_slow_ramp_and_about_normals() -> None:
+    assert not one_line(shear(1.0, 1.0, 1.5, 1.5, 1.5)).any()
+    assert not one_line(shear(*(0.25 * np.arange(40)))).any()
+    assert one_line(shear(*(0.2578125 * np.arange(40))))[2:].all()
+
+
+def test_the_one_line_is_causal(data: DataSet) -> None:
+    samples = max((recording.samples for recording in data.recordings), key=lambda one: one_line(one).sum())
+    said = one_line(samples)
+    assert said.any()
+    for row in (2, len(samples) // 2, len(samples) - 1):
+        changed = samples.copy()
+        changed[row:] += 50.0 * np.random.default_rng(row).standard_normal(changed[row:].shape)
+        np.testing.assert_array_equal(one_line(changed)[:row], said[:row])
+        assert one_line(changed)[row]
+
+
+def test_the_one_line_is_asked_at_a_windows_last_sample_or_anywhere_in_its_reach() -> None:
+    made = a_set(shear(0, 0, 0, 1, 1, 1, 1, 1, 1, 1), [2, 3, 4, 5, 6, 7])  # says slip at rows 3 and 4
+    assert one_line_at(made).tolist() == [False, True, True, False, False, False]
+    assert one_line_at(made, 3).tolist() == [False, True, True, True, True, False]
+    assert one_line_at(made, 100).tolist() == [False, True, True, True, True, True]
+
+
+def test_the_clock_tells_seconds_since_the_last_contact_and_the_summed_force() -> None:
+    samples = np.zeros((60, 6))
+    samples[10:30, [2, 5]] = 1.5, 0.5
+    samples[40:, [2, 5]] = 2.0, 2.0
+    samples[:, [0, 1, 3, 4]] = 9.0  # shear is no contact
+    made = a_set(samples, [5, 10, 25, 35, 40, 50], rate_hz=100.0)
+    expected = [[-0.01, 0.0], [0.0, 2.0], [0.15, 2.0], [0.25, 0.0], [0.0, 4.0], [0.10, 4.0]]
+    np.testing.assert_allclose(clock_features(made), expected, rtol=1e-6)
+
+
+# Never met
+
+
+def test_no_window_of_a_held_out_object_is_trained_on(data: DataSet) -> None:
+    """Labels that only say which object it is cannot be learned from other objects; with a leak they would be."""
+    names = np.array([recording.object_name or "" for recording in data.recordings])[data.tasks["classes"].trial]
+    objects = sorted(set(names.tolist()) - {""})
+    number = np.unique(names, return_inverse=True)[1].astype(np.int64)
+    features = np.eye(len(CLASSES), dtype=np.float32)[number]
+    way = Way(TrainingPlan(situation=SHARP), lambda data: features)
+    figures = objects_held_out(of_rows(data, number), features, way, 0)
+    assert sorted(figures) == objects
+    assert len(objects) == 5
+    for name, one in figures.items():
+        assert one["n_windows"] == (names == name).sum()
+        assert one["eight"]["accuracy"] == 0.0
+    everything = way.votes(of_rows(data, number), features, np.arange(len(number)), features, 0)
+    np.testing.assert_array_equal(answers_at(everything, "eight"), number)
+
+
+def test_trials_of_the_streams_are_met_by_no_forest_that_answers_them(folder: Path, data: DataSet) -> None:
+    """Risky slip exists in the shown trials only: a forest that met none of them cannot say it."""
+    shown, task = shown_trials(data), data.tasks["classes"]
+    assert [data.recordings[k].action for k in shown] == list(SHOWN)
+    theirs = np.isin(task.trial, shown)
+    risky = task.label // 2 == RISKY_SLIP
+    made = of_rows(data, np.where(risky & ~theirs, 4, task.label))
+    plan = TrainingPlan(situation=SHARP)
+    features = SMALL[OURS].features(made)
+    pictures = held_out_streams(folder / "50hz" / "thesis", made, features, plan, 0)
+    assert len(pictures) == 3
+    assert not any((picture.answer == RISKY_SLIP).any() for picture in pictures)
+    honest = held_out_streams(folder / "50hz" / "thesis", data, features, plan, 0)
+    assert any((picture.answer == RISKY_SLIP).any() for picture in honest)
+
+
+def test_streams_answer_every_sample_after_settling_and_bear_the_truth(studied: Studied) -> None:
+    for picture in studied.rate.streams:
+        length = len(picture.recording.samples)
+        assert len(picture.answer) == len(picture.acts) == length
+        assert (picture.answer[:25] == UNKNOWN).all()
+        assert (picture.answer[25:] != UNKNOWN).all()
+        assert {SHOWN[str(picture.recording.action)]} <= {phase.situation for phase in picture.phases}
+        assert (picture.phases[0].first, picture.phases[-1].stop) == (0, length)
+        assert all(0.0 < at_s < length / 50.0 for at_s in picture.events.values())
+
+
+def test_a_set_of_another_rate_is_refused(folder: Path, data: DataSet) -> None:
+    faster = replace(data, rate_hz=100.0)
+    with pytest.raises(RateError, match="at 50 Hz"):
+        never_met(folder / "50hz", faster, {}, {}, 0, lambda line: None)
+
+
+def test_a_thesis_in_another_unit_is_refused(folder: Path, tmp_path: Path) -> None:
+    copied = shutil.copytree(folder / "50hz" / "thesis", tmp_path / "50hz" / "thesis")
+    meta = json.loads((copied / "meta.json").read_text())
+    (copied / "meta.json").write_text(json.dumps(meta | {"unit": "uT"}))
+    with pytest.raises(UnitError):
+        read_trained(tmp_path / "50hz", 0)
+
+
+def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_asked_about(studied: Studied) -> None:
+    figures = studied.rate.figures
+    assert list(figures["rows"]) == [OURS, RAW, CLOCK, LINE]
+    assert list(figures["objects"]) == [OURS, RAW, CLOCK]
+    assert list(figures["others"]) == ["apple"]
+    assert list(figures["others"]["apple"]["rows"]) == [OURS, RAW, CLOCK, LINE]
+    assert figures["others"]["apple"]["data"]["n_trials"] == 12
+    asked = {row["n_windows"] for row in figures["others"]["apple"]["rows"].values()}
+    assert len(asked) == 1
+
+
+def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: Studied) -> None:
+    assert len(studied.said) == STAGES - 2  # p1 and p2 are not there
+
+
+# Retrainings
+
+
+def test_every_retraining_gives_one_confusion_matrix_of_all_windows(studied: Studied) -> None:
+    per_class = np.bincount(studied.rate.data.tasks["classes"].label, minlength=8).tolist()
+    for name in (OURS, RAW):
+        again = studied.rate.figures["retrainings"][name]
+        assert len(again["confusion"]) == len(again["seeds"]) == RETRAININGS == 5
+        assert again["seeds"] == [0, 1, 2, 3, 4]
+        for matrix in again["confusion"]:
+            assert np.sum(matrix, axis=1).tolist() == per_class
+        assert len({json.dumps(matrix) for matrix in again["confusion"]}) == RETRAININGS
+
+
+def test_the_first_retraining_is_the_one_of_the_table(studied: Studied) -> None:
+    for name in (OURS, RAW):
+        first = np.array(studied.rate.figures["retrainings"][name]["confusion"][0])
+        accuracy = studied.rate.figures["rows"][name]["eight"]["accuracy"]
+        assert np.trace(first) / first.sum() == pytest.approx(accuracy)
+
+
+def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there_is() -> None:
+    one = np.diag([10, 10, 8, 4, 4, 4, 4, 0])
+    other = one.copy()
+    other[2, 2], other[2, 3] = 6, 2
+    other[0, 0], other[0, 1] = 9, 1
+    told = spread_of([one, other])
+    assert told["recall"]["grasp_light"] == [1.0, 0.75]
+    assert told["spread"]["grasp_light"] == told["largest_spread"] == 0.25
+    assert told["spread"]["nothing_light"] == pytest.approx(0.1)
+    assert told["spread"]["grasp_heavy"] == 0.0
+    assert told["spread"]["risky_slip_heavy"] is told["recall"]["risky_slip_heavy"] is None
+    assert not told["within_10_percent"]
+    other[2, 2], other[2, 3] = 8, 0
+    assert spread_of([one, other])["within_10_percent"]
+
+
+# The decision
+
+
+def test_the_hand_is_asked_to_act_exactly_where_the_decision_would() -> None:
+    two_then_released = [RISKY_SLIP, GRASP, RISKY_SLIP, RISKY_SLIP, GRASP, *[NOTHING] * 4, UNKNOWN, NOTHING, GRASP]
+    acts = decided(np.array(two_then_released), np.ones(12))
+    assert acts.tolist() == [False] * 3 + [True] * 7 + [False] * 2
+    rng = np.random.default_rng(3)
+    answer, share = rng.choice([UNKNOWN, 0, 0, 0, 0, 0, 1, 2, 3, 3], 500), rng.random(500)
+    state, expected = DecisionState(), []
+    for situation, risky in zip(answer.tolist(), share.tolist(), strict=True):
+        state = decide(DecisionRules(), state, situation, int(1000 * risky))
+        expected.append(state.act)
+    assert 0 < sum(expected) < 500
+    assert decided(answer, share).tolist() == expected
+
+
+# The command and its page
+
+
+def test_the_command_leaves_json_that_says_it_is_simulated_and_with_what_it_was_made(commanded: Commanded) -> None:
+    figures = commanded.figures
+    assert (figures["kind"], figures["seed"], figures["headline_hz"]) == ("simulated", 0, "50")
+    assert figures["caveat"].startswith("Simulated")
+    assert figures["leak"] is False
+    assert figures["rates"]["50"]["window_samples"] == 6
+    assert figures["versions"]
+
+
+def test_the_command_and_the_study_in_it_give_the_same_figures(commanded: Commanded, studied: Studied) -> None:
+    assert commanded.figures["rates"]["50"] == json.loads(json.dumps(studied.rate.figures))
+
+
+def test_the_page_says_simulated_beside_its_tables_and_its_pictures(commanded: Commanded) -> None:
+    heads = re.findall(r"<table><tr>(.*?)<tr", commanded.page, re.DOTALL)
+    assert len(heads) == 3
+    assert all("simulated" in head for head in heads)
+    assert all("(simulated)" in title for title in re.findall(r"<h2>.*?</h2>", commanded.page))
+    for before, picture in re.findall(r"(.{0,120})(<svg.*?</svg>)", commanded.page, re.DOTALL):
+        assert "simulated" in before + picture
+    assert html.escape(commanded.figures["caveat"]) in commanded.page
+
+
+def test_the_page_has_its_sections_and_a_picture_of_every_stream(commanded: Commanded, studied: Studied) -> None:
+    titles = [re.sub(r" <em.*", "", title) for title in re.findall(r"<h2>(.*?)</h2>", commanded.page)]
+    assert titles == [
+        "No leak of weight",
+        "What it stands beside",
+        "Where it is right and where not",
+        "Objects it never met",
+        "An object and two styles it never met",
+        "Trials as they went by",
+        "How this was made",
+    ]
+    for stream in studied.rate.streams:
+        trial = re.escape(stream.recording.trial_id)
+        assert re.search(rf"<h3>{trial} \(simulated\)</h3>\s*<svg", commanded.page)
+    assert commanded.page.count("<svg") == commanded.page.count("</svg>") == 4 + len(studied.rate.streams)
+
+
+def test_the_page_asks_nobody_for_anything_and_shows_the_figures_of_the_json(commanded: Commanded) -> None:
+    assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", commanded.page) == []
+    best = commanded.figures["rates"]["50"]["rows"][OURS]
+    for figure in (best["four"]["macro_f1"], best["seven"]["accuracy"], best["calls"]["risky"]["share"]):
+        assert f"<b>{figure:.3f}</b>" in commanded.page
+
+
+def test_a_second_rate_has_a_section_and_a_leak_is_said_loudly(studied: Studied, tmp_path: Path) -> None:
+    leaking = studied.rate.figures | {"leak": studied.rate.figures["leak"] | {"leak": True}, "rate_hz": 100.0}
+    figures = command.gathered([studied.rate, replace(studied.rate, figures=leaking)])
+    assert (figures["leak"], figures["headline_hz"]) == (True, "100")
+    lines = command.leak_lines(figures)
+    assert len(lines) == 1
+    assert lines[0].startswith("LEAK at 100 Hz")
+    rate = studied.rate
+    page = write_scene_report(tmp_path / "r.html", SceneEvidence(figures, rate.data, rate.held_out, [])).read_text()
+    assert "<h2>LEAK: weight is known where nothing shows it" in page
+    assert "<h2>Rates <em class=note>(simulated)</em></h2>" in page
+    assert "<h3>" not in page
+
+
+def test_the_demo_makes_the_same_page_from_one_set_and_leaves_out_what_is_not_there(
+    studied: Studied, tmp_path: Path
+) -> None:
+    rate = studied.rate
+    demo = replace(rate.data, kind="made <up>")
+    held_out = HeldOut({"classes": rate.held_out.votes["classes"]})
+    page = demo_report(tmp_path / "demo.html", demo, held_out, {"seed": 0}, rate.streams[:1]).read_text()
+    assert f"<b>{rate.figures['rows'][OURS]['four']['macro_f1']:.3f}</b>" in page
+    assert "Where it is right" in page
+    assert "Objects it never met" not in page
+    assert "made &lt;up&gt;" in page
+    assert "<up>" not in page
+    assert page.count("<svg") == 4
+
+
+def test_a_missing_thesis_says_which_command_makes_it(tmp_path: Path) -> None:
+    (tmp_path / "50hz" / "apple").mkdir(parents=True)
+    with pytest.raises(DataNotFound) as told:
+        command.main([str(tmp_path), "--out", str(tmp_path / "out")])
+    thesis = tmp_path / "50hz" / "thesis"
+    assert told.value.next_step == f"holdfast simulate thesis --rate 50 --out {thesis}"
+
+
+def test_a_folder_without_rates_says_which_command_makes_one(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "out").mkdir()
+    for place in (tmp_path / "empty", tmp_path / "nowhere"):
+        with pytest.raises(DataNotFound) as told:
+            command.main([str(place), "--out", str(tmp_path / "out")])
+        assert told.value.next_step == f"holdfast simulate thesis --rate 150 --out {place / '150hz' / 'thesis'}"
+
+
+def test_rates_are_studied_slowest_first_by_number(tmp_path: Path) -> None:
+    for name in ("150hz", "50hz", "62.5hz", "study", "hz", "50hz.old"):
+        (tmp_path / name).mkdir()
+    assert [path.name for path in command.rate_folders(tmp_path)] == ["50hz", "62.5hz", "150hz"]
+
+
+# Colours, and pages that stand between markers
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance of #rrggbb, 0 to 1 (WCAG 2.1)."""
+    part = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def test_the_four_situations_have_colours_of_okabe_and_ito_beside_a_light_grey() -> None:
+    nothing, *slips_and_grasp = SITUATION_COLOURS
+    assert nothing == QUIET_GREY
+    assert set(slips_and_grasp) <= OKABE_ITO
+    assert len(set(SITUATION_COLOURS)) == 4
+    assert all(luminance(nothing) > luminance(colour) + 0.05 for colour in slips_and_grasp)
+    assert luminance(SITUATION_COLOURS[GRASP]) > luminance(SITUATION_COLOURS[RISKY_SLIP]) + 0.1
+
+
+def test_every_finger_has_its_own_colour_of_okabe_and_ito() -> None:
+    assert set(FINGER_COLOURS) <= OKABE_ITO
+    assert len(set(FINGER_COLOURS)) == 6
+
+
+def test_only_what_stands_between_the_markers_is_replaced(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    kept = "<!-- other: by x -->\nkeep\n<!-- /other -->\nafter\n"
+    page.write_text(f"before\n<!-- real: by make real -->\nstale\nlines\n<!-- /real -->\n{kept}", encoding="utf-8")
+    fresh = "µT \\1 \\g<0> 10 %\n"
+    for _ in range(2):
+        write_between(page, "real", fresh)
+        text = page.read_text(encoding="utf-8")
+        assert text == f"before\n<!-- real: by make real -->\n{fresh}<!-- /real -->\n{kept}"
+
+
+def test_a_page_without_its_markers_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    for text in ("nothing here\n", "<!-- real: by make -->\nno end\n", "no start\n<!-- /real -->\n"):
+        page.write_text(text)
+        with pytest.raises(DataNotFound, match="no markers <!-- real: -->"):
+            write_between(page, "real", "fresh\n")
+        assert page.read_text() == text

@@ -1,0 +1,640 @@
+"""Effects of the sensor: each obeys its formula, draws only from its own stream and leaves the rest alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_runtime.contract import FloatArray, Unit
+from edge_runtime.preparation import Preparation
+from simulation.effect import Signal, stream
+from simulation.sensor import SENSOR_EFFECTS
+from simulation.sensor.calibration import calibrate, linear_map, loads_n, residual_n
+from simulation.sensor.magnet import dipole_ut
+from training.datasets.thesis import preparation
+
+MU0 = 4e-7 * np.pi
+MOMENT_A_M2 = 1.35 / MU0 * np.pi * 0.75e-3**2 * 0.5e-3
+"""Remanence / mu0 * volume, N45, 1.5 x 0.5 mm."""
+RATE_HZ = 100.0
+CHANGES_NOTHING: dict[str, dict[str, Any]] = {
+    "cross_talk": {"height_mm": 0, "axes": 0},
+    "gain_tilt": {"gain_sd": 0, "tilt_sd_deg": 0},
+    "magnet_reversed": {"sensors": []},
+    "magnet_lost": {"sensors": [], "at_s": 0},
+    "thermal_drift": {"warming_degc": 0, "compensated": 0},
+    "timing_jitter": {"sd_ms": 0},
+    "dropped_samples": {"share": 0},
+    "stale_sensor": {"sensors": [], "at_s": 0, "lasts_s": 10},
+}
+SOMETHING: dict[str, dict[str, Any]] = {
+    "dipole": {},
+    "cross_talk": {},
+    "gain_tilt": {},
+    "magnet_reversed": {"sensors": [2, 5]},
+    "magnet_lost": {"sensors": [3], "at_s": 1},
+    "thermal_drift": {"warming_degc": 10},
+    "hall_noise": {},
+    "saturation": {"range": 0.25},
+    "quantisation": {},
+    "timing_jitter": {},
+    "dropped_samples": {"share": 0.1},
+    "stale_sensor": {"sensors": [1, 6], "at_s": 1, "lasts_s": 0.5},
+}
+RANDOM = ("gain_tilt", "hall_noise", "timing_jitter", "dropped_samples")
+
+
+def signal(values: FloatArray, unit: Unit = "uT") -> Signal:
+    """[T, 6, 3] at 100 Hz, all valid."""
+    return Signal(np.arange(len(values)) / RATE_HZ, values, np.ones(values.shape[:2], dtype=np.bool_), unit)
+
+
+def steady(rows: int = 300, vector: tuple[float, float, float] = (100.0, -200.0, 20e3)) -> Signal:
+    """The same field on all sensors, always."""
+    return signal(np.tile(np.array(vector), (rows, 6, 1)))
+
+
+def wandering(rows: int = 300) -> Signal:
+    """Every channel different and never twice the same; about 20 mT in z."""
+    rng = np.random.default_rng(1)
+    return signal(rng.normal([0.0, 0.0, 2e4], [2e3, 2e3, 2e3], size=(rows, 6, 3)))
+
+
+def forces(*each_n: Sequence[float] | FloatArray) -> Signal:
+    """One row per force, the same on all six fingertips."""
+    return signal(np.repeat(np.array(each_n, dtype=np.float64)[:, None], 6, axis=1), "N")
+
+
+def apply(name: str, to: Signal, seed: int = 7, **told: Any) -> Signal:
+    """An effect as a card applies it; told over its defaults."""
+    effect = SENSOR_EFFECTS[name]
+    drawn = effect.draw(told, stream(seed, 0, f"{name} parameters"))
+    out = effect.make(to, drawn, stream(seed, 0, name))
+    assert isinstance(out, Signal)
+    return out
+
+
+def same(one: Signal, other: Signal) -> bool:
+    """Equal to the bit."""
+    return one.unit == other.unit and all(
+        a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+        for a, b in ((one.t_s, other.t_s), (one.values, other.values), (one.valid, other.valid))
+    )
+
+
+def field_ut(z_m: float) -> float:
+    """On the axis of a dipole (Jackson 1998, 5.56): mu0 m / (2 pi z^3)."""
+    return float(1e6 * MU0 * MOMENT_A_M2 / (2.0 * np.pi * z_m**3))
+
+
+def others(*sensors: int) -> list[int]:
+    """Columns of all sensors but these (1 .. 6)."""
+    return [column for column in range(6) if column + 1 not in sensors]
+
+
+def columns(*sensors: int) -> list[int]:
+    return [number - 1 for number in sensors]
+
+
+# every effect
+
+
+def test_these_tests_know_every_effect_of_the_sensor() -> None:
+    assert set(SOMETHING) == set(SENSOR_EFFECTS)
+
+
+@pytest.mark.parametrize("name", CHANGES_NOTHING)
+def test_an_effect_with_parameters_of_zero_changes_no_bit(name: str) -> None:
+    before = wandering()
+    assert same(apply(name, before, **CHANGES_NOTHING[name]), before)
+
+
+@pytest.mark.parametrize("name", SOMETHING)
+def test_an_effect_changes_something(name: str) -> None:
+    assert not same(apply(name, wandering(), **SOMETHING[name]), wandering())
+
+
+@pytest.mark.parametrize("name", SOMETHING)
+def test_an_effect_does_not_write_into_what_it_was_given(name: str) -> None:
+    given_to_it = wandering()
+    for array in (given_to_it.t_s, given_to_it.values, given_to_it.valid):
+        array.setflags(write=False)
+    apply(name, given_to_it, **SOMETHING[name])
+    assert same(given_to_it, wandering())
+
+
+@pytest.mark.parametrize("name", SOMETHING)
+def test_an_effect_does_the_same_with_the_same_seed(name: str) -> None:
+    assert same(apply(name, wandering(), **SOMETHING[name]), apply(name, wandering(), **SOMETHING[name]))
+
+
+@pytest.mark.parametrize("name", SOMETHING)
+def test_only_effects_of_chance_depend_on_the_seed(name: str) -> None:
+    one, other = (apply(name, wandering(), seed, **SOMETHING[name]) for seed in (1, 2))
+    assert same(one, other) == (name not in RANDOM)
+
+
+@pytest.mark.parametrize("name", SOMETHING)
+def test_an_effect_keeps_shapes_and_types(name: str) -> None:
+    before = wandering()
+    after = apply(name, before, **SOMETHING[name])
+    rows = len(after.t_s)
+    assert rows == 300 or name == "dropped_samples"
+    assert after.values.shape == (rows, 6, 3)
+    assert after.valid.shape == (rows, 6)
+    assert after.t_s.dtype == after.values.dtype == np.float64
+    assert after.valid.dtype == np.bool_
+    assert after.unit == "uT"
+
+
+@pytest.mark.parametrize("name", SOMETHING)
+def test_an_effect_that_makes_samples_invalid_says_so(name: str) -> None:
+    after = apply(name, wandering(), **SOMETHING[name])
+    assert after.valid.all() == (not SENSOR_EFFECTS[name].marks_invalid)
+
+
+@pytest.mark.parametrize("name", SOMETHING)
+def test_no_effect_makes_an_invalid_sample_valid(name: str) -> None:
+    bad = replace(wandering(), valid=np.zeros((300, 6), dtype=np.bool_))
+    assert not apply(name, bad, **SOMETHING[name]).valid.any()
+
+
+# dipole
+
+
+@pytest.mark.parametrize("z_mm", [1.5, 2.0, 5.0, 20.0])
+def test_the_field_on_the_axis_of_a_magnet_is_the_textbooks(z_mm: float) -> None:
+    field = dipole_ut(np.array([0.0, 0.0, 1e-3 * z_mm]), MOMENT_A_M2)
+    assert field == pytest.approx([0.0, 0.0, field_ut(1e-3 * z_mm)], rel=1e-12)
+
+
+def test_the_field_beside_a_magnet_is_half_of_that_and_the_other_way() -> None:
+    assert dipole_ut(np.array([3e-3, 0.0, 0.0]), MOMENT_A_M2)[2] == pytest.approx(-field_ut(3e-3) / 2.0, rel=1e-12)
+
+
+@given(st.tuples(*[st.floats(-2e-3, 2e-3)] * 2), st.floats(1.5e-3, 5e-3))
+def test_the_field_of_a_magnet_has_neither_sources_nor_curls(aside_m: tuple[float, float], z_m: float) -> None:
+    at, h = np.array([*aside_m, z_m]), 1e-6
+    slope = np.stack([(dipole_ut(at + h * e) - dipole_ut(at - h * e)) / (2.0 * h) for e in np.eye(3)])
+    assert abs(np.trace(slope)) < 1e-5 * np.abs(slope).max()
+    assert np.allclose(slope, slope.T, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("height_mm", [1.5, 2.0, 10.0])
+def test_without_force_a_sensor_reads_the_field_of_its_magnet_at_rest(height_mm: float) -> None:
+    read = apply("dipole", forces((0.0, 0.0, 0.0)), height_mm=height_mm)
+    assert read.values[0] == pytest.approx(np.tile([0.0, 0.0, field_ut(1e-3 * height_mm)], (6, 1)), rel=1e-12)
+    assert read.unit == "uT"
+
+
+@pytest.mark.parametrize(("force_n", "nearer_mm"), [(3.0, 1.0 / 11.0), (15.0, 1.0 / 3.0), (30.0, 0.5)])
+def test_a_press_brings_the_magnet_nearer_by_what_silicone_yields(force_n: float, nearer_mm: float) -> None:
+    read = apply("dipole", forces((0.0, 0.0, force_n)))  # F / (30 N/mm (1 + F / 30 N))
+    assert read.values[0, :, 2] == pytest.approx([field_ut(1e-3 * (2.0 - nearer_mm))] * 6, rel=1e-12)
+    assert read.values[0, :, :2] == pytest.approx(0.0, abs=1e-9)
+
+
+@given(st.lists(st.floats(0.0, 100.0), min_size=2, max_size=10, unique_by=lambda force: round(force, 3)))
+def test_the_field_grows_with_the_press(normal_n: list[float]) -> None:
+    read = apply("dipole", forces(*((0.0, 0.0, force) for force in sorted(normal_n))))
+    assert (np.diff(read.values[:, :, 2], axis=0) > 0.0).all()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_shear_tilts_the_field_its_own_way(axis: int, sign: float) -> None:
+    force = np.zeros(3)
+    force[axis] = sign * 0.01
+    read = apply("dipole", forces(force)).values[0]
+    slope = 3.0 * field_ut(2e-3) / (2.0 * 2e-3)  # of 3 mu0/4pi m x / z^4
+    assert read[:, axis] == pytest.approx([slope * sign * 0.01 / 15e3] * 6, rel=1e-3)
+    assert read[:, 1 - axis] == pytest.approx(0.0, abs=1e-9)
+    assert (read[:, 2] < field_ut(2e-3)).all()
+
+
+@given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(0.0, 20.0))
+def test_shear_to_the_other_side_is_the_mirror_image(x_n: float, y_n: float, z_n: float) -> None:
+    one, other = apply("dipole", forces((x_n, y_n, z_n), (-x_n, -y_n, z_n))).values[:, 0]
+    assert np.array_equal(one * [-1.0, -1.0, 1.0], other)
+
+
+# cross-talk
+
+
+def test_a_neighbour_feels_a_magnet_by_the_cube_of_height_over_spacing() -> None:
+    alone = np.zeros((1, 6, 3))
+    alone[0, 2] = [100.0, -200.0, 20e3]
+    after = apply("cross_talk", signal(alone), height_mm=2, spacing_mm=10, axes=0).values[0]
+    assert after[1] == pytest.approx(0.008 * alone[0, 2], rel=1e-12)
+    assert after[3] == pytest.approx(0.008 * alone[0, 2], rel=1e-12)
+    assert np.array_equal(after[2], alone[0, 2])
+    assert not after[[0, 4, 5]].any()
+
+
+def test_the_first_and_the_last_sensor_have_one_neighbour() -> None:
+    after = apply("cross_talk", steady(1), height_mm=2, spacing_mm=20, axes=0).values[0, :, 2]
+    assert after / 20e3 == pytest.approx([1.001, 1.002, 1.002, 1.002, 1.002, 1.001], rel=1e-12)
+
+
+def test_twice_as_far_a_neighbour_is_felt_an_eighth() -> None:
+    near, far = (apply("cross_talk", wandering(), spacing_mm=mm, axes=0).values - wandering().values for mm in (20, 40))
+    assert near == pytest.approx(8.0 * far, rel=1e-6)
+
+
+def test_an_axis_gets_its_share_of_the_other_two() -> None:
+    after = apply("cross_talk", steady(1, (10.0, 200.0, 3000.0)), height_mm=0, axes=0.1).values[0]
+    assert after == pytest.approx(np.tile([330.0, 501.0, 3021.0], (6, 1)), rel=1e-12)
+
+
+# gain and tilt
+
+
+def turns(seed: int, **told: Any) -> FloatArray:
+    """[6, 3, 3] what becomes of a unit field along each axis; columns are images."""
+    unit = signal(np.repeat(np.eye(3)[:, None], 6, axis=1))
+    return apply("gain_tilt", unit, seed, **told).values.transpose(1, 2, 0)
+
+
+def test_a_tilted_sensor_reads_the_same_strength_turned() -> None:
+    turn = turns(7, gain_sd=0, tilt_sd_deg=20)
+    assert turn @ turn.transpose(0, 2, 1) == pytest.approx(np.tile(np.eye(3), (6, 1, 1)), abs=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(np.ones(6))
+    assert (np.abs(turn - np.eye(3)).max(axis=(1, 2)) > 1e-3).all()
+
+
+def test_a_gain_alone_mixes_no_axes() -> None:
+    turn = turns(7, gain_sd=0.1, tilt_sd_deg=0)
+    gain = turn[:, 0, 0]
+    assert turn == pytest.approx(gain[:, None, None] * np.eye(3), abs=1e-15)
+    assert len(set(gain)) == 6
+
+
+def test_the_norm_changes_by_a_gain_that_a_sensor_keeps() -> None:
+    before = wandering()
+    after = apply("gain_tilt", before, gain_sd=0.1, tilt_sd_deg=20)
+    ratio = np.linalg.norm(after.values, axis=2) / np.linalg.norm(before.values, axis=2)
+    assert ratio == pytest.approx(np.tile(ratio[0], (300, 1)), rel=1e-12)
+    assert len(set(ratio[0].round(9))) == 6
+
+
+def test_gains_and_angles_spread_as_they_say() -> None:
+    drawn = np.concatenate([turns(seed, gain_sd=0.05, tilt_sd_deg=3) for seed in range(400)])
+    gain = np.linalg.norm(drawn[:, :, 2], axis=1)
+    along = drawn[:, :, 2] / gain[:, None]
+    about_x, about_y = np.degrees(np.arcsin(-along[:, 1])), np.degrees(np.arctan2(along[:, 0], along[:, 2]))
+    spread = np.array([gain.std() / 0.05, about_x.std() / 3.0, about_y.std() / 3.0])
+    assert spread == pytest.approx(1.0, abs=0.06)  # four sigma of 2400 draws
+    assert np.abs([(gain.mean() - 1.0) / 0.05, about_x.mean() / 3.0, about_y.mean() / 3.0]).max() < 0.08
+    assert np.abs(np.corrcoef([gain, about_x, about_y]) - np.eye(3)).max() < 0.08
+
+
+def test_every_sensor_has_an_angle_and_a_gain_of_its_own() -> None:
+    drawn = np.stack([turns(seed, gain_sd=0.05, tilt_sd_deg=3)[:, :, 2] for seed in range(400)])
+    for axis in range(3):
+        assert np.abs(np.corrcoef(drawn[:, :, axis].T) - np.eye(6)).max() < 0.25  # five sigma
+
+
+# magnets reversed and lost
+
+
+@given(st.lists(st.integers(1, 6), unique=True))
+def test_reversed_magnets_turn_exactly_the_named_sensors(sensors: list[int]) -> None:
+    before = wandering(3)
+    after = apply("magnet_reversed", before, sensors=sensors)
+    assert np.array_equal(after.values[:, columns(*sensors)], -before.values[:, columns(*sensors)])
+    assert np.array_equal(after.values[:, others(*sensors)], before.values[:, others(*sensors)])
+
+
+def pressed(reversed_sensors: list[int]) -> Signal:
+    """20 rows of rest and 20 of 5 N with a little shear, calibrated to newtons."""
+    read = apply("dipole", forces(*[(0.0, 0.0, 0.0)] * 20, *[(1.0, 0.0, 5.0)] * 20))
+    return calibrate(apply("magnet_reversed", read, sensors=reversed_sensors))
+
+
+def test_at_rest_a_reversed_magnet_reads_far_below_zero_and_a_good_one_far_above() -> None:
+    rest = pressed([2, 5]).values[0, :, 2]
+    assert (rest[columns(2, 5)] < -10.0).all()
+    assert (rest[others(2, 5)] > 10.0).all()
+
+
+@pytest.mark.parametrize("sensors", [[], [1], [2, 5], [1, 2, 3, 4, 5, 6]])
+def test_the_thesis_preparation_turns_exactly_the_reversed_magnets(sensors: list[int]) -> None:
+    raw = pressed(sensors)
+    sign, _ = preparation("N").learn(raw.values.reshape(40, 18))
+    expected = np.ones((6, 3))
+    expected[columns(*sensors), 2] = -1.0
+    assert np.array_equal(sign.reshape(6, 3), expected)
+
+
+@pytest.mark.parametrize("sensors", [[], [1], [2, 5], [1, 2, 3, 4, 5, 6]])
+def test_prepared_a_press_is_a_positive_normal_force_on_all_six(sensors: list[int]) -> None:
+    prepared = preparation("N").apply(pressed(sensors).values.reshape(40, 18)).reshape(40, 6, 3)
+    assert prepared[:20] == pytest.approx(0.0, abs=1e-9)
+    assert (prepared[20:, :, 2] > 4.0).all()
+    assert np.ptp(prepared[20:, :, 2]) < 1e-9
+
+
+def tared() -> FloatArray:
+    """[40, 18] N: noise of 0.05 N about zero, then 5 N of normal force."""
+    values = np.random.default_rng(3).normal(0.0, 0.05, size=(40, 6, 3))
+    values[20:, :, 2] += 5.0
+    return values.reshape(40, 18)
+
+
+def test_a_stream_that_is_tared_already_is_not_turned_by_its_noise() -> None:
+    first = tared()[0, 2::3]
+    assert (first < 0.0).any()
+    assert (first > 0.0).any()
+    assert np.array_equal(preparation("N").learn(tared())[0], np.ones(18))
+    assert (preparation("N").apply(tared())[20:, 2::3] > 4.5).all()
+
+
+def test_without_a_floor_the_noise_of_a_tared_stream_would_turn_it_at_random() -> None:
+    trap: Preparation = replace(preparation("N"), flip_beyond=0.0)
+    below = tared()[0, 2::3] < 0.0
+    assert np.array_equal(trap.learn(tared())[0][2::3], np.where(below, -1.0, 1.0))
+    assert (trap.apply(tared())[20:, 2::3][:, below] < -4.5).all()
+
+
+def test_of_a_lost_magnet_only_the_field_of_the_earth_is_left() -> None:
+    before = wandering()
+    after = apply("magnet_lost", before, sensors=[1, 4], at_s=1.0)
+    left = after.values[100:, columns(1, 4)]
+    assert np.linalg.norm(left, axis=2) == pytest.approx(48.0, abs=1.0)
+    assert np.ptp(left, axis=(0, 1)) == pytest.approx(np.zeros(3))
+    assert np.array_equal(after.values[:100], before.values[:100])
+    assert np.array_equal(after.values[:, others(1, 4)], before.values[:, others(1, 4)])
+
+
+# warmth
+
+
+def loss(**told: Any) -> FloatArray:
+    """[T] the share of its field that a magnet lost; 300 rows a minute apart."""
+    before = replace(steady(), t_s=60.0 * np.arange(300.0))
+    kept = apply("thermal_drift", before, **told).values / before.values
+    assert np.ptp(kept, axis=(1, 2)).max() < 1e-12
+    share: FloatArray = 1.0 - kept[:, 0, 0]
+    return share
+
+
+def test_a_warm_magnet_loses_a_fraction_of_its_field_a_degree() -> None:
+    share = loss(warming_degc=10, time_s=300, compensated=0)
+    assert share[0] == 0.0
+    assert share[-1] == pytest.approx(10 * 0.12e-2, rel=1e-9)
+
+
+def test_a_magnet_warms_as_a_body_of_first_order_does() -> None:
+    share = loss(warming_degc=10, time_s=300, compensated=0)
+    assert share[5] / share[-1] == pytest.approx(1.0 - 1.0 / np.e)
+    left = 1.0 - share[:20] / share[-1]
+    assert left[1:] / left[:-1] == pytest.approx(np.exp(-60.0 / 300.0))
+
+
+def test_a_magnet_that_cools_gains() -> None:
+    told = {"time_s": 300, "compensated": 0}
+    assert loss(warming_degc=-10, **told) == pytest.approx(-loss(warming_degc=10, **told), abs=1e-12)
+
+
+def test_a_chip_that_compensates_leaves_a_tenth() -> None:
+    bare, compensated = (loss(warming_degc=10, time_s=300, compensated=yes) for yes in (0, 1))
+    assert compensated == pytest.approx(bare / 10.0, abs=1e-12)
+
+
+# chip
+
+
+def noise(seed: int = 7, **told: Any) -> FloatArray:
+    """[20000, 18] uT"""
+    still = signal(np.zeros((20_000, 6, 3)))
+    return apply("hall_noise", still, seed, **told).values.reshape(-1, 18)
+
+
+@pytest.mark.parametrize("averages", [32, 8, 1])
+def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(averages: int) -> None:
+    sigma = np.tile([22.0, 22.0, 11.0], 6) * (32 / averages) ** 0.5
+    assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)  # five sigma
+
+
+def test_noise_has_32_averages_unless_told() -> None:
+    assert np.array_equal(noise(), noise(averages=32))
+
+
+def test_noise_has_no_mean_no_memory_and_no_company() -> None:
+    white = noise() / noise().std(axis=0)
+    rows = len(white)
+    assert np.abs(white.mean(axis=0)).max() < 5.0 / rows**0.5
+    assert np.abs(white.T @ white / rows - np.eye(18)).max() < 0.05
+    for lag in (1, 2, 3, 10):
+        assert np.abs(white[lag:].T @ white[:-lag] / rows).max() < 5.0 / rows**0.5
+
+
+def test_noise_is_added_whatever_the_field() -> None:
+    before = wandering()
+    assert apply("hall_noise", before).values - before.values == pytest.approx(
+        apply("hall_noise", signal(np.zeros((300, 6, 3)))).values, abs=1e-9
+    )
+
+
+@pytest.mark.parametrize(("axis", "limit_ut"), [(0, 40e3), (1, 40e3), (2, 80e3)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("share", [1.0, 0.25])
+def test_beyond_its_range_a_chip_shows_its_limit_and_is_invalid(
+    axis: int, limit_ut: float, sign: float, share: float
+) -> None:
+    values = np.zeros((3, 6, 3))
+    values[1, 3, axis] = sign * 1.01 * share * limit_ut
+    values[2, 3, axis] = sign * 0.99 * share * limit_ut
+    after = apply("saturation", signal(values), range=share)
+    assert after.values[1, 3, axis] == pytest.approx(sign * share * limit_ut)
+    assert np.array_equal(after.values[2], values[2])
+    assert np.argwhere(~after.valid).tolist() == [[1, 3]]
+
+
+def test_within_its_range_a_chip_changes_nothing() -> None:
+    assert same(apply("saturation", wandering()), wandering())
+
+
+@given(
+    st.integers(4, 24),
+    st.tuples(st.floats(-40e3, 40e3), st.floats(-40e3, 40e3), st.floats(-80e3, 80e3)),
+)
+def test_a_reading_is_the_nearest_step_of_the_chip(bits: int, vector: tuple[float, float, float]) -> None:
+    before = steady(1, vector)
+    after = apply("quantisation", before, bits=bits)
+    step = np.array([80e3, 80e3, 160e3]) / 2.0**bits
+    assert after.values / step == pytest.approx(np.round(after.values / step), abs=1e-9)
+    assert (np.abs(after.values - before.values) <= step / 2.0 * (1.0 + 1e-9)).all()
+    assert np.array_equal(apply("quantisation", after, bits=bits).values, after.values)
+
+
+def test_twelve_bits_are_steps_of_20_and_39_ut() -> None:
+    ramp = np.arange(0.0, 1000.0, 0.5)[:, None, None] * np.ones((6, 3))
+    read = apply("quantisation", signal(ramp)).values[:, 0]
+    for axis, step_ut in enumerate((19.5, 19.5, 39.1)):
+        assert np.diff(np.unique(read[:, axis])) == pytest.approx(step_ut, abs=0.05)
+
+
+# clock and bus
+
+
+@pytest.mark.parametrize("sd_ms", [0.3, 3, 20])
+def test_no_sample_overtakes_another(sd_ms: float) -> None:
+    after = apply("timing_jitter", wandering(5000), sd_ms=sd_ms)
+    late_s = after.t_s - np.arange(5000) / RATE_HZ
+    assert np.diff(after.t_s).min() > 0.0
+    assert np.abs(late_s).max() < 0.5 / RATE_HZ
+    assert late_s[0] == late_s[-1] == 0.0
+
+
+def test_samples_are_late_and_early_by_as_much_as_told() -> None:
+    late_ms = 1e3 * (apply("timing_jitter", wandering(5000), sd_ms=0.5).t_s - np.arange(5000) / RATE_HZ)
+    assert late_ms.std() == pytest.approx(0.5, abs=0.025)
+    assert abs(late_ms.mean()) < 0.035
+
+
+def test_a_late_sample_has_the_value_of_its_own_time() -> None:
+    slope = np.arange(1.0, 19.0).reshape(6, 3)
+    t_s = np.arange(500) / RATE_HZ
+    after = apply("timing_jitter", signal(t_s[:, None, None] * slope), sd_ms=3)
+    assert after.values == pytest.approx(after.t_s[:, None, None] * slope, abs=1e-12)
+    assert np.abs(after.t_s - t_s).max() > 1e-3
+
+
+@pytest.mark.parametrize("share", [0.005, 0.01, 0.02])
+def test_so_many_samples_never_come(share: float) -> None:
+    left = len(apply("dropped_samples", signal(np.zeros((200_000, 6, 3))), share=share).t_s)
+    assert 1.0 - left / 200_000 == pytest.approx(share, rel=0.1)
+
+
+def came(rows: int = 5000, **told: Any) -> FloatArray:
+    """Numbers of the rows that came."""
+    after = apply("dropped_samples", steady(rows), **told)
+    return np.round(after.t_s * RATE_HZ)
+
+
+def test_samples_are_lost_in_bursts_of_one_to_three() -> None:
+    assert set(np.diff(came(share=0.1)) - 1.0) == {0.0, 1.0, 2.0, 3.0}
+
+
+@pytest.mark.parametrize("rows", [3, 4, 10])
+@pytest.mark.parametrize("seed", range(20))
+def test_the_first_two_samples_and_the_last_always_come(rows: int, seed: int) -> None:
+    came_at = np.round(apply("dropped_samples", steady(rows), seed, share=0.3).t_s * RATE_HZ)
+    assert came_at[[0, 1, -1]].tolist() == [0.0, 1.0, rows - 1.0]
+
+
+def test_the_samples_that_come_are_as_they_were() -> None:
+    before = replace(wandering(), valid=np.random.default_rng(2).random((300, 6)) < 0.5)
+    after = apply("dropped_samples", before, share=0.1)
+    rows = np.round(after.t_s * RATE_HZ).astype(int)
+    assert len(rows) < 300
+    assert same(after, replace(before, t_s=before.t_s[rows], values=before.values[rows], valid=before.valid[rows]))
+
+
+def test_a_stale_sensor_repeats_its_last_value_for_so_long_and_then_goes_on() -> None:
+    before = wandering()
+    after = apply("stale_sensor", before, sensors=[2, 6], at_s=0.995, lasts_s=0.5)  # rows 100 .. 149
+    two = columns(2, 6)
+    assert np.array_equal(after.values[100:150, two], np.repeat(before.values[99:100, two], 50, axis=0))
+    assert np.array_equal(after.values[:100], before.values[:100])
+    assert np.array_equal(after.values[150:], before.values[150:])
+    assert np.array_equal(after.values[:, others(2, 6)], before.values[:, others(2, 6)])
+    assert np.array_equal(after.t_s, before.t_s)
+
+
+def test_a_stale_sensor_is_invalid_once_the_driver_can_know() -> None:
+    after = apply("stale_sensor", wandering(), sensors=[2, 6], at_s=0.995, lasts_s=0.5)
+    expected = np.ones((300, 6), dtype=np.bool_)
+    expected[102:150, columns(2, 6)] = False  # rows 100 and 101 are 5 and 15 ms old
+    assert np.array_equal(after.valid, expected)
+
+
+def test_a_sensor_that_is_stale_from_the_start_repeats_its_first_value() -> None:
+    before = wandering()
+    after = apply("stale_sensor", before, sensors=[1], at_s=0, lasts_s=0.1)
+    assert np.array_equal(after.values[:10, 0], np.repeat(before.values[:1, 0], 10, axis=0))
+
+
+def test_a_sensor_that_goes_stale_after_the_end_never_does() -> None:
+    assert same(apply("stale_sensor", wandering(), sensors=[1], at_s=4, lasts_s=1), wandering())
+
+
+# calibration
+
+
+def newtons(*each_n: Sequence[float] | FloatArray) -> FloatArray:
+    """[N, 3] of one sensor: pressed, read, calibrated and tared."""
+    read = calibrate(apply("dipole", forces((0.0, 0.0, 0.0), *each_n)))
+    tared_n: FloatArray = read.values[1:, 0] - read.values[0, 0]
+    return tared_n
+
+
+@given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
+def test_calibration_is_linear(a: float, b: float) -> None:
+    one, other = wandering(4), signal(wandering(8).values[4:])
+    both = calibrate(signal(a * one.values + b * other.values)).values
+    assert both == pytest.approx(a * calibrate(one).values + b * calibrate(other).values, abs=1e-9)
+
+
+def test_calibration_changes_the_unit_and_neither_time_nor_validity() -> None:
+    before = replace(wandering(), valid=np.random.default_rng(2).random((300, 6)) < 0.5)
+    after = calibrate(before)
+    assert same(after, replace(before, values=after.values, unit="N"))
+
+
+def test_all_sensors_have_the_same_map() -> None:
+    assert np.ptp(calibrate(steady()).values, axis=(0, 1)).max() == 0.0
+
+
+def test_the_rest_field_is_that_of_a_magnet_nobody_touches_and_reads_23_n() -> None:
+    assert linear_map()[1] == pytest.approx([0.0, 0.0, field_ut(2e-3)], rel=1e-12)
+    assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[0, :, 2] == pytest.approx([23.0] * 6, abs=1.0)
+
+
+def test_the_loads_are_those_of_the_thesis() -> None:
+    loads = loads_n()
+    pure = loads[(loads[:, :2] == 0.0).all(axis=1)]
+    sheared = loads[(loads[:, :2] != 0.0).any(axis=1)]
+    assert sorted(pure[:, 2]) == list(range(15))
+    assert set(sheared[:, 2]) == {5.0, 14.0}
+    assert sheared[:, :2].sum(axis=0) == pytest.approx(0.0, abs=1e-9)
+    assert (np.hypot(sheared[:, 0], sheared[:, 1]) <= 0.5 * sheared[:, 2] + 1e-9).all()
+
+
+def test_the_residual_is_the_root_mean_square_over_the_loads() -> None:
+    loads = loads_n()
+    error = newtons(*loads) - loads
+    rms = np.sqrt((error**2).mean(axis=0))
+    assert residual_n() == pytest.approx((rms[2], np.sqrt((rms[0] ** 2 + rms[1] ** 2) / 2.0)), rel=1e-9)
+
+
+def test_no_other_matrix_fits_the_loads_better() -> None:
+    matrix, _ = linear_map()
+    read = apply("dipole", forces((0.0, 0.0, 0.0), *loads_n())).values[:, 0]
+    fields = read[1:] - read[0]
+    error = fields @ matrix.T - loads_n()
+    assert fields.T @ error == pytest.approx(np.zeros((3, 3)), abs=1e-3)  # the normal equations
+
+
+@pytest.mark.parametrize("force_n", [1.0, 2.0, 5.0, 10.0, 14.0])
+def test_a_known_press_comes_back_within_the_residual(force_n: float) -> None:
+    (back,) = newtons((0.0, 0.0, force_n))
+    assert abs(back[2] - force_n) < 1.5 * residual_n()[0]
+    assert back[:2] == pytest.approx(0.0, abs=1e-9)
+
+
+@given(st.floats(0.0, 360.0), st.floats(0.0, 0.5), st.floats(1.0, 14.0))
+def test_a_known_shear_comes_back_on_its_side_within_three_residuals(
+    angle_deg: float, share: float, normal_n: float
+) -> None:
+    shear = share * normal_n * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    (back,) = newtons((float(shear[0]), float(shear[1]), normal_n))
+    assert np.abs(back[:2] - shear).max() < 3.0 * residual_n()[1]
+    assert back[:2] @ shear >= -1e-9
