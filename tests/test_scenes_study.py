@@ -28,6 +28,7 @@ from training.marked import write_between
 from training.plan import CLOCK_PLAN, RAW_BASELINE, RAW_GROUPS, ForestPlan, TrainingPlan
 from training.recording import DataSet, LabelledRows, Recording
 from training.scenes import __main__ as command
+from training.scenes import pictures as draw
 from training.scenes.baselines import (
     BACK_SAMPLES,
     JUMP_N,
@@ -600,3 +601,10 @@ def test_a_page_without_its_markers_is_refused_and_left_as_it_is(tmp_path: Path)
         with pytest.raises(DataNotFound, match="no markers <!-- real: -->"):
             write_between(page, "real", "fresh\n")
         assert page.read_text() == text
+
+
+def test_an_object_met_in_one_trial_alone_has_no_interval_and_is_drawn_all_the_same() -> None:
+    alone = {"four": {"macro_f1": 0.5, "macro_f1_ci": None}}
+    assert "<svg" in draw.by_object({"ours": {"a": alone}}, "simulated")
+    rate = {"rows": {"ours": alone}, "others": {"apple": {"rows": {"ours": alone}}}}
+    assert "<svg" in draw.over_rates({"50": rate, "100": rate}, "simulated")

@@ -93,7 +93,7 @@ def by_object(objects: dict[str, dict[str, Any]], kind: str) -> str:
             colour, shift = LINE_COLOURS[place % 3], 0.2 * (place - (len(objects) - 1) / 2)
             for row, name in enumerate(names):
                 one = figures[name]["four"]
-                axes.plot(one["macro_f1_ci"], [row + shift] * 2, color=colour, linewidth=4, alpha=0.35)
+                axes.plot(_edges(one), [row + shift] * 2, color=colour, linewidth=4, alpha=0.35)
                 label = _short(line) if row == 0 else None
                 axes.plot(one["macro_f1"], row + shift, "o", color=colour, markersize=5, label=label)
         axes.set_yticks(range(len(names)), names)
@@ -125,9 +125,14 @@ def over_rates(rates: dict[str, Any], kind: str) -> str:
 
 
 def _over(axes: Axes, hz: list[float], figures: list[dict[str, Any]], colour: str, label: str) -> None:
-    low, high = np.array([one["macro_f1_ci"] for one in figures]).T
+    low, high = np.array([_edges(one) for one in figures]).T
     axes.fill_between(hz, low, high, color=colour, alpha=0.15, linewidth=0)
     axes.plot(hz, [one["macro_f1"] for one in figures], "o-", color=colour, label=label)
+
+
+def _edges(figure: dict[str, Any]) -> list[float]:
+    """The interval, or nothing to draw where one trial alone gives none."""
+    return figure["macro_f1_ci"] or [np.nan, np.nan]
 
 
 def _short(line: str) -> str:

@@ -113,5 +113,5 @@ def spread_of(matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
         "recall": {name: recalls[:, k].tolist() if there[k] else None for k, name in enumerate(CLASSES)},
         "spread": {name: float(span[k]) if there[k] else None for k, name in enumerate(CLASSES)},
         "largest_spread": float(np.nanmax(span)),
-        "within_10_percent": bool(np.nanmax(span) <= 0.10),
+        "within_10_percent": bool(np.nanmax(span) <= 0.10 + 1e-9),
     }
