@@ -16,6 +16,7 @@ class LiveHand:
         self._hand, self._to_force = hand, to_force
         self.unit: Unit = "uT" if to_force is None else "N"
         self.n_channels = 3 * len(hand.fingers)
+        self.rate_hz: float | None = None
 
     def read(self) -> Measured:
         """One scan."""

@@ -17,6 +17,7 @@ class Paced:
         self._start_ns: int | None = None
         self.unit: Unit = replay.unit
         self.n_channels = replay.values.shape[1]
+        self.rate_hz: float | None = replay.rate_hz
 
     def read(self) -> Measured | None:
         """The row whose time has come; None after the last."""

@@ -41,6 +41,8 @@ class Source(Protocol):
 
     unit: Unit
     n_channels: int
+    rate_hz: float | None
+    """Of a recording; None where the reader decides."""
 
     def read(self) -> Measured | None:
         """The newest reading; None where there will be no more."""

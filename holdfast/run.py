@@ -16,9 +16,10 @@ from typing import Any
 
 from edge_runtime.clock import MonotonicClock
 from edge_runtime.command import place
-from edge_runtime.contract import FloatArray, Prediction, Sample
-from edge_runtime.errors import ChannelError, UnitError
-from edge_runtime.live import Measured, Source, Summary, run_live
+from edge_runtime.commands import command_port
+from edge_runtime.contract import RATE_TOLERANCE, FloatArray, Prediction, Sample
+from edge_runtime.errors import ChannelError, RateError, UnitError
+from edge_runtime.live import Command, Measured, Source, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--source", required=True, metavar="URL", help="usb://ft232h, i2c://1, virtual://ft232h?scene=..")
     parser.add_argument("--out", type=place, metavar="FILE", help="JSON lines into a new file too")
     parser.add_argument("--udp", metavar="HOST:PORT", help="JSON lines as datagrams too")
+    parser.add_argument("--commands", metavar="HOST:PORT", help="listen for the user's opening and override")
     parser.add_argument("--samples", type=place, metavar="FILE", help="the prepared samples, to replay, into a new CSV")
     parser.add_argument("--quiet", action="store_true", help="no JSON lines on stdout")
     parser.add_argument("--view", action="store_true", help="a picture of the stream in the terminal (needs rich)")
@@ -39,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
 
 
+PACE_READS = 3
 Emit = Callable[[Prediction, Sample, Measured], None]
 
 
@@ -60,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
         sinks += [enter(udp_sink(args.udp))] if args.udp else []
         stopped, keep = enter(stop_signals()), enter(kept_samples(args.samples, model))
         show = enter(_view(model)) if args.view else _no_view
+        command = enter(command_port(args.commands, say)) if args.commands else Command
         emit = emit_to(sinks)
 
         def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> None:
@@ -70,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
         source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
         try:
             resting = resting_of(args.bias, source)
-            summary = answer(source, model, clock, pass_on, until(stopped, clock, args.seconds), resting)
+            stop = until(stopped, clock, args.seconds)
+            summary = answer(source, model, clock, pass_on, stop, resting=resting, command=command)
         finally:
             source.close()
     say_summary(summary, model)
@@ -83,9 +88,11 @@ def answer(
     clock: Any,
     emit: Emit,
     stopped: Callable[[], bool],
+    *,
     resting: FloatArray | None = None,
+    command: Callable[[], Command] = Command,
 ) -> Summary:
-    """The live loop on a source that fits the model. Raises ChannelError, UnitError."""
+    """The live loop on a source that fits the model. Raises ChannelError, UnitError, RateError."""
     card = model.card
     if source.n_channels != card.n_channels:
         raise ChannelError(
@@ -98,7 +105,29 @@ def answer(
         )  # fmt: skip
     monitor = GripMonitor(model, clock.now_ns)
     tare = Tare(card.preparation, card.n_channels, resting)
-    return run_live(source, monitor, tare, clock, emit, stopped=stopped)
+    require_pace(source, model, clock)
+    return run_live(source, monitor, tare, clock, emit, stopped=stopped, command=command)
+
+
+def require_pace(source: Source, model: Model, clock: Any) -> None:
+    """Raise RateError where a recording has another rate than the model, or a hand cannot be read so often."""
+    rate_hz = model.card.rate_hz
+    if source.rate_hz is not None:
+        if abs(source.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
+            raise RateError(
+                f"{source.rate_hz:g} Hz, the model wants {rate_hz:g} Hz", next_step="use a model made for this rate"
+            )
+        return
+    times = []
+    for _ in range(PACE_READS):
+        before_ns = clock.now_ns()
+        source.read()
+        times.append(1e-9 * (clock.now_ns() - before_ns))
+    if min(times) * rate_hz > 1.0:
+        raise RateError(
+            f"a scan takes {1e3 * min(times):.1f} ms, the model wants {rate_hz:g} of them a second",
+            cause="a bridge too slow for this model", next_step="holdfast scan says which model it serves",
+        )  # fmt: skip
 
 
 def resting_of(path: Path | None, source: Source) -> FloatArray | None:
