@@ -6,6 +6,9 @@ measured on silicon; times of computing are this machine's.
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -197,4 +200,29 @@ def delays(scan_costs: list[dict[str, Any]], compute_ms: float) -> list[dict[str
                  "asked_ms": asked_ms, "falls_until_asked_mm": 500.0 * GRAVITY_M_S2 * (1e-3 * asked_ms) ** 2,
                  "falls_until_closed_mm": 500.0 * GRAVITY_M_S2 * closed_s**2}
             )  # fmt: skip
+    return rows
+
+
+FLOOR = "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onnxruntime"
+LIVE_PATH = """
+import sys
+import numpy as np
+from edge_runtime.contract import Sample
+from edge_runtime.monitor import GripMonitor, Model
+card = (monitor := GripMonitor(Model(sys.argv[1]))).card
+monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))
+"""
+TELL = """
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmRSS")))
+"""
+
+
+def memory(model_path: Path) -> list[dict[str, Any]]:
+    """Resident MB and start-up s of processes of their own: the floor, and the live path with a model."""
+    rows = []
+    for name, program in (("floor", FLOOR), ("live path, default model", LIVE_PATH)):
+        started = time.perf_counter()
+        command = [sys.executable, "-c", program + TELL, str(model_path)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        rows.append({"process": name, "resident_mb": int(done.stdout) / 1024, "start_s": time.perf_counter() - started})
     return rows

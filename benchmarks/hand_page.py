@@ -47,6 +47,12 @@ LIVE = """## Where a sample's time goes
 engine's own computing. us; the floor is a busy wait of the same length, timed on the same machine.
 
 """
+MEMORY = """## Memory and start
+
+Resident memory of a process, MB, and seconds from its start until it has answered one sample of the default model; the
+floor is Python with numpy and onnxruntime imported and nothing else.
+
+"""
 
 
 def page(figures: dict[str, Any]) -> str:
@@ -61,7 +67,7 @@ def page(figures: dict[str, Any]) -> str:
     )
     parts = [
         INTRO, SCANS + markdown(scans), FAULTS + markdown(figures["faults"]), DELAYS + markdown(figures["delays"]),
-        LIVE + f"{told}.\n\n" + markdown(live),
+        LIVE + f"{told}.\n\n" + markdown(live), MEMORY + markdown(figures["memory"]),
     ]  # fmt: skip
     return "\n\n".join(parts) + "\n"
 

@@ -15,6 +15,7 @@ from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 from edge_runtime.errors import BrokenSeal, ChannelError, TimeError
 from edge_runtime.golden import check_golden, golden_answers, golden_from_json
 from edge_runtime.graph import Outputs, StepGraph, open_session
+from edge_runtime.memory import give_back
 from edge_runtime.model_file import GOLDEN_KEY, ModelCard, check_runtime, read_card, read_sealed
 
 
@@ -32,6 +33,7 @@ class Model:
         metadata = self.session.get_modelmeta().custom_metadata_map
         self.card: ModelCard = read_card(metadata, path)
         self._replay_golden(metadata.get(GOLDEN_KEY, ""))
+        give_back()
 
     def _replay_golden(self, stored: str) -> None:
         card = self.card

@@ -58,12 +58,13 @@ def _simulator(out: Path) -> dict[str, Any]:
 
 
 def _hand(out: Path) -> dict[str, Any]:
-    from benchmarks.hand import delays, fault_table, latency, scan_costs
+    from benchmarks.hand import delays, fault_table, latency, memory, scan_costs
 
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
     compute_ms = 1e-3 * sum(live[0]["latency_us"][stage]["p50"] for stage in ("convert", "step", "decide", "emit"))
-    return {"scans": scans, "faults": fault_table(MODEL), "live": live, "delays": delays(scans, compute_ms)}
+    figures = {"scans": scans, "faults": fault_table(MODEL), "live": live, "delays": delays(scans, compute_ms)}
+    return figures | {"memory": memory(MODEL)}
 
 
 MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {"effects": _effects, "hand": _hand, "simulator": _simulator}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hand import FAULTS, RATES_HZ, delays, fault_table, latency, scan_costs
+from benchmarks.hand import FAULTS, RATES_HZ, delays, fault_table, latency, memory, scan_costs
 from benchmarks.hand_page import page
 from drivers.bridges import BRIDGES
 from edge_runtime.live import STAGES
@@ -54,7 +54,8 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(scans):
     live = latency(MODEL, 150.0, 1.0)
     assert list(live["latency_us"]) == [*STAGES, "read to emit"]
     assert live["samples"] > 100
-    text = page({"scans": scans, "faults": fault_table(MODEL)[:1], "live": [live], "delays": delays(scans, 0.5)})
+    text = page({"scans": scans, "faults": fault_table(MODEL)[:1], "live": [live], "delays": delays(scans, 0.5),
+                 "memory": memory(MODEL)})  # fmt: skip
     assert "| ft232h | registers |" in text
     assert "floor of read to emit" in text
     assert "finger 3: nack" in text
