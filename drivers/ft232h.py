@@ -66,7 +66,7 @@ class Ft232h:
         if not 0 < bus_hz <= FASTEST_HZ:
             raise UsageError(f"{bus_hz} Hz is no speed of the bus", next_step=f"up to {FASTEST_HZ} Hz")
         self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
-        self._turn = 0
+        self._turn, self._doubtful = 0, True
         self._port = UsbPort(self.name, FT232H_IDS, backend, number=number)
         try:
             self._begin()
@@ -103,7 +103,7 @@ class Ft232h:
         self._port.control_out(VENDOR_OUT, SIO_LATENCY, LATENCY_MS, INTERFACE_A)
         self._port.control_out(VENDOR_OUT, SIO_BITMODE, 0, INTERFACE_A)
         self._port.control_out(VENDOR_OUT, SIO_BITMODE, MPSSE_MODE, INTERFACE_A)
-        self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
+        self._doubtful = True
         self._ask(b"", 0)
         divider = bytes([DIVIDER, self._divider & 0xFF, self._divider >> 8])
         self._port.write(OUT_ENDPOINT, SETUP + divider + _pins(SCL | SDA))
@@ -122,21 +122,22 @@ class Ft232h:
         return replies
 
     def _ask(self, commands: bytes, expected: int) -> bytes:
-        """Send commands and collect what they answer; a failure leaves nothing in the pipe.
+        """Send commands and collect what they answer. Where the last time failed, what it left is thrown away first.
 
         Marks take turns, so a late answer to an earlier question is never taken for this one's.
         """
+        if self._doubtful:
+            self._port.control_out(VENDOR_OUT, SIO_RESET, PURGE_RX, INTERFACE_A)
+            self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
+        self._doubtful = True
         self._turn = 1 - self._turn
         mark = BAD_COMMANDS[self._turn]
-        try:
-            self._port.write(OUT_ENDPOINT, bytes([mark]) + commands + bytes([FLUSH]))
-            answer = self._collect(expected + 2)
-            if answer[:2] != bytes([REFUSED, mark]):
-                raise TransferFailed("an answer to another question", where=self.name, cause="a reply that came late")
-            return answer[2:]
-        except TransferFailed:
-            self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
-            raise
+        self._port.write(OUT_ENDPOINT, bytes([mark]) + commands + bytes([FLUSH]))
+        answer = self._collect(expected + 2)
+        if answer[:2] != bytes([REFUSED, mark]):
+            raise TransferFailed("an answer to another question", where=self.name, cause="a reply that came late")
+        self._doubtful = False
+        return answer[2:]
 
     def _collect(self, expected: int) -> bytes:
         found, empty = b"", 0

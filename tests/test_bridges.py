@@ -1,4 +1,4 @@
-"""The bridges that are not an FT232H: tiny-usb with four firmwares, the MCP2221A, and the board's own I2C."""
+"""Every bridge, by the same sentences: FT232H, tiny-usb with four firmwares, the MCP2221A, and the board's own I2C."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from drivers.bus import NOT_ACKED, Bus, Reply, Transfer
+from drivers.ft232h import Ft232h
 from drivers.mcp2221 import TIMEOUT_MS, Mcp2221
 from drivers.native_i2c import NativeI2C
 from drivers.tiny_usb import TinyUsb
 from drivers.tmag5273 import FACTORY_ADDRESSES, PACKET_BYTES, REGISTERS, RESULTS, Setup, field_ut, packet
 from drivers.virtual.clock import VirtualClock
 from drivers.virtual.faults import Fault
+from drivers.virtual.ft232h import VirtualFt232h
 from drivers.virtual.hand import Track, VirtualHand
 from drivers.virtual.mcp2221 import VirtualMcp2221
 from drivers.virtual.native import VirtualI2cDev
@@ -43,7 +45,7 @@ SIX = (
     SECOND, *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B)),
 )  # fmt: skip
 TINY = tuple(FIRMWARES)
-ON_USB = (*TINY, "mcp2221")
+ON_USB = (*TINY, "mcp2221", "ft232h")
 ALL = (*ON_USB, "native")
 CANNOT_CLOCK = ("rp2040", "stm32", "mcp2221", "native")
 """A chip that holds SDA low."""
@@ -62,9 +64,12 @@ class Bench:
             self.backend = VirtualI2cDev(self.hand).__enter__()
             self.open = lambda: NativeI2C(1)
         else:
-            self.device = VirtualMcp2221(self.hand) if kind == "mcp2221" else VirtualTinyUsb(self.hand, kind)
+            emulated: dict[str, Callable[[], Device]] = {
+                "mcp2221": lambda: VirtualMcp2221(self.hand), "ft232h": lambda: VirtualFt232h(self.hand),
+            }  # fmt: skip
+            self.device = emulated.get(kind, lambda: VirtualTinyUsb(self.hand, kind))()
             self.backend = VirtualBackend(self.device, self.clock, self.hand.faults, self.hand.power_off)
-            driver = Mcp2221 if kind == "mcp2221" else TinyUsb
+            driver: Any = {"mcp2221": Mcp2221, "ft232h": Ft232h}.get(kind, TinyUsb)
             self.open = lambda: driver(self.backend)
         self.bus = self.open()
 
