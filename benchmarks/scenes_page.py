@@ -181,7 +181,9 @@ def _span(interval: list[float]) -> str:
 
 
 def _cell(value: Any) -> str:
-    return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+    return "-" if value is None else str(value)
 
 
 if __name__ == "__main__":
