@@ -9,7 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from drivers.bridges import BRIDGES, open_virtual
+from drivers.bus import Bus, Reply, Transfer
 from drivers.hand import Hand
 from drivers.layout import read_layout
 from drivers.live_hand import LiveHand
@@ -24,6 +25,7 @@ from drivers.tmag5273 import Setup, conversion_s
 from drivers.virtual.clock import VirtualClock
 from drivers.virtual.faults import read_fault
 from drivers.virtual.hand import VirtualHand
+from drivers.virtual.usb_backend import Traffic
 from edge_runtime.clock import MonotonicClock
 from edge_runtime.contract import FloatArray, Prediction, Sample
 from edge_runtime.live import Measured, Summary, run_live
@@ -51,6 +53,8 @@ SCANS = 50
 RATES_HZ = (300.0, 150.0, 100.0, 50.0)
 SPARE = 0.8
 ACT_SAMPLES = 2
+NATIVE = "i2c"
+"""The board's own bus, by smbus2; its transfers are ioctls."""
 
 
 @dataclass
@@ -70,8 +74,12 @@ class Bench:
             self.clock, layout=self.layout, seed=0, faults=[read_fault(one) for one in self.faults]
         )
         self.said: list[str] = []
-        opened = open_virtual(self.bridge, self.virtual, self.bus_hz)
-        self.backend = opened.backend
+        opened: Callable[[], Bus]
+        if self.bridge == NATIVE:
+            self.traffic, opened = _native(self.virtual)
+        else:
+            bridge = open_virtual(self.bridge, self.virtual, self.bus_hz)
+            self.traffic, opened = bridge.backend.traffic, bridge
         self.hand = Hand(
             opened, read_layout(self.layout), setup=Setup(burst=self.burst), now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)), say=self.said.append,
@@ -79,16 +87,37 @@ class Bench:
         self.hand.start()
 
 
+def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
+    """The board's own bus before a virtual hand, for as long as this process lives."""
+    from drivers.native_i2c import NativeI2C
+    from drivers.virtual.native import VirtualI2cDev
+
+    device = VirtualI2cDev(virtual)
+
+    class Own(NativeI2C):
+        """Whose every call finds the virtual bus, and leaves smbus2 as it was."""
+
+        def __init__(self) -> None:
+            with device:
+                super().__init__(1)
+
+        def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
+            with device:
+                return super().scan(transfers)
+
+    return device.traffic, Own
+
+
 def scan_costs() -> list[dict[str, Any]]:
     """One row a bridge and way to read: transfers, bytes and ms a scan of six, and the model rate that it serves."""
-    ways = [(bridge, burst, "mux", 400_000) for bridge in BRIDGES for burst in (False, True)]
+    ways = [(bridge, burst, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for burst in (False, True)]
     ways += [("ft232h", burst, "mux", 1_000_000) for burst in (False, True)]
     return [_scan_cost(*way) for way in [*ways, ("ft232h", False, "mux6", 400_000)]]
 
 
 def _scan_cost(bridge: str, burst: bool, layout: str, bus_hz: int) -> dict[str, Any]:
     bench = Bench(bridge, burst, layout, bus_hz)
-    traffic, before_ns = bench.backend.traffic, bench.clock.now_ns()
+    traffic, before_ns = bench.traffic, bench.clock.now_ns()
     traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
     for _ in range(SCANS):
         bench.hand.read()
