@@ -41,7 +41,8 @@ def run(args: argparse.Namespace) -> int:
     bias, warnings = bias_of(rows, source.unit)
     for warning in warnings:
         say(f"warning: {warning}")
-    if warnings and not args.anyway:
+    odd = len(warnings) - bool(bias.reversed.any())  # a reversed magnet is turned by the model's preparation
+    if odd and not args.anyway:
         raise DataError(
             "not a good bias, nothing is written", cause="the lines above", next_step="mend that, or add --anyway"
         )

@@ -24,6 +24,10 @@ def open_source(url: str, *, channels: int | None = None, preparation: Preparati
     """Open a source, its bias removed as `preparation` says (sets come prepared). Raises a DataError or UsageError."""
     if url.startswith(SIM):
         source = _simulated(url)
+    elif "://" in url and not url.startswith(REPLAY):
+        raise UsageError(
+            f"{url!r}: no such source", next_step=f"{REPLAY}PATH, {SIM}CARD; for holdfast run also usb://, i2c://, virtual://"
+        )
     else:
         name = url.removeprefix(REPLAY)
         if "#" in name and not Path(name).exists():

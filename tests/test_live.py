@@ -273,7 +273,7 @@ def test_a_model_for_another_unit_or_hand_is_refused_before_the_first_sample(mod
     "url",
     ["virtual://usb5", "virtual://ft232h?colour=red", "virtual://ft232h?averages=3", "virtual://ft232h?layout=nine",
      "virtual://ft232h?fault=melt@1", "usb://ft232h?scene=thesis", "virtual://ft232h?scene=thesis&trial=5000",
-     "virtual://ft232h?seed=x"],
+     "virtual://ft232h?seed=x", "foo://bar"],
 )  # fmt: skip
 def test_a_url_that_cannot_be_is_a_usage_error(url):
     with pytest.raises(UsageError):
