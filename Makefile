@@ -62,9 +62,8 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
 
-bench: setup  ## time one step, the effects and the simulator on this machine, into build/bench
-	$(BIN)/python -m benchmarks.step --out build/bench $(ARGS)
-	$(BIN)/holdfast bench all --out build/bench
+bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
+	$(BIN)/holdfast bench all --out build/bench $(ARGS)
 
 peers: $(PEERS)/.stamp  ## hold and pull in MuJoCo, in an environment of its own, into build/bench/mujoco.json
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)

@@ -1,6 +1,7 @@
 """`holdfast bench WHAT`: what accuracy costs in time, each as JSON and a table.
 
     effects      ns per sample of every effect of a scene
+    latency      one decision beside its peers, in turns; --check holds it against edge_runtime/budget.toml
     hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
     simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
                  laws of friction and, after `make peers`, MuJoCo on the same hold and pull
@@ -24,6 +25,7 @@ from edge_runtime.writing import require_writable, write_whole
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("what", choices=(*MEASURES, "all"), metavar="WHAT", help=f"{', '.join(MEASURES)}, all")
+    parser.add_argument("--check", action="store_true", help="with latency: exit 1 where a budget is broken")
     parser.add_argument("--out", type=place, default=Path("build/bench"), metavar="DIR", help="default build/bench")
 
 
@@ -36,9 +38,13 @@ def run(args: argparse.Namespace) -> int:
         figures = MEASURES[what](args.out)
         path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(), indent=2) + "\n")
         for title, rows in figures.items():
-            if isinstance(rows, list):
+            if isinstance(rows, list) and rows and isinstance(rows[0], dict) and "latency_us" not in rows[0]:
                 print(f"{title}\n{markdown(rows)}\n")
         print(path)
+        for line in figures.get("broken", []):
+            print(f"over budget: {line}")
+        if args.check and figures.get("broken"):
+            return 1
     return 0
 
 
@@ -57,6 +63,14 @@ def _simulator(out: Path) -> dict[str, Any]:
     return {"step": step_curve(), **size_curve(), "plausibility": plausibility(), **peers}
 
 
+def _latency(out: Path) -> dict[str, Any]:
+    from benchmarks.hand import memory
+    from benchmarks.latency import broken, latency
+
+    figures, processes = latency(MODEL), memory(MODEL)
+    return figures | {"memory": processes, "broken": broken(figures, processes[-1]["resident_mb"])}
+
+
 def _hand(out: Path) -> dict[str, Any]:
     from benchmarks.hand import delays, fault_table, latency, memory, scan_costs
 
@@ -67,7 +81,9 @@ def _hand(out: Path) -> dict[str, Any]:
     return figures | {"memory": memory(MODEL)}
 
 
-MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {"effects": _effects, "hand": _hand, "simulator": _simulator}
+MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "latency": _latency, "effects": _effects, "hand": _hand, "simulator": _simulator,
+}  # fmt: skip
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
 

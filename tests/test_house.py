@@ -209,7 +209,7 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(tmp_path: Path, eigh
     home = tmp_path / "home"
     home.mkdir()
     clean = {key: value for key, value in os.environ.items() if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")}
-    for first in ("edge_runtime.monitor", "benchmarks.step", "export.forest"):
+    for first in ("edge_runtime.monitor", "benchmarks.latency", "export.forest"):
         code = f"import {first}; from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, env={**clean, "HOME": str(home)})
     assert list(home.rglob("*onnxruntime*")) == []

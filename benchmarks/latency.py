@@ -1,0 +1,179 @@
+"""`holdfast bench latency`: one decision of ours beside its peers, all in turns in one run on the same stream.
+
+Absolute microseconds are this machine's; ratios travel. The floor is a busy wait as long as the step: its tail is the
+machine's own jitter. Every answer is checked while it is timed. Peers, on the same windows:
+
+    scikit-learn            predict_proba of 100 full-depth trees on the raw window, one row
+    bare forest             the same trees in onnxruntime, io-bound, nothing else computed
+    ours, bare forest       our own trees alone, on the rows that the step hands them
+    ours, whole step        guard, bank, detectors, features, forest, votes: what runs on the hand
+    the thesis' way         ten band-pass filters a channel, sample by sample in Python, then scikit-learn
+"""
+
+from __future__ import annotations
+
+import tempfile
+import tomllib
+from collections.abc import Callable
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from scipy.signal import butter
+
+from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.golden import golden_input
+from edge_runtime.graph import StepGraph, open_session, run_recording
+from edge_runtime.monitor import Model
+from edge_runtime.timing import busy_wait, time_in_turns
+from export.bank import bands_for
+from export.exporting import export_artifact
+from export.forest import Forest
+from export.verify import cut_forests
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from training.crossval import fit_forest
+from training.datasets import load
+from training.featurise import features_of, spec_for
+from training.fitting import train
+from training.plan import RAW_BASELINE
+from training.recording import DataSet
+
+BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
+PERCENTILES = (50, 99, 99.9)
+TRIALS = 400
+STEP, OWN, BARE, SKLEARN, THESIS, FLOOR = (
+    "ours, whole step", "ours, bare forest", "bare forest, 100 full-depth trees", "scikit-learn, the same trees",
+    "the thesis' way", "floor",
+)  # fmt: skip
+SLOW_TURNS, SLOW_CALLS = 5, 20
+"""Calls of milliseconds are timed less often."""
+
+
+def latency(path: Path) -> dict[str, Any]:
+    """Time everything; the figures, and the ratios that budget.toml limits."""
+    model = Model(path)
+    step = _step(model)
+    floor_us = float(np.median(time_in_turns({STEP: step}, turns=5)[STEP]))
+    with tempfile.TemporaryDirectory() as work:
+        data = _scenes(Path(work), model.card.rate_hz)
+        bare, forest = _bare(data, Path(work))
+    quick = {STEP: step, OWN: _forests(model), BARE: bare, FLOOR: busy_wait(floor_us)}
+    slow = {SKLEARN: _predict(forest, data), THESIS: _thesis_way(forest, data)}
+    times = time_in_turns(quick) | time_in_turns(slow, SLOW_TURNS, SLOW_CALLS)
+    us = {name: _percentiles(values) for name, values in times.items()}
+    return {
+        "model": model.card.model_id,
+        "rows": [{"what": name, "n": len(times[name]), **figures} for name, figures in us.items()],
+        "ratios": ratios(us),
+        "bytes": path.stat().st_size,
+    }
+
+
+def ratios(us: dict[str, dict[str, float]]) -> dict[str, float]:
+    """What the budgets limit: each a ratio of two figures of one run."""
+    return {
+        "step_over_bare_full_depth_forest": us[STEP]["p50"] / us[BARE]["p50"],
+        "step_over_own_forest": us[STEP]["p50"] / us[OWN]["p50"],
+        "step_p999_over_floor_p999": us[STEP]["p99.9"] / us[FLOOR]["p99.9"],
+        "thesis_over_step": us[THESIS]["p50"] / us[STEP]["p50"],
+    }
+
+
+def broken(figures: dict[str, Any], resident_mb: float) -> list[str]:
+    """What exceeds the budgets of budget.toml, a line each."""
+    budget = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
+    found = dict(figures["ratios"]) | {"model_mib": figures["bytes"] / 2**20, "resident_mb": resident_mb}
+    lines = [f"{name}: {found[name]:.3g}, at most {most:g}" for name, most in budget["at_most"].items()
+             if found[name] > most]  # fmt: skip
+    return lines + [
+        f"{name}: {found[name]:.3g}, at least {least:g}" for name, least in budget["at_least"].items()
+        if found[name] < least
+    ]  # fmt: skip
+
+
+def _scenes(work: Path, rate_hz: float) -> DataSet:
+    """A small simulated set at the model's rate."""
+    write_set(Scene(read_card("thesis", rate_hz=rate_hz), 0), work / "set", TRIALS)
+    return load(work / "set")
+
+
+def _bare(data: DataSet, work: Path) -> tuple[Callable[[], object], Forest]:
+    """The raw-window forest of 100 full-depth trees: in onnxruntime, and as scikit-learn has it."""
+    train(data, work / "raw", RAW_BASELINE)
+    path, _ = export_artifact(work / "raw")
+    rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
+    everything = np.arange(len(rows))
+    return _forests(Model(path)), fit_forest(data, rows, RAW_BASELINE, "classes", everything, 0)
+
+
+def _predict(forest: Forest, data: DataSet) -> Callable[[], object]:
+    rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
+    forest.set_params(n_jobs=1)
+    turn = cycle(range(len(rows)))
+    return lambda: forest.predict_proba(rows[(k := next(turn)) : k + 1])
+
+
+def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
+    """Every sample through ten second-order band-pass filters a channel, one multiplication after the other."""
+    samples = data.recordings[0].samples
+    designs = [butter(1, (0.9 * hz, 1.1 * hz), "bandpass", fs=data.rate_hz) for hz in bands_for(data.rate_hz)]
+    filters = [(b.tolist(), a.tolist()) for b, a in designs]
+    memory = [[[0.0, 0.0] for _ in filters] for _ in range(samples.shape[1])]
+    window = np.zeros((1, forest.n_features_in_), dtype=np.float32)
+    turn = cycle(range(len(samples)))
+
+    def call() -> None:
+        sample = samples[next(turn)].tolist()
+        for value, states in zip(sample, memory, strict=True):
+            for (b, a), state in zip(filters, states, strict=True):
+                out = b[0] * value + state[0]
+                state[0] = b[1] * value - a[1] * out + state[1]
+                state[1] = b[2] * value - a[2] * out
+        window[0, : -len(sample)] = window[0, len(sample) :]
+        window[0, -len(sample) :] = sample
+        forest.predict_proba(window)
+
+    return call
+
+
+def _step(model: Model) -> Callable[[], object]:
+    """Steps over the golden sequence, again and again: signal, gaps and faults in it."""
+    values, valid = _golden(model)
+    graph, turn = StepGraph(model.session), cycle(range(len(values)))
+
+    def step() -> None:
+        index = next(turn)
+        graph.sample[0] = values[index]
+        graph.valid[0] = valid[index]
+        graph.step()
+
+    return step
+
+
+def _forests(model: Model) -> Callable[[], object]:
+    """The forests alone, on the very rows the whole step hands them, bound to buffers as the whole step is."""
+    session = open_session(cut_forests(onnx.load(model.path)))
+    rows = run_recording(model.session, *_golden(model), ["features"])["features"]
+    row, turn = rows[:1].copy(), cycle(range(len(rows)))
+    binding = session.io_binding()
+    binding.bind_input("features", "cpu", 0, np.float32, row.shape, row.ctypes.data)
+    for output in session.get_outputs():
+        binding.bind_output(output.name, "cpu")
+
+    def call() -> None:
+        row[0] = rows[next(turn)]
+        session.run_with_iobinding(binding)
+
+    return call
+
+
+def _golden(model: Model) -> tuple[FloatArray, BoolArray]:
+    return golden_input(model.card.n_channels, model.card.unit, model.card.settle_samples)
+
+
+def _percentiles(times: FloatArray) -> dict[str, float]:
+    return {f"p{p:g}": float(np.percentile(times, p)) for p in PERCENTILES}

@@ -1,0 +1,54 @@
+"""`holdfast bench latency`: every peer has its row, ratios are of one run, and a broken budget is named."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from benchmarks import latency as bench
+from benchmarks.latency import BARE, BUDGET, FLOOR, OWN, SKLEARN, STEP, THESIS, broken, latency, ratios
+
+MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+
+
+def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):
+    monkeypatch.setattr(bench, "TRIALS", 30)
+    figures = latency(MODEL)
+    assert {row["what"] for row in figures["rows"]} == {STEP, OWN, BARE, SKLEARN, THESIS, FLOOR}
+    budget = tomllib.loads(BUDGET.read_text("utf-8"))
+    limited = set(budget["at_most"]) | set(budget["at_least"])
+    assert limited == {*figures["ratios"], "model_mib", "resident_mb"}
+    assert figures["bytes"] == MODEL.stat().st_size
+
+
+def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
+    us = {name: {"p50": 10.0, "p99.9": 20.0} for name in (STEP, OWN, BARE, SKLEARN, THESIS, FLOOR)}
+    us[THESIS] = {"p50": 4000.0, "p99.9": 9000.0}
+    us[FLOOR] = {"p50": 10.0, "p99.9": 10.0}
+    assert ratios(us) == {
+        "step_over_bare_full_depth_forest": 1.0, "step_over_own_forest": 1.0, "step_p999_over_floor_p999": 2.0,
+        "thesis_over_step": 400.0,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({}, ""),
+        ({"step_over_own_forest": 99.0}, "step_over_own_forest: 99, at most"),
+        ({"thesis_over_step": 1.0}, "thesis_over_step: 1, at least"),
+    ],
+)
+def test_a_broken_budget_is_named_with_its_limit(change, line):
+    kept = {"step_over_bare_full_depth_forest": 1.0, "step_over_own_forest": 1.0, "step_p999_over_floor_p999": 1.0,
+            "thesis_over_step": 1000.0}  # fmt: skip
+    found = broken({"ratios": kept | change, "bytes": 2**20}, resident_mb=50.0)
+    assert [one.startswith(line) for one in found] == ([True] if line else [])
+
+
+def test_a_model_or_a_process_too_big_is_over_budget():
+    kept = {"step_over_bare_full_depth_forest": 1.0, "step_over_own_forest": 1.0, "step_p999_over_floor_p999": 1.0,
+            "thesis_over_step": 1000.0}  # fmt: skip
+    assert len(broken({"ratios": kept, "bytes": 9 * 2**20}, resident_mb=500.0)) == 2
