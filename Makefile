@@ -61,6 +61,7 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m training.real_table build/real/metrics.json README.md
 	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
+	$(BIN)/python -m benchmarks.cost_page build/bench docs
 
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)

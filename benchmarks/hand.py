@@ -112,7 +112,7 @@ def scan_costs() -> list[dict[str, Any]]:
     """One row a bridge and way to read: transfers, bytes and ms a scan of six, and the model rate that it serves."""
     ways = [(bridge, burst, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for burst in (False, True)]
     ways += [("ft232h", burst, "mux", 1_000_000) for burst in (False, True)]
-    return [_scan_cost(*way) for way in [*ways, ("ft232h", False, "mux6", 400_000)]]
+    return [_scan_cost(*way) for way in [*ways, *(("ft232h", False, layout, 400_000) for layout in ("mux6", "moved"))]]
 
 
 def _scan_cost(bridge: str, burst: bool, layout: str, bus_hz: int) -> dict[str, Any]:

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.bring_up import bring_up
+from drivers.bring_up import bring_up, configure_all
 from drivers.bus import Bus, Reply, Transfer
-from drivers.layout import LAYOUTS, Finger, joined
-from drivers.tmag5273 import PACKET_BYTES, RESULTS, Packet, Setup, conversion_s, packet
+from drivers.layout import LAYOUTS, Finger, joined, read_behind
+from drivers.tmag5273 import GENERAL_CALL, PACKET_BYTES, RESULTS, TRIGGER, Packet, Setup, conversion_s, packet
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import (
     BusStuck,
@@ -86,7 +86,9 @@ class Hand:
         self._open_bus, self._now_ns, self._pause, self._say = open_bus, now_ns, pause, say
         self._states = [_State() for _ in self.fingers]
         self._bus: Bus | None = None
-        self._joined: int | None = None
+        self._behind = [read_behind(self.fingers, finger) for finger in self.fingers]
+        self._everywhere = frozenset(one.channel for one in self.fingers if one.channel is not None)
+        self._joined: frozenset[int] | None = None
         self._failures = 0
         self._looked_ns = -TRY_AGAIN_NS
         self._was = tuple("" for _ in self.fingers)
@@ -97,6 +99,9 @@ class Hand:
         Raises a DeviceError: the bridge's, DeviceNotFound where no finger answers, WrongDevice for another chip.
         """
         self._bus = self._open_bus()
+        if self.setup.together:
+            self._bus.scan(self._select(self._everywhere))
+            configure_all(self._bus, self.setup)
         troubles = [self._bring_up(k) for k in range(len(self.fingers))]
         for trouble in troubles:
             if isinstance(trouble, WrongDevice):
@@ -149,9 +154,11 @@ class Hand:
     def _scan(self, bus: Bus) -> list[Reply | None]:
         """A reply for each finger that is ready."""
         transfers, places = [], []
+        if self.setup.together:
+            self._convert(bus)
         for k, finger in enumerate(self.fingers):
             if self._states[k].ready:
-                transfers += self._select(finger)
+                transfers += self._select(self._behind[k])
                 places.append((k, len(transfers)))
                 transfers.append(self._results(finger))
         try:
@@ -165,14 +172,19 @@ class Hand:
         return replies
 
     def _results(self, finger: Finger) -> Transfer:
-        return Transfer(finger.address, b"" if self.setup.burst else bytes([RESULTS]), PACKET_BYTES)
+        return Transfer(finger.read_at, b"" if self.setup.burst else bytes([RESULTS]), PACKET_BYTES)
 
-    def _select(self, finger: Finger) -> list[Transfer]:
-        """Join the finger's channel, if it is not."""
-        if finger.channel is None or finger.channel == self._joined:
+    def _convert(self, bus: Bus) -> None:
+        """One conversion of every chip, begun at one moment, and waited for."""
+        bus.scan([*self._select(self._everywhere), Transfer(GENERAL_CALL, bytes([TRIGGER]))])
+        self._pause(conversion_s(self.setup.averages))
+
+    def _select(self, channels: frozenset[int]) -> list[Transfer]:
+        """Join these channels, if they are not."""
+        if not channels or channels == self._joined:
             return []
-        self._joined = finger.channel
-        return [joined(finger.channel)]
+        self._joined = channels
+        return [joined(channels)]
 
     def _judge(self, t_ns: int, replies: Sequence[Reply | None]) -> Reading:
         field_ut = np.full((len(self.fingers), 3), np.nan)
@@ -273,10 +285,9 @@ class Hand:
         state.tried_ns, state.ready, state.nacks = self._now_ns(), False, 0
         self._joined = None
         if finger.channel is not None:
-            bus.scan([joined(finger.channel)])
-            self._joined = finger.channel
+            bus.scan(self._select(frozenset({finger.channel})))
         try:
-            state.version = bring_up(bus, finger.address, self.setup, self._pause)
+            state.version = bring_up(bus, finger, self.setup, self._pause)
         except (DeviceNotFound, WrongDevice) as trouble:
             return trouble
         state.ready, state.last, state.changed_ns = True, b"", self._now_ns()

@@ -39,7 +39,7 @@ def look_at(bus: Bus, pause: Callable[[float], None]) -> list[Found]:
     found += _sensors(bus, None, set(muxes), pause)
     taken = {one.address for one in found}
     for channel in range(8) if 0x70 in muxes else ():
-        bus.scan([joined(channel)])
+        bus.scan([joined({channel})])
         found += _sensors(bus, channel, taken, pause)
     return found + _clashes(found)
 

@@ -154,15 +154,17 @@ def crc8(data: bytes) -> int:
 
 @dataclass(frozen=True)
 class Setup:
-    """How a chip is configured: averages 1 .. 32, wide ranges for x and y, and for z; 1-byte reads.
+    """How a chip is configured: averages 1 .. 32, wide ranges for x and y, and for z; 1-byte reads; together.
 
     One-byte reads are shorter (no register byte), but then no register can be read back any more.
+    together: all chips convert at one moment, when a general call asks them to; otherwise each at its own times.
     """
 
     averages: int = 32
     wide_xy: bool = False
     wide_z: bool = True
     burst: bool = False
+    together: bool = False
 
     def registers(self) -> list[tuple[int, int]]:
         """(address, byte) in the order to write: the reads' format last but one, the operating mode last."""
@@ -170,6 +172,7 @@ class Setup:
         config = one["DEVICE_CONFIG_1"].value(
             MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1, I2C_RD=BURST_16 if self.burst else REGISTER_READS
         )
+        mode = STANDBY if self.together else CONTINUOUS
         ranges = one["SENSOR_CONFIG_2"].value(X_Y_RANGE=int(self.wide_xy), Z_RANGE=int(self.wide_z))
         return [
             (one["INT_CONFIG_1"].address, one["INT_CONFIG_1"].value(MASK_INTB=1)),
@@ -177,7 +180,7 @@ class Setup:
             (one["SENSOR_CONFIG_2"].address, ranges),
             (one["T_CONFIG"].address, 0),
             (one["DEVICE_CONFIG_1"].address, config),
-            (one["DEVICE_CONFIG_2"].address, one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=CONTINUOUS)),
+            (one["DEVICE_CONFIG_2"].address, one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=mode)),
         ]
 
     def range_mt(self, version: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
     effects      ns per sample of every effect of a scene
     latency      one decision beside its peers, in turns; --check holds it against edge_runtime/budget.toml
+    cost         what is caught and how late, against trees, depth, features, rate and debounce; goes on where it was
     hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
     simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
                  laws of friction and, after `make peers`, MuJoCo on the same hold and pull
@@ -71,6 +72,12 @@ def _latency(out: Path) -> dict[str, Any]:
     return figures | {"memory": processes, "broken": broken(figures, processes[-1]["resident_mb"])}
 
 
+def _cost(out: Path) -> dict[str, Any]:
+    from benchmarks.cost import cost
+
+    return cost(out)
+
+
 def _hand(out: Path) -> dict[str, Any]:
     from benchmarks.hand import delays, fault_table, latency, memory, scan_costs
 
@@ -82,7 +89,7 @@ def _hand(out: Path) -> dict[str, Any]:
 
 
 MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {
-    "latency": _latency, "effects": _effects, "hand": _hand, "simulator": _simulator,
+    "latency": _latency, "cost": _cost, "effects": _effects, "hand": _hand, "simulator": _simulator,
 }  # fmt: skip
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0

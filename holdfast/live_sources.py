@@ -6,7 +6,8 @@
               &fault=nack:3@1.5+0.2           (drivers/virtual/faults.py)
     any other source                          a recording or a scene, at the pace it was recorded at
 
-A hand also takes layout=mux (drivers/layout.py), averages=32 and burst=1.
+A hand also takes layout=mux (drivers/layout.py), averages=32, burst=1 (shorter reads) and together=1 (all fingers
+convert at one moment, when asked).
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from edge_runtime.live import Source
 from holdfast.sources import open_source
 
 HANDS = ("usb", "i2c", "virtual")
-HAND_KEYS = ("layout", "averages", "burst", "bus_hz", "number")
+HAND_KEYS = ("layout", "averages", "burst", "together", "bus_hz", "number")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
 """A scene's field is simulated so often for the virtual chips, which convert it at their own times."""
@@ -119,7 +120,7 @@ def _started(
         raise UsageError(f"averages={averages} is not what the chip has", next_step="1, 2, 4, 8, 16 or 32")
     hand = Hand(
         open_bus, read_layout(told.text("layout", "mux")), now_ns=clock.now_ns, say=say,
-        setup=Setup(averages=averages, burst=bool(told.number("burst", 0))),
+        setup=Setup(averages, burst=bool(told.number("burst", 0)), together=bool(told.number("together", 0))),
         pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
     )  # fmt: skip
     try:

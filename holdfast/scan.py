@@ -64,7 +64,7 @@ def rate_line(bus: Bus, layout: str) -> str:
     transfers, channel = [], None
     for finger in read_layout(layout):
         if finger.channel is not None and finger.channel != channel:
-            transfers.append(joined(finger.channel))
+            transfers.append(joined({finger.channel}))
             channel = finger.channel
         transfers.append(Transfer(finger.address, bytes([RESULTS]), PACKET_BYTES))
     times = []

@@ -13,8 +13,8 @@ import pytest
 
 from drivers.ft232h import Ft232h
 from drivers.hand import STALE_NS, Hand, Reading
-from drivers.layout import LAYOUTS, Finger, read_layout
-from drivers.tmag5273 import Setup
+from drivers.layout import LAYOUTS, MUX_ADDRESS, Finger, read_layout
+from drivers.tmag5273 import GENERAL_CALL, Setup
 from drivers.virtual.clock import VirtualClock
 from drivers.virtual.faults import KINDS, Fault, read_fault
 from drivers.virtual.ft232h import VirtualFt232h
@@ -64,6 +64,33 @@ def started(*faults: str, **told: object) -> Bench:
     return bench
 
 
+class Listener:
+    """Hangs on the wire and notes every address, 7 bits; acknowledges none."""
+
+    def __init__(self) -> None:
+        self.heard: list[int] = []
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        self.heard += [] if read else [address]
+        return False
+
+    def write(self, byte: int) -> bool:
+        return False
+
+    def read(self) -> int:
+        return 0xFF
+
+    def stop(self) -> None:
+        """Nothing to do."""
+
+
+def listen(bench: Bench) -> list[int]:
+    """Addresses written to from now on."""
+    listener = Listener()
+    bench.virtual.wire.targets.append(listener)
+    return listener.heard
+
+
 def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:
     return [r for r in readings if not (r.valid.all() if finger is None else r.valid[finger - 1])]
 
@@ -77,6 +104,60 @@ def test_six_fingers_report_the_field_at_their_magnets(layout, burst):
     assert reading.valid.all()
     assert reading.why == ("",) * 6
     np.testing.assert_allclose(reading.field_ut, field_ut[0], atol=110.0)
+
+
+def test_moved_fingers_are_read_without_ever_switching_and_at_addresses_of_their_own():
+    bench = started(layout="moved")
+    assert [chip.address for chip in bench.virtual.chips] == [0x50, 0x51, 0x52, 0x53, 0x54, 0x55]
+    seen = listen(bench)
+    assert bad(bench.read_for(0.1)) == []
+    assert set(seen[1:]) == {0x50, 0x51, 0x52, 0x53, 0x54, 0x55}
+
+
+def test_a_moved_finger_that_loses_its_power_is_moved_again_while_the_others_are_read():
+    bench = started("por:5@1", layout="moved")
+    found = bad(bench.read_for(2.0))
+    assert found
+    assert found == bad(found, finger=5)
+    assert found[-1].t_ns < 1.2e9
+    assert bench.virtual.chips[4].address == 0x54
+
+
+def test_a_hand_that_is_still_moved_from_before_is_started_as_it_is():
+    bench = started(layout="moved")
+    bench.hand.close()
+    bench.hand.start()
+    assert bad(bench.read_for(0.1)) == []
+
+
+@pytest.mark.parametrize("burst", [False, True])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_fingers_asked_together_convert_at_one_moment_and_only_when_asked(layout, burst):
+    """A field that rises fast: fingers that convert at their own times disagree, those asked together do not."""
+    rising = Track(np.array([0.0, 1.0]), np.broadcast_to(np.array([[[0.0]], [[30000.0]]]), (2, 6, 3)).copy())
+
+    def spread(*, together: bool) -> float:
+        bench = started(track=rising, layout=layout, setup=Setup(burst=burst, together=together))
+        readings = bench.read_for(0.5)
+        assert bad(readings) == []
+        return float(np.median([np.ptp(r.field_ut[:, 2]) for r in readings]))
+
+    assert spread(together=True) < 60.0  # the chips' noise
+    assert spread(together=True) < 0.8 * spread(together=False)
+
+
+def test_a_general_call_configures_every_chip_and_the_read_back_finds_nothing_left_to_write():
+    heard = {}
+    for together in (False, True):
+        bench = Bench(setup=Setup(together=together))
+        heard[together] = listen(bench)
+        bench.hand.start()
+        assert bad(bench.read_for(0.1)) == []
+    writes = len(Setup().registers())
+    assert heard[False].count(GENERAL_CALL) == 0
+    assert heard[True][: 1 + writes] == [MUX_ADDRESS] + [GENERAL_CALL] * writes
+    one_by_one = {together: heard[together][: heard[together].index(MUX_ADDRESS, 10)] for together in heard}
+    assert one_by_one[False].count(0x35) == one_by_one[True].count(0x35) + writes + 1  # and a second reading back
 
 
 def test_every_reading_is_valid_while_nothing_fails():

@@ -26,6 +26,7 @@ class ForestPlan:
     kind: Literal["random", "extra"] = "extra"
     n_estimators: int = 100
     min_samples_leaf: int = 1
+    max_depth: int | None = None
     max_features: float | str = "sqrt"
     class_weight: str | None = "balanced"
 

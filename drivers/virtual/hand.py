@@ -18,6 +18,7 @@ A, B, C, D = FACTORY_ADDRESSES
 LAYOUTS: dict[str, tuple[tuple[int, int], ...]] = {
     "mux": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
     "mux6": ((0, A), (1, A), (2, A), (3, A), (4, A), (5, A)),
+    "moved": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
 }
 """Channel of the mux and factory address of each finger: two channels shared, or one finger each."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
