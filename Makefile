@@ -21,10 +21,10 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak real scenes models ablation bench peers lint lock clean docs
+.PHONY: help setup demo test soak real scenes models ablation bench peers lint lock clean docs hard-cases
 
 help:  ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
 
 setup: .venv/.stamp  ## build .venv from the hashed locks (does nothing when it is current)
 
@@ -62,6 +62,10 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
 	$(BIN)/python -m benchmarks.cost_page build/bench docs
+
+hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how they went
+	$(BIN)/python -m pytest -m "hard_case and not soak" --hard-cases build/hard-cases.json $(ARGS)
+	$(BIN)/python tests/hard_cases_page.py build/hard-cases.json > docs/hard-cases.md
 
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)

@@ -10,6 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hard_cases import (  # noqa: F401  hooks: pytest finds them here by their names
+    pytest_addoption,
+    pytest_configure,
+    pytest_runtest_makereport,
+    pytest_sessionfinish,
+)
 from hypothesis import settings
 
 from edge_runtime.errors import DataNotFound

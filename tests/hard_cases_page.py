@@ -1,0 +1,52 @@
+"""docs/hard-cases.md, made of how the tests went: `make hard-cases`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from hard_cases import AREAS
+
+INTRO = """# Hard cases
+
+What makes such systems fail quietly, what happens elsewhere, and what happens here. Every line is a test; this page
+is written from their own results by `make hard-cases`, the numbers included. A line that begins with "without" is a
+test that takes the guard away and watches the failure, so that nobody takes it away for clutter.
+"""
+
+
+def page(results: list[dict[str, Any]]) -> str:
+    """The whole page: a section an area, a paragraph a case, a line a test."""
+    sections = []
+    for area in AREAS:
+        rows = [row for row in results if row["area"] == area]
+        cases = dict.fromkeys(row["case"] for row in rows)
+        if cases:
+            told = (_case(case, [row for row in rows if row["case"] == case]) for case in cases)
+            sections.append(f"## {area}\n\n" + "\n".join(told))
+    return INTRO + "\n" + "\n\n".join(sections) + "\n"
+
+
+def _case(case: str, rows: list[dict[str, Any]]) -> str:
+    first = rows[0]
+    lines = "\n".join(dict.fromkeys(_line(row) for row in rows))
+    return f"### {case}\n\nElsewhere: {first['elsewhere']}. Here: {first['here']}.\n\n{lines}\n"
+
+
+def _line(row: dict[str, Any]) -> str:
+    name = row["test"].rpartition("::")[2]
+    sentence = name.partition("[")[0].removeprefix("test_").replace("_", " ")
+    variant = f" [{name.partition('[')[2]}" if "[" in name else ""
+    measured = "; ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in row["measured"].items())
+    begins = "without: " if row["unguarded"] else ""
+    return f"- {row['outcome']}: {begins}{sentence}{variant}" + (f" ({measured})" if measured else "")
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page(json.loads(Path(sys.argv[1]).read_text("utf-8"))))
