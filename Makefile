@@ -61,7 +61,7 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m training.real_table build/real/metrics.json README.md
 	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
-	$(BIN)/python -m benchmarks.cost_page build/bench docs
+	$(BIN)/python -m benchmarks.cost.page build/bench docs
 
 hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how they went
 	$(BIN)/python -m pytest -m "hard_case and not soak" --hard-cases build/hard-cases.json $(ARGS)
@@ -70,8 +70,9 @@ hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how t
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)
 
-peers: $(PEERS)/.stamp  ## hold and pull in MuJoCo, in an environment of its own, into build/bench/mujoco.json
+peers: $(PEERS)/.stamp  ## beside others: hold and pull in MuJoCo, the forest in treelite; an environment of its own, into build/bench
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
+	$(PEERS)/bin/python -m holdfast bench latency
 
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .

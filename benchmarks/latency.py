@@ -7,6 +7,8 @@ machine's own jitter. Every answer is checked while it is timed. Peers, on the s
     bare forest             the same trees in onnxruntime, io-bound, nothing else computed
     ours, bare forest       our own trees alone, on the rows that the step hands them
     ours, whole step        guard, bank, detectors, features, forest, votes: what runs on the hand
+    a walk in C             the same 100 trees in a few lines of C: the limit (where there is a compiler)
+    treelite                the same trees by its interpreter (in the environment of `make peers`)
     the thesis' way         ten band-pass filters a channel, sample by sample in Python, then scikit-learn
 """
 
@@ -23,7 +25,9 @@ import numpy as np
 import onnx
 from scipy.signal import butter
 
-from edge_runtime.contract import BoolArray, FloatArray
+from benchmarks.forest_c import c_walk
+from edge_runtime.contract import CLASSES, BoolArray, FloatArray
+from edge_runtime.errors import LibraryMissing
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import StepGraph, open_session, run_recording
 from edge_runtime.monitor import Model
@@ -31,39 +35,43 @@ from edge_runtime.timing import busy_wait, time_in_turns
 from export.bank import bands_for
 from export.exporting import export_artifact
 from export.forest import Forest
+from export.reference import reference_votes
 from export.verify import cut_forests
 from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
 from training.crossval import fit_forest
 from training.datasets import load
-from training.featurise import features_of, spec_for
+from training.featurise import FloatRows, features_of, spec_for
 from training.fitting import train
 from training.plan import RAW_BASELINE
 from training.recording import DataSet
 
 BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
 PERCENTILES = (50, 99, 99.9)
-TRIALS = 400
-STEP, OWN, BARE, SKLEARN, THESIS, FLOOR = (
+TRIALS, STREAMED = 400, 10
+STEP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
     "ours, whole step", "ours, bare forest", "bare forest, 100 full-depth trees", "scikit-learn, the same trees",
-    "the thesis' way", "floor",
+    "the thesis' way", "floor", "a walk in C, the same trees", "treelite, the same trees",
 )  # fmt: skip
 SLOW_TURNS, SLOW_CALLS = 5, 20
 """Calls of milliseconds are timed less often."""
 
 
 def latency(path: Path) -> dict[str, Any]:
-    """Time everything; the figures, and the ratios that budget.toml limits."""
+    """Time everything on one stream; the figures, and the ratios that budget.toml limits."""
     model = Model(path)
-    step = _step(model)
-    floor_us = float(np.median(time_in_turns({STEP: step}, turns=5)[STEP]))
     with tempfile.TemporaryDirectory() as work:
         data = _scenes(Path(work), model.card.rate_hz)
+        stream = _stream(data)
+        step = step_of(model, stream)
+        floor_us = float(np.median(time_in_turns({STEP: step}, turns=5)[STEP]))
         bare, forest = _bare(data, Path(work))
-    quick = {STEP: step, OWN: _forests(model), BARE: bare, FLOOR: busy_wait(floor_us)}
-    slow = {SKLEARN: _predict(forest, data), THESIS: _thesis_way(forest, data)}
-    times = time_in_turns(quick) | time_in_turns(slow, SLOW_TURNS, SLOW_CALLS)
+        rows = run_recording(bare.session, *stream, ["features"])["features"]
+        quick = {STEP: step, OWN: forests_of(model, stream), BARE: forests_of(bare, stream), FLOOR: busy_wait(floor_us)}
+        times = time_in_turns(quick | _walk(forest, rows, Path(work)))
+        slow = _treelite(forest, rows) | {SKLEARN: _predict(forest, rows), THESIS: _thesis_way(forest, data)}
+        times |= time_in_turns(slow, SLOW_TURNS, SLOW_CALLS)
     us = {name: _percentiles(values) for name, values in times.items()}
     return {
         "model": model.card.model_id,
@@ -101,20 +109,48 @@ def _scenes(work: Path, rate_hz: float) -> DataSet:
     return load(work / "set")
 
 
-def _bare(data: DataSet, work: Path) -> tuple[Callable[[], object], Forest]:
-    """The raw-window forest of 100 full-depth trees: in onnxruntime, and as scikit-learn has it."""
+def _stream(data: DataSet) -> tuple[FloatArray, BoolArray]:
+    """Some trials end to end: values [T, C] and valid [T, C/3]."""
+    chosen = data.recordings[:: max(1, len(data.recordings) // STREAMED)][:STREAMED]
+    return np.concatenate([one.samples for one in chosen]), np.concatenate([one.valid for one in chosen])
+
+
+def _bare(data: DataSet, work: Path) -> tuple[Model, Forest]:
+    """The raw-window forest of 100 full-depth trees: as a file for the hand, and as scikit-learn has it."""
     train(data, work / "raw", RAW_BASELINE)
     path, _ = export_artifact(work / "raw")
     rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
     everything = np.arange(len(rows))
-    return _forests(Model(path)), fit_forest(data, rows, RAW_BASELINE, "classes", everything, 0)
+    return Model(path), fit_forest(data, rows, RAW_BASELINE, "classes", everything, 0)
 
 
-def _predict(forest: Forest, data: DataSet) -> Callable[[], object]:
-    rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
+def _predict(forest: Forest, rows: FloatRows) -> Callable[[], object]:
     forest.set_params(n_jobs=1)
     turn = cycle(range(len(rows)))
     return lambda: forest.predict_proba(rows[(k := next(turn)) : k + 1])
+
+
+def _walk(forest: Forest, rows: FloatRows, work: Path) -> dict[str, Callable[[], object]]:
+    """The walk in C, its votes checked against the reference first; nothing where there is no compiler."""
+    try:
+        votes = c_walk(forest, len(CLASSES), rows, work)
+    except LibraryMissing:
+        return {}
+    expected = reference_votes(forest, rows, len(CLASSES))
+    if any(not np.array_equal(votes(k), expected[k]) for k in range(len(rows))):
+        raise AssertionError("the walk in C does not vote as the reference does")
+    turn = cycle(range(len(rows)))
+    return {WALK: lambda: votes(next(turn))}
+
+
+def _treelite(forest: Forest, rows: FloatRows) -> dict[str, Callable[[], object]]:
+    """treelite's own interpreter, one row a call; nothing where it is not installed."""
+    try:
+        import treelite
+    except ImportError:
+        return {}
+    model, turn = treelite.sklearn.import_model(forest), cycle(range(len(rows)))
+    return {TREELITE: lambda: treelite.gtil.predict(model, rows[(k := next(turn)) : k + 1], nthread=1)}
 
 
 def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
@@ -140,9 +176,9 @@ def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
     return call
 
 
-def _step(model: Model) -> Callable[[], object]:
-    """Steps over the golden sequence, again and again: signal, gaps and faults in it."""
-    values, valid = _golden(model)
+def step_of(model: Model, stream: tuple[FloatArray, BoolArray] | None = None) -> Callable[[], object]:
+    """Steps over a stream again and again; without one over the golden sequence: signal, gaps and faults in it."""
+    values, valid = stream or _golden(model)
     graph, turn = StepGraph(model.session), cycle(range(len(values)))
 
     def step() -> None:
@@ -154,10 +190,10 @@ def _step(model: Model) -> Callable[[], object]:
     return step
 
 
-def _forests(model: Model) -> Callable[[], object]:
+def forests_of(model: Model, stream: tuple[FloatArray, BoolArray] | None = None) -> Callable[[], object]:
     """The forests alone, on the very rows the whole step hands them, bound to buffers as the whole step is."""
     session = open_session(cut_forests(onnx.load(model.path)))
-    rows = run_recording(model.session, *_golden(model), ["features"])["features"]
+    rows = run_recording(model.session, *(stream or _golden(model)), ["features"])["features"]
     row, turn = rows[:1].copy(), cycle(range(len(rows)))
     binding = session.io_binding()
     binding.bind_input("features", "cpu", 0, np.float32, row.shape, row.ctypes.data)

@@ -28,13 +28,13 @@ NOISE_RMS: dict[Unit, float] = {"N": 0.02, "uT": 22.0, "count": 4.0}
 """RMS noise of one quiet channel: below what it makes of the bank, nothing is called a vibration."""
 
 
-def window_samples(rate_hz: float) -> int:
-    """Samples in a window of 0.10 s, both ends included: 6 at 50 and 58.9 Hz, 16 at 150, never fewer than 2.
+def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
+    """Samples in a window, both ends included: of 0.10 s 6 at 50 and 58.9 Hz, 16 at 150; never fewer than 2.
 
     >>> [window_samples(rate_hz) for rate_hz in (10, 50, 58.9, 100, 150, 300)]
     [2, 6, 6, 11, 16, 31]
     """
-    return max(2, math.floor(WINDOW_S * rate_hz + 1e-9) + 1)
+    return max(2, math.floor(window_s * rate_hz + 1e-9) + 1)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class StepSpec:
     """What one step graph is built for: channels, rate, unit, features, guard and detectors.
 
     rate_hz: constants are for this rate. groups: feature groups by name (export/features.py).
-    min_valid_sensors: fewer usable sensors than this make the state unknown.
+    min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: of the raw window.
     """
 
     n_sensors: int
@@ -70,6 +70,7 @@ class StepSpec:
     groups: tuple[str, ...]
     min_valid_sensors: int = 0
     bands_hz: tuple[float, ...] = BANDS_HZ
+    window_s: float = WINDOW_S
     detectors: DetectorSpec = field(default_factory=DetectorSpec)
 
     def __post_init__(self) -> None:
@@ -79,6 +80,8 @@ class StepSpec:
             raise UnitError(f"unit {self.unit!r} is not one of {', '.join(UNITS)}")
         if not math.isfinite(self.rate_hz) or self.rate_hz <= 0:
             raise RateError(f"a rate of {self.rate_hz} Hz", next_step="check the time stamps")
+        if not 0.0 < self.window_s <= HISTORY_S:
+            raise RateError(f"a window of {self.window_s} s", next_step=f"give more than 0, at most {HISTORY_S} s")
         if not self.min_valid_sensors:
             object.__setattr__(self, "min_valid_sensors", self.n_sensors)
         if not 1 <= self.min_valid_sensors <= self.n_sensors:
@@ -93,8 +96,8 @@ class StepSpec:
 
     @property
     def window_samples(self) -> int:
-        """Samples in the raw window: max(2, floor(0.10 s x rate) + 1)."""
-        return window_samples(self.rate_hz)
+        """Samples in the raw window: max(2, floor(window_s x rate) + 1)."""
+        return window_samples(self.rate_hz, self.window_s)
 
     @property
     def history_samples(self) -> int:

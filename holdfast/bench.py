@@ -3,6 +3,8 @@
     effects      ns per sample of every effect of a scene
     latency      one decision beside its peers, in turns; --check holds it against edge_runtime/budget.toml
     cost         what is caught and how late, against trees, depth, features, rate and debounce; goes on where it was
+    training     CPU seconds of simulating, features and training against the number of trials
+    instructions a step and a forest counted by callgrind, and a projection to a small board
     hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
     simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
                  laws of friction and, after `make peers`, MuJoCo on the same hold and pull
@@ -72,10 +74,22 @@ def _latency(out: Path) -> dict[str, Any]:
     return figures | {"memory": processes, "broken": broken(figures, processes[-1]["resident_mb"])}
 
 
-def _cost(out: Path) -> dict[str, Any]:
-    from benchmarks.cost import cost
+def _instructions(out: Path) -> dict[str, Any]:
+    from benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
 
-    return cost(out)
+    return {"rows": instructions(MODEL), "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
+
+
+def _training(out: Path) -> dict[str, Any]:
+    from benchmarks.training_time import training_times
+
+    return {"rows": training_times()}
+
+
+def _cost(out: Path) -> dict[str, Any]:
+    from benchmarks.cost.surface import cost
+
+    return cost(out / "cost")
 
 
 def _hand(out: Path) -> dict[str, Any]:
@@ -89,7 +103,8 @@ def _hand(out: Path) -> dict[str, Any]:
 
 
 MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {
-    "latency": _latency, "cost": _cost, "effects": _effects, "hand": _hand, "simulator": _simulator,
+    "latency": _latency, "cost": _cost, "training": _training, "instructions": _instructions, "effects": _effects,
+    "hand": _hand, "simulator": _simulator,
 }  # fmt: skip
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray, Unit
 from edge_runtime.preparation import Preparation
+from training.timeline import Phase, RiskyEvent
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,8 @@ class Recording:
     trial_id: unique in its set. group: the person (or block) that must not be split.
     samples: [T, C] float64, *prepared* (bias removed, magnets turned the right way round).
     valid: [T, C/3]. rate_hz: from the time stamps where there are any.
-    object_name, action: None where the set has no such notion.
+    object_name, action: None where the set has no such notion. phases: what happens when, in rows; those
+    in no phase have no label. events: grips that fail.
     """
 
     trial_id: str
@@ -31,6 +33,8 @@ class Recording:
     unit: Unit
     object_name: str | None = None
     action: str | None = None
+    phases: tuple[Phase, ...] = ()
+    events: tuple[RiskyEvent, ...] = ()
 
     @property
     def n_sensors(self) -> int:

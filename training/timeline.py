@@ -50,6 +50,15 @@ class Phase:
     situation: int
 
 
+@dataclass(frozen=True)
+class RiskyEvent:
+    """A grip that fails, in s from the first sample: load onset, gross slip (None: not known), contact lost."""
+
+    onset_s: float
+    gross_s: float | None
+    end_s: float
+
+
 def whole(n_rows: int, situation: int) -> tuple[Phase, ...]:
     """One phase from end to end."""
     return (Phase(0, n_rows, situation),)
@@ -118,6 +127,25 @@ def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
     if any(one.stop > other.first for one, other in pairwise(phases)):
         raise LabelError("phases overlap or are out of order", where=path, next_step="mend or remove it")
     return tuple(phase for phase in phases if phase.first < phase.stop)
+
+
+def read_events(path: Path) -> tuple[RiskyEvent, ...]:
+    """The risky phases of a truth that `read_truth` has read, each with the gross slip that falls into it."""
+    told = read_json(path)
+    trials = told.get("trials", [told])
+    gross = [float(one["gross_slip_s"]) for one in trials if one.get("gross_slip_s") is not None]
+    risky = (entry for entry in told["phases"] if entry["label"] == SITUATIONS[RISKY_SLIP])
+    return tuple(_event(float(entry["t0_s"]), float(entry["t1_s"]), gross) for entry in risky)
+
+
+def events_of(phases: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
+    """The risky phases of a script, which knows no gross slip."""
+    risky = (phase for phase in phases if phase.situation == RISKY_SLIP)
+    return tuple(RiskyEvent(phase.first / rate_hz, None, phase.stop / rate_hz) for phase in risky)
+
+
+def _event(onset_s: float, end_s: float, gross: list[float]) -> RiskyEvent:
+    return RiskyEvent(onset_s, next((at_s for at_s in gross if onset_s <= at_s <= end_s), None), end_s)
 
 
 def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
 from training.datasets.rows import TrialRows
+from training.timeline import Phase, RiskyEvent
 
 BIAS_ROWS = 60
 CONTACT_N, SAFE_DEG, RISKY_DEG = 1.0, 5.0, 15.0
@@ -63,6 +64,34 @@ def situations(force_n: FloatArray, rotation_deg: FloatArray) -> npt.NDArray[np.
     label = np.select(slip, [GRASP, SAFE_SLIP, RISKY_SLIP], default=UNLABELLED)
     label = np.where(force_n < CONTACT_N, NOTHING, label)
     return np.where(np.isfinite(force_n), label, UNLABELLED)
+
+
+def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> tuple[Phase, ...]:
+    """Runs of one situation, from the tare to 60 rows after the move; rows without a label are in none."""
+    label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
+    label[:BIAS_ROWS] = UNLABELLED
+    edges = np.flatnonzero(np.diff(label)) + 1
+    runs = zip([0, *edges.tolist()], [*edges.tolist(), len(label)], strict=True)
+    return tuple(Phase(first, stop, int(label[first])) for first, stop in runs if label[first] != UNLABELLED)
+
+
+def events(found: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
+    """Slips that become risky: onset where 5 deg are passed, gross slip where 15 deg are, end where all is well again.
+
+    When the load comes on nobody recorded; the onset here is the object's, later than the load's.
+    """
+    runs: list[list[Phase]] = []
+    for phase in found:
+        if phase.situation in (SAFE_SLIP, RISKY_SLIP):
+            if runs and runs[-1][-1].stop == phase.first:
+                runs[-1].append(phase)
+            else:
+                runs.append([phase])
+    return tuple(
+        RiskyEvent(run[0].first / rate_hz, risky[0].first / rate_hz, run[-1].stop / rate_hz)
+        for run in runs
+        if (risky := [phase for phase in run if phase.situation == RISKY_SLIP])
+    )
 
 
 def situation_windows(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> TrialRows:

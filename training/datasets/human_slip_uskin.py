@@ -8,7 +8,7 @@ locally, redistribute nothing. Any folder with the same two files can be read, a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -169,8 +169,10 @@ def _trial(
     )  # fmt: skip
     force_n = labels.contact_force_n(prepared)
     rotation_deg = labels.rotation_from_start_deg(angle_deg[move.rows], move.start)
+    phases = labels.phases(force_n, rotation_deg, move.end)
+    events = labels.events(phases, move.rate_hz)
     return (
-        recording,
+        replace(recording, phases=phases, events=events),
         labels.situation_windows(force_n, rotation_deg, move.end),
         labels.prediction_windows(force_n, rotation_deg, move.start, move.end),
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,18 @@ from export.features import NORMAL_FLOOR
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
-from training.timeline import ACTIONS, UNSCRIPTED, Phase, read_truth, scripted, truth_path, whole
+from training.timeline import (
+    ACTIONS,
+    UNSCRIPTED,
+    Phase,
+    RiskyEvent,
+    events_of,
+    read_events,
+    read_truth,
+    scripted,
+    truth_path,
+    whole,
+)
 from training.windows import (
     TimedTrial,
     balance,
@@ -165,8 +176,10 @@ def _timed(place: _Place, root: Path, unit: Any) -> TimedTrial:
         object_name=object_name(place.object_folder.name) if place.object_folder else None,
         action=place.action,
     )
+    phases = _phases(trial, recording)
+    recording = replace(recording, phases=phases, events=_events(trial, phases))
     heavy = is_heavy(mass_g(place.object_folder)) if place.object_folder else None
-    return TimedTrial(recording, _phases(trial, recording), heavy, timed=truth_path(trial.path).exists())
+    return TimedTrial(recording, phases, heavy, timed=truth_path(trial.path).exists())
 
 
 def _phases(trial: Trial, recording: Recording) -> tuple[Phase, ...]:
@@ -176,6 +189,11 @@ def _phases(trial: Trial, recording: Recording) -> tuple[Phase, ...]:
     if truth.exists():
         return read_truth(truth, trial.t_s)
     return scripted(trial, recording.samples, recording.action, recording.object_name)
+
+
+def _events(trial: Trial, phases: tuple[Phase, ...]) -> tuple[RiskyEvent, ...]:
+    truth = truth_path(trial.path)
+    return read_events(truth) if truth.exists() else events_of(phases, trial.rate_hz)
 
 
 def _common_rate(recordings: list[Recording]) -> float:

@@ -1,0 +1,1 @@
+"""What accuracy costs in time: the surface, point by point."""

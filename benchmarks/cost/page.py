@@ -1,0 +1,151 @@
+"""docs/what-accuracy-costs.md with its figure, and the README's table of ten lines, from build/bench: `make docs`."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.cost.point import Point
+from benchmarks.scenes_page import markdown
+from edge_runtime.writing import write_whole
+from training.pictures import OURS, QUIET, STYLE, WARNING, svg
+
+INTRO = """# What accuracy costs in time
+
+Written by `make docs` from `holdfast bench cost`, `latency`, `training` and `instructions`. **Scenes are simulated**:
+forests fitted on 400 trials of the card `thesis`, asked about {events} risky slips in {minutes:.0f} minutes of `daily`,
+one grasp after another, sample by sample. **People are public real data** (human_slip_uskin, 18 channels): everybody is
+asked about by a forest that never met him. The threshold of the alarm is chosen on other streams (on other people) so
+that at most one false alarm a minute is left.
+
+*found*: the hand is asked to act between load onset and loss of contact; an alarm that was on before does not count.
+*in time*: before all fingers slide. *delay*: from load onset to the alarm (on people from the object's first 5 degrees,
+since nobody recorded the load), median. *lead used*: the delay over the time there is until all fingers slide; above 1
+the object slides already. Microseconds are this machine's, all in turns in one run.
+
+![What accuracy costs in time](what-accuracy-costs.svg)
+
+## Where the milliseconds are
+
+At 150 Hz, from the pull to the request:
+
+| | ms |
+|---|---|
+| the sensor's conversion, 32 averages | 2.4 |
+| waiting for the next sample, mean | 3.3 |
+| the bus, six fingers ([measured](hand.md)) | 1.5 to 1.9 |
+| one decision ([below](#one-decision-beside-its-peers)) | {step_ms:.2f} |
+| every further sample the debounce waits for | 6.7 |
+
+How far the features look back (window 100 ms, history 500 ms) and how long a 10 Hz resonator rings (159 ms) is no delay
+of an alarm: a new sample counts at once. Computing is the smallest part: a forest ten times as large costs
+microseconds, one more sample of debounce costs 6.7 ms.
+"""
+HEADS = ("what", "step_us", "forest_us", "kib", "found", "found_95", "in_time", "false_per_min", "delay_ms",
+         "lead_used", "macro_f1")  # fmt: skip
+README_ROWS = (
+    Point(), Point(debounce=1), Point(debounce=3), Point(trees=10), Point(trees=500), Point(depth=6),
+    Point(rate_hz=50.0), Point(groups="raw window"), Point("human"), Point("human", groups="raw window"),
+)  # fmt: skip
+README_HEADS = ("set", "what", "step_us", "found", "in_time", "delay_ms", "macro_f1")
+README_BLOCK = re.compile(r"(<!-- cost: .*? -->\n).*?(\n<!-- end -->)", re.DOTALL)
+
+
+def page(bench: dict[str, Any]) -> str:
+    """The whole page, from the JSON of each bench by name."""
+    rows, fronts, latency = bench["cost"]["rows"], bench["cost"]["fronts"], bench["latency"]
+    default = next(row for row in rows if row["of"] == "scenes" and row["what"] == "default")
+    step_us = latency["rows"][0]["p50"]
+    ratios = "; ".join(f"{name.replace('_', ' ')} {value:.2f}" for name, value in latency["ratios"].items())
+    parts = [INTRO.format(events=default["events"], minutes=default["minutes"], step_ms=1e-3 * step_us)]
+    for of, title in (("scenes", "Scenes (simulated)"), ("human", "People (public real data)")):
+        here = [row for row in rows if row["of"] == of]
+        parts.append(f"## {title}: the front\n\nNothing here is beaten in both microseconds and slips found.\n\n"
+                     + markdown([line(row) for row in fronts[of]]))  # fmt: skip
+        parts.append(f"### Everything that was tried\n\n{markdown([line(row) for row in here])}")
+    parts.append("## One decision beside its peers\n\nAll in turns in one run on the same samples, us; the floor is a "
+                 f"busy wait as long as our step. {ratios}.\n\n{markdown(latency['rows'])}")  # fmt: skip
+    parts.append("Instructions a call, by callgrind, free of the machine's noise; the last column is a **projection** "
+                 "to a board of 1.5 GHz at one instruction a cycle, not a measurement.\n\n"
+                 + markdown(bench["instructions"]["rows"]))  # fmt: skip
+    parts.append(f"Memory and start of the live path:\n\n{markdown(latency['memory'])}")
+    parts.append(f"## Training\n\nCPU seconds, simulated trials of `thesis` at 150 Hz.\n\n"
+                 f"{markdown(bench['training']['rows'])}\n\nThe simulator's time against its step and its error: "
+                 "[scenes](scenes.md).")  # fmt: skip
+    return "\n\n".join(parts) + "\n"
+
+
+def line(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of the surface as a line of a table."""
+    interval = row["recall_ci"]
+    told = {
+        "set": {"scenes": "scenes", "human": "people"}[row["of"]], "found": row["recall"], "kib": row["bytes"] / 1024,
+        "found_95": f"{interval[0]:.2f} to {interval[1]:.2f}" if interval else "-",
+        "delay_ms": row["delay_ms"]["p50"] if row["delay_ms"] else None,
+        "lead_used": row["lead_used"]["p50"] if row["lead_used"] else None,
+    }  # fmt: skip
+    return {head: told.get(head, row.get(head)) for head in HEADS}
+
+
+def readme(text: str, rows: list[dict[str, Any]]) -> str:
+    """The README with its ten lines written anew. Raises ValueError where their place is gone."""
+    by_choice = {(row["of"], row["what"]): row for row in rows}
+    lines = [line(by_choice[point.of, point.what]) | {"set": _set(point)} for point in README_ROWS]
+    table = markdown([{head: one[head] for head in README_HEADS} for one in lines])
+    written, found = README_BLOCK.subn(lambda place: place[1] + table + place[2], text)
+    if found != 1:
+        raise ValueError("the README has no place, or several, for the cost table")
+    return written
+
+
+def _set(point: Point) -> str:
+    return "people, real" if point.of == "human" else "scenes, simulated"
+
+
+def figure(rows: list[dict[str, Any]], fronts: dict[str, list[dict[str, Any]]]) -> str:
+    """Scenes: slips found against microseconds with the front, and against the delay by what was changed."""
+    scenes, front = [row for row in rows if row["of"] == "scenes"], fronts["scenes"]
+    with mpl.rc_context(STYLE):
+        drawn = Figure(figsize=(9.4, 3.8))
+        drawn.suptitle("simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic")
+        left, right = drawn.subplots(1, 2, sharey=True)
+        _dots(left, scenes, "step_us", QUIET)
+        left.plot([row["step_us"] for row in front], [row["recall"] for row in front], "-", color=OURS)
+        _dots(left, front, "step_us", OURS)
+        left.set(xlabel="one decision, us", ylabel="risky slips found\nat one false alarm a minute", xscale="log")
+        timed = [row | {"delay": row["delay_ms"]["p50"]} for row in scenes if row["delay_ms"]]
+        _dots(right, timed, "delay", QUIET)
+        kept = [row for row in timed if row["what"] in NAMED]
+        _dots(right, kept, "delay", OURS)
+        for axes, named, x in ((left, front, "step_us"), (right, kept, "delay")):
+            for row in named:
+                axes.annotate(row["what"], (row[x], row["recall"]), (5, 4), textcoords="offset points", fontsize=7)
+            axes.grid(color="#e4e7eb")
+        right.set(xlabel="asked so long after the load came on, ms (median)")
+        return svg(drawn)
+
+
+NAMED = ("default", "debounce 1", "debounce 3", "50 Hz", "100 Hz", "300 Hz", "raw window", "10 trees", "500 trees")
+
+
+def _dots(axes: Axes, rows: list[dict[str, Any]], x: str, colour: str) -> None:
+    axes.plot([row[x] for row in rows], [row["recall"] for row in rows], "o", color=colour, markersize=4.5)
+
+
+if __name__ == "__main__":
+    folder, docs = Path(sys.argv[1]), Path(sys.argv[2])
+    bench = {
+        name: json.loads((folder / f"{name}.json").read_text("utf-8"))
+        for name in ("cost", "latency", "training", "instructions")
+    }
+    write_whole(docs / "what-accuracy-costs.svg", figure(bench["cost"]["rows"], bench["cost"]["fronts"]))
+    write_whole(docs / "what-accuracy-costs.md", page(bench))
+    written = readme(Path("README.md").read_text("utf-8"), bench["cost"]["rows"])
+    write_whole(Path("README.md"), written)

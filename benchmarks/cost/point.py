@@ -1,0 +1,118 @@
+"""One choice of a model, and which choices are tried."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+from edge_runtime.decision import DecisionRules
+from export.bank import BANDS_HZ
+from export.spec import HISTORY_S, WINDOW_S, StepSpec
+from training.featurise import spec_for
+from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS, TrainingPlan
+from training.recording import DataSet
+
+GROUPS = {
+    "default": CLOCK_FREE_GROUPS,
+    "now": ("now",),
+    "now, differences": CLOCK_FREE_GROUPS[:2],
+    "without activity": CLOCK_FREE_GROUPS[:-1],
+    "default and bands": (*CLOCK_FREE_GROUPS, "bands"),
+    "raw window": RAW_GROUPS,
+    "now and bands": ("now", "bands"),
+}
+BANDS = {"all": BANDS_HZ, "10 Hz": (10.0,), "10 to 25 Hz": BANDS_HZ[:4], "30 to 55 Hz": BANDS_HZ[4:]}
+TREES = (1, 3, 10, 30, 60, 100, 200, 500)
+DEPTHS = (4, 6, 8, 10, 14)
+RATES_HZ = (50.0, 100.0, 150.0, 300.0)
+WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
+LOOK_BACKS_S = (0.05, 0.10, 0.17, 0.25, 0.37)
+DEBOUNCES = (1, 2, 3)
+Set = Literal["scenes", "human"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """What is chosen; what is not named is the default model's.
+
+    depth: None for to the leaves of 8 windows. window_s: of the raw window. look_back_s: no feature sees further.
+    bank: the type the bank computes in. confidence: what the alarm's threshold is set on, the votes or the calibrated
+    probability.
+    """
+
+    of: Set = "scenes"
+    rate_hz: float = 150.0
+    trees: int = 60
+    depth: int | None = None
+    groups: str = "default"
+    window_s: float = WINDOW_S
+    look_back_s: float = HISTORY_S
+    bands: str = "all"
+    debounce: int = 2
+    bank: Literal["float64", "float32"] = "float64"
+    confidence: Literal["votes", "calibrated"] = "votes"
+
+    @property
+    def name(self) -> str:
+        """Of the file its figures are kept in."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:12]
+
+    @property
+    def what(self) -> str:
+        """What is not the default about it, in words."""
+        told = [f"{self.rate_hz:g} Hz"] if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes" else []
+        told += [f"{self.trees} trees"] if self.trees != 60 else []
+        told += [f"depth {self.depth}"] if self.depth is not None else []
+        told += [self.groups] if self.groups != "default" else []
+        told += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
+        told += [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
+        told += [f"bands {self.bands}"] if self.bands != "all" else []
+        told += [f"debounce {self.debounce}"] if self.debounce != 2 else []
+        told += ["bank in float32"] if self.bank != "float64" else []
+        told += ["calibrated"] if self.confidence != "votes" else []
+        return ", ".join(told) or "default"
+
+    def plan(self, folds: int) -> TrainingPlan:
+        """As a training plan."""
+        base = TrainingPlan()
+        forest = replace(base.situation, n_estimators=self.trees, max_depth=self.depth)
+        return replace(base, groups=GROUPS[self.groups], situation=forest, folds=folds)
+
+    def spec(self, data: DataSet) -> StepSpec:
+        """As a step graph for a set."""
+        return replace(spec_for(data, GROUPS[self.groups]), window_s=self.window_s, bands_hz=BANDS[self.bands])
+
+    @property
+    def rules(self) -> DecisionRules:
+        """As a decision."""
+        return DecisionRules(act_samples=self.debounce)
+
+
+def points() -> list[Point]:
+    """Around the default one thing changed at a time, and trees against depth; the same on both sets."""
+    return list(dict.fromkeys([*_scenes(), *_human()]))
+
+
+def _scenes() -> Iterator[Point]:
+    yield from _anywhere("scenes")
+    yield from (Point(rate_hz=rate_hz) for rate_hz in RATES_HZ)
+    yield from (Point(depth=depth, trees=trees) for depth in DEPTHS for trees in (10, 200))
+    yield from (Point(groups="now and bands", bands=name) for name in BANDS)
+    yield Point(groups="now and bands", bank="float32")
+
+
+def _human() -> Iterator[Point]:
+    yield from _anywhere("human")
+
+
+def _anywhere(of: Set) -> Iterator[Point]:
+    yield from (Point(of, debounce=debounce) for debounce in DEBOUNCES)
+    yield from (Point(of, trees=trees) for trees in TREES)
+    yield from (Point(of, depth=depth) for depth in DEPTHS)
+    yield from (Point(of, groups=name) for name in GROUPS)
+    yield from (Point(of, groups="raw window", window_s=window_s) for window_s in WINDOWS_S)
+    yield from (Point(of, look_back_s=seconds) for seconds in LOOK_BACKS_S)
+    yield Point(of, confidence="calibrated")

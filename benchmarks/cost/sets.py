@@ -1,0 +1,141 @@
+"""The recordings that points are fitted on and asked about, and their features, made once and kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cost.point import Point, Set
+from edge_runtime.contract import FloatArray
+from export.bank import STATES_PER_BAND, step_matrix
+from export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
+from export.spec import StepSpec
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from training.datasets import load
+from training.featurise import FloatRows, features_everywhere, features_of
+from training.recording import DataSet
+
+PARTS = {"train": ("thesis", 400, 0), "choose": ("daily", 150, 1), "ask": ("daily", 300, 2)}
+"""Part -> card, grasps, seed: what a forest is fitted on, its threshold chosen on, and it is asked about."""
+HUMAN = "human_slip_uskin"
+
+
+def prepare(folder: Path, of: Set, rate_hz: float) -> None:
+    """Simulate the parts of a rate, unless they are there."""
+    for part, (card, grasps, seed) in PARTS.items() if of == "scenes" else ():
+        place = _place(folder, rate_hz, part)
+        if not (place / "meta.json").is_file():
+            write_set(Scene(read_card(card, rate_hz=rate_hz), seed), place, grasps)
+
+
+@cache
+def read(folder: Path, of: Set, rate_hz: float, part: str) -> DataSet:
+    """A part: of scenes balanced to train on, and whole to ask about; human_slip_uskin is one part."""
+    if of == "human":
+        data = load(HUMAN)
+        return replace(data, tasks={"situations": data.tasks["situations"]})
+    return load(_place(folder, rate_hz, part), balanced=part == "train")
+
+
+def windows(folder: Path, point: Point) -> dict[str, FloatRows]:
+    """Task -> features [M, F] of the labelled windows to train on."""
+    data = read(folder, point.of, point.rate_hz, "train")
+    if point.bank == "float32":
+        rows = everywhere(folder, point, "train")
+        return {task: rows[_starts(data)[one.trial] + one.row] for task, one in data.tasks.items()}
+    spec = point.spec(data)
+    paths = {task: _kept(folder, point.of, spec, f"train-{task}") for task in data.tasks}
+    if not all(path.is_file() for path in paths.values()):
+        for task, rows in features_of(data, spec).items():
+            _save(paths[task], rows)
+    return {task: _seen(np.load(path), spec, point.look_back_s) for task, path in paths.items()}
+
+
+def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
+    """Features [sum of T, F] at every sample of a part, recording after recording."""
+    data = read(folder, point.of, point.rate_hz, part)
+    spec = point.spec(data)
+    path = _kept(folder, point.of, spec, part)
+    if not path.is_file():
+        _save(path, np.concatenate(features_everywhere(data, spec)))
+    rows: FloatRows = np.load(path, mmap_mode="r")
+    if point.bank == "float32":
+        bank = _bank_in_float32(data, spec)
+        rows = np.hstack([rows[:, : rows.shape[1] - bank.shape[1]], bank])
+    return _seen(rows, spec, point.look_back_s)
+
+
+def per_recording(data: DataSet, rows: Any) -> list[Any]:
+    """Rows of all recordings -> those of each."""
+    return np.split(rows, _starts(data)[1:])
+
+
+def _starts(data: DataSet) -> Any:
+    return np.concatenate([[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]])
+
+
+def _place(folder: Path, rate_hz: float, part: str) -> Path:
+    return folder / f"{rate_hz:g}hz-{part}"
+
+
+def _kept(folder: Path, of: Set, spec: StepSpec, part: str) -> Path:
+    told = json.dumps(spec.to_json(), sort_keys=True)
+    return folder / "features" / f"{of}-{hashlib.sha256(told.encode()).hexdigest()[:12]}-{part}.npy"
+
+
+def _save(path: Path, rows: FloatRows) -> None:
+    """In one piece or not at all: a run that is stopped leaves no half of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    half = path.with_suffix(".half.npy")
+    np.save(half, rows)
+    half.replace(path)
+
+
+def _seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:
+    """The rows with everything that looks further back made constant, so that no tree can use it."""
+    beyond = look_backs_s(spec) > look_back_s + 1e-9
+    return np.where(beyond, np.float32(0.0), rows) if beyond.any() else rows
+
+
+def look_backs_s(spec: StepSpec) -> FloatArray:
+    """[F]: how far back each of the default groups' features looks; 0 for the others."""
+    lags, spans, chosen = np.array(LAGS_S), np.array(SPANS_S), np.array(LAGS_S)[list(SCALED_LAGS)]
+    known = {
+        "differences": np.tile(np.repeat(lags, 3), spec.n_sensors),
+        "scaled_differences": np.tile(np.repeat(chosen, 3), spec.n_sensors),
+        "scaled_sums": np.repeat(lags, 3),
+        "activity": np.repeat(spans, 3),
+    }
+    parts = []
+    for name in spec.groups:
+        width = feature_count(StepSpec(spec.n_sensors, spec.rate_hz, spec.unit, (name,), bands_hz=spec.bands_hz,
+                                       window_s=spec.window_s))  # fmt: skip
+        parts.append(known.get(name, np.zeros(width)))
+    return np.concatenate(parts)
+
+
+def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
+    """|outputs| [sum of T, n x 2 x bands] of a bank whose state and coefficients are float32; samples are taken to be
+    good, as they are in these scenes."""
+    bands = spec.carried_bands()
+    matrix, size = step_matrix(spec.rate_hz, bands).astype(np.float32), 1 + STATES_PER_BAND * len(bands)
+    parts = []
+    for recording in data.recordings:
+        shear = recording.samples.reshape(len(recording.samples), -1, 3)[:, :, :2].reshape(len(recording.samples), -1)
+        difference = np.diff(shear.astype(np.float32), axis=0, prepend=shear[:1].astype(np.float32))
+        joined = np.zeros((shear.shape[1], 1 + size), dtype=np.float32)
+        out = np.empty((len(shear), shear.shape[1], len(bands)), dtype=np.float32)
+        for t, change in enumerate(difference):
+            joined[:, 0] = change
+            stepped = joined @ matrix
+            joined[:, 1:], out[t] = stepped[:, :size], np.abs(stepped[:, size:])
+        parts.append(out.reshape(len(shear), -1))
+    return np.concatenate(parts)

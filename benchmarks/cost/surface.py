@@ -1,0 +1,143 @@
+"""`holdfast bench cost`: what accuracy costs in time, on scenes and on people, one choice changed at a time.
+
+Every point is a forest asked about streams that it never met, sample by sample: how many risky slips it finds at one
+false alarm a minute, how long after the load came on, and how much of the lead there was is used up. Beside it the
+macro F1 over four situations of held-out windows, and, all in turns in one run, the microseconds of the forest alone
+and of the whole step. Points are kept one by one, so that a run that was interrupted goes on where it was; they are
+measured two at a time, or on a Dask cluster.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from joblib import Parallel, delayed, parallel_config
+
+from benchmarks.cost.measure import measure, rows_for_timing
+from benchmarks.cost.point import Point, points
+from benchmarks.cost.sets import PARTS, everywhere, prepare, windows
+from edge_runtime.golden import golden_input
+from edge_runtime.graph import StepGraph, open_session
+from edge_runtime.timing import time_in_turns
+from edge_runtime.writing import write_whole
+from export.verify import cut_forests
+from training.featurise import FloatRows
+
+WORKERS = 2
+TIMED_ROWS = 200
+TURNS, CALLS = 10, 60
+
+
+def cost(folder: Path, chosen: Sequence[Point] | None = None, *, dask: str | None = None) -> dict[str, Any]:
+    """Rows of all points, and the fronts: the forest's time and the alarm's delay against what is found.
+
+    folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same folder.
+    """
+    chosen = points() if chosen is None else chosen
+    with _workers(dask):
+        sets = dict.fromkeys((point.of, point.rate_hz) for point in chosen)
+        Parallel()(delayed(prepare)(folder, *one) for one in sets)
+        Parallel()(delayed(_features)(folder, point) for point in _by_features(chosen))
+        rows = Parallel()(delayed(_kept)(folder, point) for point in chosen)
+    for row, us in zip(rows, _priced(folder, chosen), strict=True):
+        row |= us
+    fronts = {of: pareto([row for row in rows if row["of"] == of], "step_us", "recall") for of in ("scenes", "human")}
+    return {"rows": rows, "fronts": fronts}
+
+
+def _by_features(chosen: Sequence[Point]) -> list[Point]:
+    """One point for each set of features that has to be made."""
+    return list(dict.fromkeys(
+        Point(one.of, one.rate_hz, groups=one.groups, window_s=one.window_s, bands=one.bands) for one in chosen
+    ))  # fmt: skip
+
+
+def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[str, Any]]:
+    """Rows that no other beats in both, cheapest first.
+
+    >>> rows = [{"t": 1, "q": 5}, {"t": 2, "q": 4}, {"t": 3, "q": 9}]
+    >>> pareto(rows, "t", "q")
+    [{'t': 1, 'q': 5}, {'t': 3, 'q': 9}]
+    """
+    front: list[dict[str, Any]] = []
+    for row in sorted(rows, key=lambda row: (row[less], -row[more])):
+        if not front or row[more] > front[-1][more]:
+            front.append(row)
+    return front
+
+
+@contextmanager
+def _workers(dask: str | None) -> Iterator[None]:
+    """Where the points are measured."""
+    if dask is None:
+        with parallel_config(backend="loky", n_jobs=WORKERS):
+            yield
+        return
+    from distributed import Client
+
+    with Client(dask), parallel_config(backend="dask"):
+        yield
+
+
+def _features(folder: Path, point: Point) -> None:
+    """Make the features of a point, unless they are there."""
+    windows(folder, point)
+    for part in PARTS if point.of == "scenes" else ("train",):
+        if part != "train" or point.of == "human":
+            everywhere(folder, point, part)
+
+
+def _kept(folder: Path, point: Point) -> dict[str, Any]:
+    """A point from its file, or measured and written there."""
+    path = folder / "points" / f"{point.name}.json"
+    if path.is_file():
+        row: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        return row
+    figures, model = measure(point, folder)
+    row = asdict(point) | {"what": point.what} | figures
+    write_whole(path.with_suffix(".onnx"), model.SerializeToString())
+    write_whole(path, json.dumps(row) + "\n")
+    return row
+
+
+def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
+    """Microseconds (p50) of the forest alone and of the whole step, and bytes; all points in turns, one run."""
+    calls: dict[str, Callable[[], object]] = {}
+    sizes = []
+    for point in chosen:
+        model = onnx.load(folder / "points" / f"{point.name}.onnx")
+        sizes.append(float(model.ByteSize()))
+        calls[f"{point.name} forest"] = _forest_call(model, rows_for_timing(point, folder, TIMED_ROWS))
+        calls[f"{point.name} step"] = _step_call(model, point)
+    us = {name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()}
+    return [
+        {"forest_us": us[f"{point.name} forest"], "step_us": us[f"{point.name} step"], "bytes": size}
+        for point, size in zip(chosen, sizes, strict=True)
+    ]
+
+
+def _forest_call(model: onnx.ModelProto, rows: FloatRows) -> Callable[[], object]:
+    session = open_session(cut_forests(model))
+    one, turn = [rows[k : k + 1] for k in range(len(rows))], cycle(range(len(rows)))
+    return lambda: session.run(["votes"], {"features": one[next(turn)]})
+
+
+def _step_call(model: onnx.ModelProto, point: Point) -> Callable[[], object]:
+    graph = StepGraph(open_session(model.SerializeToString()))
+    values, valid = golden_input(graph.sample.shape[1], "N", round(point.rate_hz))
+    turn = cycle(range(len(values)))
+
+    def step() -> None:
+        index = next(turn)
+        graph.sample[0], graph.valid[0] = values[index], valid[index]
+        graph.step()
+
+    return step

@@ -1,0 +1,48 @@
+"""CPU seconds of features and of training against the number of trials."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from training.crossval import cross_validate, fit_forest
+from training.datasets import load
+from training.featurise import features_of, spec_for
+from training.plan import TrainingPlan
+
+TRIALS = (50, 100, 200, 400)
+
+
+def training_times() -> list[dict[str, Any]]:
+    """One row a number of trials of `thesis` at 150 Hz."""
+    with tempfile.TemporaryDirectory() as work:
+        return [_row(Path(work) / str(trials), trials) for trials in TRIALS]
+
+
+def _row(place: Path, trials: int) -> dict[str, Any]:
+    plan = TrainingPlan()
+    simulated_s = _cpu_s(lambda: write_set(Scene(read_card("thesis"), 0), place, trials))[1]
+    data, read_s = _cpu_s(lambda: load(place))
+    features, features_s = _cpu_s(lambda: features_of(data, spec_for(data, plan.groups)))
+    task = data.tasks["classes"]
+    _, fit_s = _cpu_s(lambda: fit_forest(data, features["classes"], plan, "classes", np.arange(len(task)), 0))
+    _, validated_s = _cpu_s(lambda: cross_validate(data, features, plan))
+    return {
+        "trials": trials, "windows": len(task), "samples": sum(len(one.samples) for one in data.recordings),
+        "simulated_cpu_s": simulated_s, "read_and_labelled_cpu_s": read_s, "features_cpu_s": features_s,
+        "forest_cpu_s": fit_s, f"cross_validated_{plan.folds}_folds_cpu_s": validated_s,
+    }  # fmt: skip
+
+
+def _cpu_s(call: Callable[[], Any]) -> tuple[Any, float]:
+    started = time.process_time()
+    made = call()
+    return made, time.process_time() - started

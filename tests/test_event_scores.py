@@ -1,0 +1,182 @@
+"""Alarms against events: what counts as found, as missed, as false, and how much of the lead was left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
+from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from training.alarms import Answers, acts
+from training.event_scores import CONFIDENCES, Heard, choose_confidence, event_scores, hear, heard
+from training.recording import Recording
+from training.timeline import RiskyEvent
+
+RATE_HZ = 100.0
+EVENT = RiskyEvent(1.0, 1.05, 1.10)
+
+
+def recording(*events: RiskyEvent, group: str = "a", length: int = 300) -> Recording:
+    samples, valid = np.zeros((length, 3)), np.ones((length, 1), dtype=bool)
+    return Recording("a", group, samples, valid, RATE_HZ, "N", events=events)
+
+
+def asked(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
+    """The hand is asked from .. to, in s."""
+    t_s = np.arange(length) / RATE_HZ
+    return np.any([(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans] or [np.zeros(length, bool)], axis=0)
+
+
+# -- the decision, many streams at once
+
+
+@given(
+    labels=st.lists(st.lists(st.tuples(st.integers(-1, 3), st.integers(0, 1000)), max_size=60), min_size=1, max_size=4),
+    confidences=st.lists(st.integers(0, 1000), min_size=1, max_size=3),
+    debounce=st.integers(1, 4),
+    release=st.integers(1, 4),
+)
+def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(labels, confidences, debounce, release):
+    rules = DecisionRules(act_samples=debounce, release_samples=release)
+    streams = [
+        Answers(recording(), *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1))) for one in labels
+    ]
+    together = acts(streams, rules, confidences)
+    for stream, acted in zip(streams, together, strict=True):
+        for k, least in enumerate(confidences):
+            told = DecisionRules(1, debounce, release, least)
+            state, alone = DecisionState(), []
+            for situation, permille in zip(stream.situation.tolist(), stream.risky_permille.tolist(), strict=True):
+                state = decide(told, state, situation, permille)
+                alone.append(state.act)
+            assert acted[:, k].tolist() == alone
+
+
+# -- an alarm and an event
+
+
+def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():
+    (found,) = (told := heard(recording(EVENT), asked((1.02, 2.0)))).outcomes
+    assert found.delay_s == pytest.approx(0.02)
+    assert found.lead_s == pytest.approx(0.03)
+    assert found.available_s == pytest.approx(0.05)
+    assert told.false_s == ()
+
+
+@pytest.mark.parametrize(
+    ("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)]
+)
+def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
+    told = heard(recording(EVENT), asked((from_s, from_s + 0.01)))
+    assert (sum(one.alarm_s is not None for one in told.outcomes), len(told.false_s)) == (found, false)
+    assert heard(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040).outcomes[0].alarm_s is not None
+
+
+def test_an_alarm_that_was_on_before_finds_nothing_and_is_false():
+    told = heard(recording(EVENT), asked((0.5, 2.0)))
+    assert told.outcomes[0].alarm_s is None
+    assert told.outcomes[0].already_on
+    assert told.false_s == (0.5,)
+
+
+def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_finds_it():
+    told = heard(recording(EVENT), asked((0.5, 0.97), (1.03, 1.2)))
+    assert told.outcomes[0].delay_s == pytest.approx(0.03)
+    assert told.false_s == (0.5,)
+
+
+def test_an_event_is_found_once_and_a_second_alarm_in_it_is_neither_found_nor_false():
+    told = heard(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
+    assert told.outcomes[0].delay_s == pytest.approx(0.01)
+    assert told.false_s == ()
+
+
+def test_two_events_inside_one_collar_share_an_alarm_that_begins_in_both():
+    second = RiskyEvent(1.11, 1.15, 1.20)
+    told = heard(recording(EVENT, second), asked((1.10, 1.3)))
+    assert [one.alarm_s for one in told.outcomes] == [1.10, 1.10]
+    assert told.outcomes[1].delay_s == pytest.approx(-0.01)
+
+
+def test_an_alarm_that_is_on_from_the_first_sample_begins_there():
+    assert heard(recording(EVENT), asked((0.0, 3.0))).false_s == (0.0,)
+    assert heard(recording(RiskyEvent(0.0, 0.05, 0.1)), asked((0.0, 3.0))).outcomes[0].delay_s == 0.0
+
+
+# -- figures of many streams
+
+
+def stream(group: str, *alarms: tuple[float, float], events: tuple[RiskyEvent, ...] = (EVENT,)) -> Heard:
+    return heard(recording(*events, group=group), asked(*alarms))
+
+
+def test_figures_count_what_was_found_missed_false_and_already_on():
+    told = event_scores([stream("a", (1.02, 1.2)), stream("b", (0.5, 2.0)), stream("c"), stream("d", (2.0, 2.1))])
+    assert (told["events"], told["found"], told["missed"], told["already_on"]) == (4, 1, 3, 1)
+    assert told["recall"] == 0.25
+    assert told["false_alarms"] == 2
+    assert told["false_per_min"] == pytest.approx(2 / (4 * 3 / 60))
+    assert told["false_per_hour"] == pytest.approx(60 * told["false_per_min"])
+    assert told["delay_ms"]["p50"] == pytest.approx(20.0)
+    assert told["lead_used"]["p50"] == pytest.approx(0.4)
+    assert told["in_time"] == 0.25
+    assert told["recall_ci"][0] <= 0.25 <= told["recall_ci"][1]
+
+
+def test_an_alarm_after_gross_slip_finds_the_event_but_not_in_time():
+    told = event_scores([stream("a", (1.08, 1.2))])
+    assert (told["recall"], told["in_time"]) == (1.0, 0.0)
+    assert told["lead_ms"]["p50"] == pytest.approx(-30.0)
+    assert told["lead_used"]["p50"] == pytest.approx(1.6)
+
+
+def test_gross_slip_that_nobody_knows_gives_a_delay_and_no_lead():
+    told = event_scores([stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))])
+    assert told["delay_ms"]["p50"] == pytest.approx(20.0)
+    assert (told["lead_ms"], told["lead_used"], told["in_time"]) == (None, None, 0.0)
+
+
+def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
+    told = event_scores([stream("a", (1.0, 1.1), events=())])
+    assert (told["recall"], told["recall_ci"], told["false_per_min_ci"]) == (None, None, None)
+    assert told["false_per_min"] == pytest.approx(20.0)
+
+
+def test_no_streams_at_all_are_no_figures():
+    told = event_scores([])
+    assert (told["events"], told["recall"], told["false_per_min"]) == (0, None, None)
+
+
+# -- the threshold
+
+
+def answers(permille_of_an_alarm: int) -> Answers:
+    """A stream with one false alarm of some confidence, and a sure alarm at the event."""
+    situation, permille = np.full(300, GRASP), np.zeros(300, dtype=np.int64)
+    for first, sure in ((50, permille_of_an_alarm), (101, 995)):
+        situation[first : first + 3], permille[first : first + 3] = RISKY_SLIP, sure
+        situation[first + 3 : first + 9] = NOTHING
+    situation[:10] = UNKNOWN
+    return Answers(recording(EVENT), situation, permille)
+
+
+def test_the_confidence_is_the_lowest_that_leaves_no_more_false_alarms_than_allowed():
+    streams = [answers(400), answers(601)]
+    per_min = 1 / (2 * 3 / 60)
+    assert choose_confidence(streams, DecisionRules(), per_min) == 410
+    assert choose_confidence(streams, DecisionRules(), 0.5 * per_min) == 610
+    assert choose_confidence(streams, DecisionRules(), 2 * per_min) == 0
+
+
+def test_what_was_chosen_is_what_is_heard():
+    streams = [answers(400), answers(601)]
+    for permille, false in ((0, 2), (410, 1), (610, 0)):
+        told = event_scores(hear(streams, DecisionRules(), permille))
+        assert (told["false_alarms"], told["found"]) == (false, 2)
+
+
+def test_where_no_confidence_is_enough_the_highest_is_taken():
+    sure = answers(999)
+    assert choose_confidence([sure], DecisionRules(), 0.0) == CONFIDENCES[-1]
