@@ -39,7 +39,6 @@ def open_source(url: str, *, channels: int | None = None, preparation: Preparati
 def _simulated(url: str) -> Replay:
     """Trials of a card, one after another, as one stream."""
     from simulation.card import read_card
-    from simulation.folder import join
     from simulation.scene import Scene
 
     told = _numbers(url)
@@ -49,7 +48,7 @@ def _simulated(url: str) -> Replay:
         raise UsageError(
             f"{url!r}: no trials {first} to {first + count - 1}", next_step=f"the card has 0..{len(trials) - 1}"
         )
-    signal, _ = join([one.signal for one in scene.run_together(trials[first : first + count])], scene.card.rate_hz)
+    signal, _, _ = scene.join(scene.run_together(trials[first : first + count]))
     t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
     return Replay(t_ns, signal.values.reshape(len(t_ns), -1), signal.valid, scene.card.rate_hz, signal.unit)
 

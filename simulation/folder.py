@@ -64,22 +64,12 @@ def require_new(out: Path) -> None:
 
 def write_recording(path: Path, scene: Scene, told: Sequence[Told]) -> None:
     """One recording of one trial, or of several end to end: samples, truth, motion; path without its ending."""
-    signal, starts_s = join([one.signal for one in told], scene.card.rate_hz)
+    signal, starts_s, drawn = scene.join(told)
     write_whole(path.with_name(f"{path.name}.csv"), _samples(signal, scene))
     write_whole(path.with_name(f"{path.name}.motion.csv"), _motion(told, starts_s))
-    write_whole(path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, told, starts_s)))
+    write_whole(path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, told, starts_s, drawn)))
     if scene.camera:
         write_whole(path.with_name(f"{path.name}.frames.npz"), _film(scene, told[0], scene.camera))
-
-
-def join(signals: Sequence[Signal], rate_hz: float) -> tuple[Signal, list[float]]:
-    """Recordings end to end, one sample apart, and when each begins."""
-    starts_s = [0.0]
-    for signal in signals[:-1]:
-        starts_s.append(starts_s[-1] + float(signal.t_s[-1]) + 1.0 / rate_hz)
-    t_s = np.concatenate([signal.t_s + start for signal, start in zip(signals, starts_s, strict=True)])
-    values, valid = (np.concatenate([getattr(signal, name) for signal in signals]) for name in ("values", "valid"))
-    return Signal(t_s, values, valid, signals[0].unit), starts_s
 
 
 def _write_streams(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
@@ -152,16 +142,18 @@ def _film(scene: Scene, told: Told, camera: Camera) -> bytes:
     return packed.getvalue()
 
 
-def _truth(scene: Scene, told: Sequence[Told], starts_s: Sequence[float]) -> dict[str, Any]:
+def _truth(
+    scene: Scene, told: Sequence[Told], starts_s: Sequence[float], drawn: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
     parts = [one.truth.shifted(start).to_json() for one, start in zip(told, starts_s, strict=True)]
     card = {"card": scene.card.name, "card_sha256": scene.card.sha256, "seed": scene.seed}
     phases = [phase for part in parts for phase in part.pop("phases")]
-    trials = [_origin(one) | part for one, part in zip(told, parts, strict=True)]
+    trials = [_origin(one, drawn) | part for one, part in zip(told, parts, strict=True)]
     return {"phases": phases, **card, **(trials[0] if len(trials) == 1 else {"trials": trials})}
 
 
-def _origin(told: Told) -> dict[str, Any]:
+def _origin(told: Told, sensors: dict[str, dict[str, Any]]) -> dict[str, Any]:
     trial = told.trial
     return {
         "number": trial.number,
@@ -171,7 +163,7 @@ def _origin(told: Told) -> dict[str, Any]:
         "supported": bool(trial.supported),
         "grip_n": round(trial.grip_n, 4),
         "drawn": {name: round(value, 6) for name, value in trial.drawn.items()},
-        "effects": told.effects,
+        "effects": told.effects | sensors,
     }
 
 

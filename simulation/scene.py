@@ -104,12 +104,28 @@ class Scene:
         self, trial: Trial, motion: Motion, drawn: dict[str, dict[str, Any]], arm: Any, lane: int
     ) -> Told:
         hand_m = None if arm is None else arm.motion_m(motion.t_s, lane)
-        signal, sensed = self.sense(trial, motion)
+        signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
         return Told(trial, signal, motion, truth_of(trial, motion), drawn | sensed, hand_m)
 
-    def sense(self, trial: Trial, motion: Motion) -> tuple[Signal, dict[str, dict[str, Any]]]:
-        """The forces of a trial through the sensor effects of the card, in the card's unit."""
-        signal = Signal(motion.t_s, motion.forces_n, np.ones(motion.forces_n.shape[:2], dtype=np.bool_))
+    def join(self, told: Sequence[Told]) -> tuple[Signal, list[float], dict[str, dict[str, Any]]]:
+        """Trials end to end, one sample apart: what the sensors report, when each begins in s, the sensors' draws.
+
+        All through the sensors of the first: one hand for many grasps, not another hand with every grasp.
+        """
+        if len(told) == 1:
+            return told[0].signal, [0.0], {}
+        starts_s = [0.0]
+        for one in told[:-1]:
+            starts_s.append(starts_s[-1] + float(one.motion.t_s[-1]) + 1.0 / self.card.rate_hz)
+        t_s = np.concatenate([one.motion.t_s + start for one, start in zip(told, starts_s, strict=True)])
+        signal, drawn = self.sense(told[0].trial, t_s, np.concatenate([one.motion.forces_n for one in told]))
+        return signal, starts_s, drawn
+
+    def sense(
+        self, trial: Trial, t_s: FloatArray, forces_n: FloatArray
+    ) -> tuple[Signal, dict[str, dict[str, Any]]]:
+        """Forces [T, S, 3] at t_s [T] through the card's sensor effects as drawn for a trial, in the card's unit."""
+        signal = Signal(t_s, forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
         drawn = {name: self._draw(name, trial) for name in self.sensor_effects}
         timing = ("timing_jitter", "dropped_samples", "stale_sensor")
         for name, effect in self.sensor_effects.items():

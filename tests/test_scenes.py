@@ -228,6 +228,18 @@ def test_trials_of_an_object_join_into_one_long_recording(tmp_path):
     assert read_trial(trial).t_s[-1] > 20.0
 
 
+def test_one_hand_makes_all_the_grasps_of_a_joined_recording(tmp_path):
+    """Each trial alone has sensors of its own; joined, the first one's, so that the empty hand always rests alike."""
+    text = CORE.replace("rate_hz = 100", "rate_hz = 100\njoin = 3") + "\n[effects.dipole]\n[effects.gain_tilt]\n"
+    scene = make(tmp_path, text.replace('action = "pull"', 'action = "pull"\ncount = 3'))
+    told = scene.run_together(scene.trials())
+    joined, starts_s, _ = scene.join(told)
+    rest = [joined.values[np.searchsorted(joined.t_s, start)] for start in starts_s]
+    np.testing.assert_allclose(rest[1:], rest[:-1], atol=1e-9)
+    assert np.abs(told[1].signal.values[0] - told[0].signal.values[0]).max() > 0.01
+    np.testing.assert_array_equal(scene.join(told[:1])[0].values, told[0].signal.values)
+
+
 def test_nothing_is_written_over(tmp_path, capsys):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "mine.txt").write_text("precious", encoding="utf-8")
