@@ -7,6 +7,7 @@ BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 PEERS  := .venv-peers
 RATE   ?= 150
+SIZE   ?= default
 ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
@@ -43,12 +44,13 @@ scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz
 	    $(BIN)/holdfast simulate $$card --rate $$rate --out build/scenes/$${rate}hz/$$card || exit; done; done
 	$(BIN)/python -m training.scenes build/scenes --out build/scenes/study
 
-models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges
-	rm -rf build/models/$(RATE)hz
-	$(BIN)/holdfast simulate thesis --rate $(RATE) --out build/models/$(RATE)hz/thesis
-	$(BIN)/holdfast simulate broad --rate $(RATE) --out build/models/$(RATE)hz/broad
-	$(BIN)/holdfast train --data build/models/$(RATE)hz/thesis build/models/$(RATE)hz/broad --out build/models/$(RATE)hz
-	$(BIN)/holdfast export build/models/$(RATE)hz --out models/holdfast-$(RATE)hz.onnx
+models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny or best
+	rm -rf build/models/$(RATE)hz-$(SIZE)
+	$(BIN)/holdfast simulate thesis --rate $(RATE) --out build/models/$(RATE)hz-$(SIZE)/thesis
+	$(BIN)/holdfast simulate broad --rate $(RATE) --out build/models/$(RATE)hz-$(SIZE)/broad
+	$(BIN)/holdfast train --data build/models/$(RATE)hz-$(SIZE)/thesis build/models/$(RATE)hz-$(SIZE)/broad \
+	    --windows dense --size $(SIZE) --out build/models/$(RATE)hz-$(SIZE)
+	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
 
 soak: setup  ## the long tests: a million steps, and the like
 	$(BIN)/python -m pytest -m soak $(ARGS)

@@ -51,7 +51,7 @@ def run(out: Path, work: Path) -> int:
     print(f"\none character = {COLUMN_S} s; . nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)")
     write_shown(Scene(card, UNSEEN_SEED), work / "unseen")
     model = Model(path)
-    pictures = [watch(model, work / "unseen", one) for one in load(work / "unseen", balanced=False).recordings]
+    pictures = [watch(model, work / "unseen", one) for one in load(work / "unseen", windows="natural").recordings]
     for picture in pictures:
         show(picture)
     about = {"seed": 0, "versions": versions(), "command": "make demo"}

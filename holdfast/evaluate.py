@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json is not None:
         require_writable(args.json.parent)
     model = Model(args.model)
-    data = load(args.data, channels=model.card.n_channels, groups=args.groups, seed=args.seed, balanced=False)
+    data = load(args.data, channels=model.card.n_channels, groups=args.groups, seed=args.seed, windows="natural")
     figures = evaluate(model, data, seed=args.seed)
     if args.json is not None:
         write_whole(args.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")

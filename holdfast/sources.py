@@ -71,7 +71,7 @@ def _from_set(name: str, channels: int | None) -> Replay:
     from training.datasets import load
 
     folder, _, chosen = name.rpartition("#")
-    data = load(folder, channels=channels, balanced=False)
+    data = load(folder, channels=channels, windows="natural")
     names = [recording.trial_id for recording in data.recordings]
     index = names.index(chosen) if chosen in names else int(chosen) if chosen.isdecimal() else len(names)
     if index >= len(names):

@@ -164,11 +164,11 @@ def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
 @pytest.mark.parametrize("action", ["hold", "daily"])
 def test_a_hold_and_a_daily_stream_live_by_their_truth_alone(copied: Path, action: str) -> None:
     (copied / "soft-ball" / "pass").rename(copied / "soft-ball" / action)
-    told = {r.trial_id: r.action for r in thesis.load(copied, balanced=False).recordings}
+    told = {r.trial_id: r.action for r in thesis.load(copied, windows="natural").recordings}
     assert told[f"soft-ball/{action}/trial_1"] == action
     (copied / "soft-ball" / action / "trial_1.truth.json").unlink()
     with pytest.raises(LabelError, match=r"put trial_1\.truth\.json beside it") as caught:
-        thesis.load(copied, balanced=False)
+        thesis.load(copied, windows="natural")
     assert f"soft-ball/{action}/trial_1.csv" in str(caught.value)
 
 
@@ -343,5 +343,5 @@ def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(tmp
     shutil.copytree(tmp_path / "all" / "soft-ball", tmp_path / "one" / "soft-ball")
     with pytest.raises(ClassMissing):
         thesis.load(tmp_path / "one")
-    windows = thesis.load(tmp_path / "one", balanced=False).tasks["classes"]
+    windows = thesis.load(tmp_path / "one", windows="natural").tasks["classes"]
     assert set((windows.label % 2).tolist()) == {0}

@@ -5,7 +5,7 @@ The choice was made on human_slip_uskin, people held out (docs/decisions.md says
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
@@ -61,6 +61,12 @@ class TrainingPlan:
 
 RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)
 """The raw-window forest every other figure stands beside."""
+
+SIZES = {
+    name: replace(TrainingPlan(), situation=replace(TrainingPlan().situation, n_estimators=trees, max_depth=depth))
+    for name, trees, depth in (("tiny", 10, 8), ("default", 60, 12), ("best", 200, None))
+}
+"""Three models for the hand, trained on dense windows (docs/what-accuracy-costs.md says what each costs)."""
 
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)

@@ -15,6 +15,8 @@ import argparse
 
 from edge_runtime.command import place, run_script, seed
 
+WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
+"""As training/windows.py and training/plan.py have them; here so that --help need not import them."""
 DEFAULT_OUT = Path("build/default")
 FIXTURE_TRIALS = 8
 """Trials a cell: enough windows for a forest to learn something, few enough for a minute of CI."""
@@ -26,6 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=place, default=DEFAULT_OUT, metavar="DIR", help="artifact folder")
     parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
+    parser.add_argument("--windows", choices=WINDOWS, default="balanced", metavar="WHICH",
+                        help="of sets in the thesis' layout: balanced (default), natural, or dense")  # fmt: skip
+    parser.add_argument("--size", choices=MODEL_SIZES, metavar="SIZE",
+                        help=f"of a forest for the hand: {', '.join(MODEL_SIZES)}")  # fmt: skip
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
 
 
@@ -35,17 +41,19 @@ def run(args: argparse.Namespace) -> int:
     from training.datasets import load
     from training.datasets.joined import join
     from training.fitting import train
-    from training.plan import TrainingPlan
+    from training.plan import SIZES, TrainingPlan
     from training.summary import windows_table
 
     require_writable(args.out)
     folders = args.data or [str(_fixture(args.out))]
-    sets = [load(folder, channels=args.channels, groups=args.groups, seed=args.seed) for folder in folders]
+    plan = SIZES[args.size] if args.size else TrainingPlan()
+    sets = [load(folder, channels=args.channels, groups=args.groups, seed=args.seed, windows=args.windows)
+            for folder in folders]
     for part in sets:
         print(f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz")
         print(windows_table(part))
     data = join(sets)
-    figures = train(data, args.out, TrainingPlan(), seed=args.seed, say=print).figures
+    figures = train(data, args.out, plan, seed=args.seed, say=print).figures
     situations = figures["situations"]
     print(f"held out, grouped: macro F1 over four situations {situations['macro_f1']:.3f}")
     if "predict_250ms" in figures:

@@ -15,30 +15,39 @@ nothing, without an object at all: every half second, light and heavy alternatel
 
 The natural table is far from balanced. Balanced, all classes have the same count and, within a class, every
 cell of object x action x source gives as equally as it can.
+
+Dense is for a hand that is asked all day long: of trials whose truth is known to the moment every risky sample, and
+evenly spaced ones of all else, each labelled by the phase it is in; no critical point chooses them. A forest weighs the
+classes equal; what it gains is to have met what a hand mostly does, which is not to slip.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
-from edge_runtime.contract import CLASSES, GRASP, NOTHING, class_id
+from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, class_id
 from edge_runtime.errors import ClassMissing
-from export.spec import WINDOW_S, window_samples
+from export.spec import HISTORY_S, WINDOW_S, window_samples
 from training.critical_points import CriticalPoint, offline_critical_points
 from training.recording import LabelledRows, Recording
 from training.timeline import Phase
 
+Choice = Literal["balanced", "natural", "dense"]
+"""Which windows of a set in the thesis' layout are taken."""
 EDGE_S = WINDOW_S
 STEADY_MARGIN_S = 0.3
 """A steady window keeps this far from the end of its phase and from every critical point."""
 EMPTY_HAND_EVERY_S = 0.5
 SLIP_EVERY_S = 0.02
 MOST_OF_A_SLIP = 12
+DENSE_EVERY_S = {NOTHING: 0.5, GRASP: 0.1, SAFE_SLIP: 0.02, RISKY_SLIP: 0.0}
+"""Between two dense windows of a situation; 0 takes every sample."""
 NO_OBJECT = "-"
 COLUMNS = ("trial", "row", "label", "object", "action", "source")
 STRATA = ["object", "action", "source"]
@@ -72,6 +81,17 @@ def natural_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
          trial.recording.action or NO_OBJECT, spot.source)
         for index, trial in enumerate(trials)
         for spot in _spots(trial)
+    ]  # fmt: skip
+    return pd.DataFrame(lines, columns=list(COLUMNS))
+
+
+def dense_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
+    """As `natural_windows`, but dense (see above); a trial without a truth to the moment gives its natural ones."""
+    lines = [
+        (index, spot.row, spot.label, trial.recording.object_name or NO_OBJECT,
+         trial.recording.action or NO_OBJECT, spot.source)
+        for index, trial in enumerate(trials)
+        for spot in (_dense(trial, trial.heavy) if trial.timed and trial.heavy is not None else _spots(trial))
     ]  # fmt: skip
     return pd.DataFrame(lines, columns=list(COLUMNS))
 
@@ -141,6 +161,15 @@ def _spots(trial: TimedTrial) -> list[_Spot]:
         taken = {spot.row for spot in spots}
         spots += [spot for spot in _slipping(trial, trial.heavy) if spot.row not in taken]
     return sorted(spots, key=lambda spot: spot.row)
+
+
+def _dense(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:
+    rate_hz = trial.recording.rate_hz
+    settled = math.ceil(HISTORY_S * rate_hz)
+    for phase in trial.phases:
+        every = max(1, round(DENSE_EVERY_S[phase.situation] * rate_hz))
+        for row in range(max(phase.first, settled), phase.stop, every):
+            yield _Spot(row, class_id(phase.situation, heavy=heavy), "dense")
 
 
 def _slipping(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:

@@ -12,7 +12,7 @@ from edge_runtime.decision import DecisionRules
 from export.bank import BANDS_HZ
 from export.spec import HISTORY_S, WINDOW_S, StepSpec
 from training.featurise import spec_for
-from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS, TrainingPlan
+from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS, SIZES, TrainingPlan
 from training.recording import DataSet
 
 GROUPS = {
@@ -26,7 +26,7 @@ GROUPS = {
 }
 BANDS = {"all": BANDS_HZ, "10 Hz": (10.0,), "10 to 25 Hz": BANDS_HZ[:4], "30 to 55 Hz": BANDS_HZ[4:]}
 TREES = (1, 3, 10, 30, 60, 100, 200, 500)
-DEPTHS = (4, 6, 8, 10, 14)
+DEPTHS = (4, 6, 8, 10, 14, None)
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
 LOOK_BACKS_S = (0.05, 0.10, 0.17, 0.25, 0.37)
@@ -38,15 +38,15 @@ Set = Literal["scenes", "human"]
 class Point:
     """What is chosen; what is not named is the default model's.
 
-    depth: None for to the leaves of 8 windows. window_s: of the raw window. look_back_s: no feature sees further.
+    depth: None for none. window_s: of the raw window. look_back_s: no feature sees further.
     bank: the type the bank computes in. confidence: what the alarm's threshold is set on, the votes or the calibrated
     probability.
     """
 
     of: Set = "scenes"
     rate_hz: float = 150.0
-    trees: int = 60
-    depth: int | None = None
+    trees: int = SIZES["default"].situation.n_estimators
+    depth: int | None = SIZES["default"].situation.max_depth
     groups: str = "default"
     window_s: float = WINDOW_S
     look_back_s: float = HISTORY_S
@@ -64,8 +64,8 @@ class Point:
     def what(self) -> str:
         """What is not the default about it, in words."""
         told = [f"{self.rate_hz:g} Hz"] if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes" else []
-        told += [f"{self.trees} trees"] if self.trees != 60 else []
-        told += [f"depth {self.depth}"] if self.depth is not None else []
+        told += [f"{self.trees} trees"] if self.trees != Point().trees else []
+        told += [f"depth {self.depth or 'unlimited'}"] if self.depth != Point().depth else []
         told += [self.groups] if self.groups != "default" else []
         told += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
         told += [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
@@ -99,7 +99,7 @@ def points() -> list[Point]:
 def _scenes() -> Iterator[Point]:
     yield from _anywhere("scenes")
     yield from (Point(rate_hz=rate_hz) for rate_hz in RATES_HZ)
-    yield from (Point(depth=depth, trees=trees) for depth in DEPTHS for trees in (10, 200))
+    yield from (Point(depth=depth, trees=trees) for depth in (8, None) for trees in (10, 200))
     yield from (Point(groups="now and bands", bands=name) for name in BANDS)
     yield Point(groups="now and bands", bank="float32")
 

@@ -38,11 +38,11 @@ def prepare(folder: Path, of: Set, rate_hz: float) -> None:
 
 @cache
 def read(folder: Path, of: Set, rate_hz: float, part: str) -> DataSet:
-    """A part: of scenes balanced to train on, and whole to ask about; human_slip_uskin is one part."""
+    """A part: of scenes dense to train on; human_slip_uskin is one part."""
     if of == "human":
         data = load(HUMAN)
         return replace(data, tasks={"situations": data.tasks["situations"]})
-    return load(_place(folder, rate_hz, part), balanced=part == "train")
+    return load(_place(folder, rate_hz, part), windows="dense" if part == "train" else "natural")
 
 
 def windows(folder: Path, point: Point) -> dict[str, FloatRows]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from edge_runtime.errors import ChannelError, DataNotFound, TooFewGroups, UsageError
 from training.recording import DataSet
+from training.windows import Choice
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
 THESIS_LAYOUT = "thesis"
@@ -29,18 +30,18 @@ def load(
     channels: int | None = None,
     groups: int | None = None,
     seed: int = 0,
-    balanced: bool = True,
+    windows: Choice = "balanced",
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
     channels: which of the set's channel choices, None for its usual 18. groups: keep only so many
-    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. balanced:
-    equal class counts in the thesis' layout (to train on), else every window there is (to score on).
+    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows: in the
+    thesis' layout equal class counts, or every window there is (to score on), or dense (training/windows.py).
 
     Raises DataNotFound, ChannelError, TooFewGroups, UsageError, or what the reader says about its files.
     """
     root = find(name_or_path)
-    data = _read(root, channels, seed, balanced)
+    data = _read(root, channels, seed, windows)
     return data if groups is None else keep_groups(data, groups, seed=seed)
 
 
@@ -87,7 +88,7 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
     return replace(part, notes={**data.notes, "kept_groups": sorted(kept)})
 
 
-def _read(root: Path, channels: int | None, seed: int, balanced: bool) -> DataSet:
+def _read(root: Path, channels: int | None, seed: int, windows: Choice) -> DataSet:
     choice: dict[str, Any] = {} if channels is None else {"channels": channels}
     for name in PUBLIC_SETS:
         reader = import_module(f"training.datasets.{name}")
@@ -100,7 +101,7 @@ def _read(root: Path, channels: int | None, seed: int, balanced: bool) -> DataSe
             "no known data set in this folder", where=root, cause="a level too high or too low, or an empty copy",
             next_step="give the folder of a public set, or one laid out as <object>/<action>/trial_<n>.csv",
         )  # fmt: skip
-    thesis: DataSet = reader.load(root, seed=seed, balanced=balanced)
+    thesis: DataSet = reader.load(root, seed=seed, windows=windows)
     if channels is not None and channels != 3 * thesis.n_sensors:
         raise ChannelError(
             f"{3 * thesis.n_sensors} channels, {channels} asked for", where=root, next_step="leave channels out"

@@ -40,10 +40,12 @@ from training.timeline import (
     whole,
 )
 from training.windows import (
+    Choice,
     TimedTrial,
     balance,
     class_counts,
     counts_table,
+    dense_windows,
     labelled_rows,
     natural_windows,
     sample_counts,
@@ -78,10 +80,10 @@ def preparation(unit: Unit) -> Preparation:
     return Preparation(bias_rows=5, statistic="mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR[unit])
 
 
-def load(root: Path, *, seed: int = 0, balanced: bool = True) -> DataSet:
-    """All trials of a folder, with the task "classes" (labels 0..7), balanced or in natural numbers.
+def load(root: Path, *, seed: int = 0, windows: Choice = "balanced") -> DataSet:
+    """All trials of a folder, with the task "classes" (labels 0..7).
 
-    seed: draws the balanced windows. balanced=False keeps every window, and needs no class to be there.
+    windows: balanced (drawn by the seed; every class must be there), natural (every one), or dense.
     Every trial is a group of its own. `notes` has the counts of samples, of all windows and of those kept,
     and the latter as a table. rate_hz is the median over the trials to three digits, so that a clock that
     is a microsecond off does not cost the window a sample.
@@ -95,7 +97,8 @@ def load(root: Path, *, seed: int = 0, balanced: bool = True) -> DataSet:
         )
     rate_hz = _common_rate([trial.recording for trial in trials])
     natural = natural_windows(trials)
-    chosen = balance(natural, seed) if balanced else natural
+    chosen = {"balanced": lambda: balance(natural, seed), "natural": lambda: natural,
+              "dense": lambda: dense_windows(trials)}[windows]()  # fmt: skip
     return DataSet(
         name=str(meta.get("name", root.resolve().name)),
         recordings=[trial.recording for trial in trials],

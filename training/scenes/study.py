@@ -156,7 +156,7 @@ def never_met(
     figures: dict[str, Any] = {}
     for card in (card for card in OTHERS if (folder / card).is_dir()):
         say(f"{folder.name}: trained on {TRAINED}, asked about {card}")
-        other = load(folder / card, balanced=False)
+        other = load(folder / card, windows="natural")
         require_alike(other, data)
         other = replace(other, rate_hz=data.rate_hz)
         rows = {
