@@ -37,7 +37,7 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
     before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
     joined = graph.node("Mul", graph.node("Concat", difference, before, axis=1), guarded.begun)
-    # x - clip(x) is 0 below the grain, and x from 1e-14 on; never a subnormal number, whose neighbours are nearer
+    # x - clip(x) is 0 up to the grain, x itself from 1e-13 on, and in between a multiple of 1e-46: never subnormal
     grains = graph.node("Clip", joined, graph.constant(-GRAIN), graph.constant(GRAIN))
     rested = graph.node("Sub", joined, grains)
     stepped = graph.node("MatMul", graph.constant(step_matrix(spec.rate_hz, bands).T), rested)
