@@ -42,6 +42,7 @@ def open_session(model: bytes) -> ort.InferenceSession:
 class StepGraph:
     """A step graph bound to buffers for B recordings.
 
+    sample: [B, C] and valid: [B, n], to be written into before a step.
     outputs: which outputs to compute (default: all but the state, which is always kept).
     """
 
@@ -50,10 +51,13 @@ class StepGraph:
         described = {o.name: o for o in session.get_outputs()}
         self._session = session
         self.batch = batch
-        self.sample: FloatArray = np.zeros((batch, inputs["sample"].shape[1]))
-        self.valid: BoolArray = np.ones((batch, inputs["valid"].shape[1]), dtype=np.bool_)
-        self._reset: BoolArray = np.ones(batch, dtype=np.bool_)
-        self._states = [np.zeros((batch, inputs["state"].shape[1])) for _ in range(2)]
+        self._inputs = {name: _buffer(inputs[name], batch) for name in ("sample", "valid", "reset")}
+        self.sample: FloatArray = self._inputs["sample"].reshape(batch, -1)
+        self.valid: BoolArray = self._inputs["valid"].reshape(batch, -1)
+        self.valid[:] = True
+        self._reset: BoolArray = self._inputs["reset"].reshape(batch)
+        self._reset[:] = True
+        self._states = [_buffer(inputs["state"], batch) for _ in range(2)]
         names = [name for name in described if name != "state_out"] if outputs is None else list(outputs)
         self.out: Outputs = {name: _buffer(described[name], batch) for name in names}
         self._bindings = [self._bind(turn) for turn in range(2)]
@@ -73,12 +77,12 @@ class StepGraph:
 
     @property
     def state(self) -> FloatArray:
-        """[B, S] state after the last step."""
+        """[B, rows, C] state after the last step."""
         return self._states[self._turn]
 
     def _bind(self, turn: int) -> ort.IOBinding:
         binding = self._session.io_binding()
-        inputs = {"sample": self.sample, "valid": self.valid, "reset": self._reset, "state": self._states[turn]}
+        inputs = {**self._inputs, "state": self._states[turn]}
         for name, array in inputs.items():
             binding.bind_input(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
         for name, array in {**self.out, "state_out": self._states[1 - turn]}.items():

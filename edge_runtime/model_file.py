@@ -21,7 +21,8 @@ from edge_runtime.preparation import Preparation, preparation_from_json
 SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"
 GOLDEN_KEY = "holdfast.golden"
-FORMAT = 1
+FORMAT = 2
+"""2: the step takes its sample and state in rows of channels."""
 DIGITS = 64
 _MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
 """How the seal's key and the length of its value stand in the file (protobuf: field 2, 64 bytes)."""

@@ -1,9 +1,10 @@
 """A small builder for ONNX graphs with explicit state.
 
-A part of the graph declares the state it needs with `state(name, width)`, gets the previous sample's
-value back, and hands in the next one with `keep(name, value)`. All state belongs to a sensor: a field is
-[B, n, width], and everything together is one [B, S] tensor, sensor by sensor. A set `reset` flag makes a
-recording's whole row zero before anything reads it.
+A part of the graph declares the state it needs with `state(name, rows)`, gets the previous sample's value
+back, and hands in the next one with `keep(name, value)`. All state belongs to a channel: it is one table
+[B, rows, C], a field is some of its rows, and what a sensor has only one of stands in each of its columns.
+Rows lie one after the other in memory, so taking the table apart and putting it together again copies a
+few long stretches. A set `reset` flag makes a recording's whole table zero before anything reads it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class GraphBuilder:
         self._nodes: list[onnx.NodeProto] = []
         self._constants: dict[str, onnx.TensorProto] = {}
         self._outputs: list[onnx.ValueInfoProto] = []
-        self._state_widths: dict[str, int] = {}
+        self._state_rows: dict[str, int] = {}
         self._state_next: dict[str, str] = {}
         self._count = 0
 
@@ -63,13 +64,13 @@ class GraphBuilder:
         """tensor[..., start:stop, ...] along one axis."""
         return self.node("Slice", tensor, self.ints(start), self.ints(stop), self.ints(axis))
 
-    def state(self, name: str, width: int) -> str:
-        """Declare a state field [B, n, width]; returns its value after the previous sample."""
-        self._state_widths[name] = width
+    def state(self, name: str, rows: int) -> str:
+        """Declare a state field [B, rows, C]; returns its value after the previous sample."""
+        self._state_rows[name] = rows
         return f"state_{name}"
 
     def keep(self, name: str, value: str) -> None:
-        """Hand in a state field's next value, [B, n, width]."""
+        """Hand in a state field's next value, [B, rows, C]."""
         self._state_next[name] = value
 
     def output(self, name: str, element: int, *shape: int) -> None:
@@ -77,18 +78,18 @@ class GraphBuilder:
         self._outputs.append(helper.make_tensor_value_info(name, element, ["B", *shape]))
 
     @property
-    def state_size(self) -> int:
-        """Number of float64 values of state per recording."""
-        return self.n_sensors * sum(self._state_widths.values())
+    def n_channels(self) -> int:
+        """Channels C = 3 x sensors."""
+        return 3 * self.n_sensors
 
     def model(self) -> onnx.ModelProto:
         """Assemble and check the model: unpack state, all nodes, pack state."""
         state_out = self._pack_state()
         inputs = [
-            helper.make_tensor_value_info("sample", TensorProto.DOUBLE, ["B", 3 * self.n_sensors]),
-            helper.make_tensor_value_info("valid", TensorProto.BOOL, ["B", self.n_sensors]),
-            helper.make_tensor_value_info("reset", TensorProto.BOOL, ["B"]),
-            helper.make_tensor_value_info("state", TensorProto.DOUBLE, ["B", self.state_size]),
+            helper.make_tensor_value_info("sample", TensorProto.DOUBLE, ["B", 1, self.n_channels]),
+            helper.make_tensor_value_info("valid", TensorProto.BOOL, ["B", 1, self.n_sensors]),
+            helper.make_tensor_value_info("reset", TensorProto.BOOL, ["B", 1, 1]),
+            self._table("state"),
         ]
         unpack = self._unpack_state()
         graph = helper.make_graph(
@@ -100,24 +101,23 @@ class GraphBuilder:
         return model
 
     def _unpack_state(self) -> list[onnx.NodeProto]:
-        widths = self.constant(list(self._state_widths.values()), np.int64)
-        shape = self.ints(0, self.n_sensors, -1)
-        fields = [f"state_{name}" for name in self._state_widths]
+        rows = self.ints(*self._state_rows.values())
+        fields = [f"state_{name}" for name in self._state_rows]
         return [
-            helper.make_node("Unsqueeze", ["reset", self.ints(1)], ["reset_column"]),
-            helper.make_node("Where", ["reset_column", self.constant(0.0), "state"], ["state_flat"]),
-            helper.make_node("Reshape", ["state_flat", shape], ["state_by_sensor"]),
-            helper.make_node("Split", ["state_by_sensor", widths], fields, axis=2),
+            helper.make_node("Where", ["reset", self.constant(0.0), "state"], ["state_before"]),
+            helper.make_node("Split", ["state_before", rows], fields, axis=1),
         ]
 
     def _pack_state(self) -> onnx.ValueInfoProto:
-        missing = set(self._state_widths) - set(self._state_next)
+        missing = set(self._state_rows) - set(self._state_next)
         if missing:
             raise ValueError(f"state never handed on: {sorted(missing)}")
-        following = [self._state_next[name] for name in self._state_widths]
-        joined = self.node("Concat", *following, axis=2)
-        self.node("Reshape", joined, self.ints(0, self.state_size), out="state_out")
-        return helper.make_tensor_value_info("state_out", TensorProto.DOUBLE, ["B", self.state_size])
+        self.node("Concat", *(self._state_next[name] for name in self._state_rows), out="state_out", axis=1)
+        return self._table("state_out")
+
+    def _table(self, name: str) -> onnx.ValueInfoProto:
+        shape: list[str | int] = ["B", sum(self._state_rows.values()), self.n_channels]
+        return helper.make_tensor_value_info(name, TensorProto.DOUBLE, shape)
 
     def _fresh(self, op: str) -> str:
         self._count += 1

@@ -13,14 +13,13 @@ from __future__ import annotations
 import numpy as np
 from onnx import TensorProto
 
-from edge_runtime.contract import FloatArray
 from export.bank import STATES_PER_BAND, noise_gain, step_matrix
 from export.builder import GraphBuilder
 from export.guard import Guarded
 from export.spec import NOISE_RMS, StepSpec
 
-SUBNORMAL_BELOW = 1e-30
-"""Filter states smaller than this are zero: silence must not end in slow subnormal numbers."""
+GRAIN = 1e-30
+"""What every number in the filter is drawn towards zero by: silence must not end in slow subnormal numbers."""
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
@@ -29,84 +28,73 @@ def detector_names(spec: StepSpec) -> tuple[str, ...]:
 
 
 def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
-    """Step the band-pass bank of every shear signal; returns |outputs| [B, n, 2 x bands]."""
+    """Step the band-pass bank of every channel; returns |outputs| [B, bands, C].
+
+    The normal has a bank too: cutting it off and gluing it on again costs more than stepping it.
+    """
     bands = spec.carried_bands()
     size = 1 + STATES_PER_BAND * len(bands)
-    before = graph.state("bank", 2 * size)
+    before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
-    joined = graph.node("Concat", difference, before, axis=2)
-    rested = graph.node("Where", guarded.fresh, graph.constant(0.0), joined)
-    stepped = graph.node("MatMul", rested, graph.constant(_sensor_matrix(spec.rate_hz, bands)))
+    joined = graph.node("Mul", graph.node("Concat", difference, before, axis=1), guarded.begun)
+    # x - clip(x) is 0 up to the grain, x itself from 1e-13 on, and in between a multiple of 1e-46: never subnormal
+    grains = graph.node("Clip", joined, graph.constant(-GRAIN), graph.constant(GRAIN))
+    rested = graph.node("Sub", joined, grains)
+    stepped = graph.node("MatMul", graph.constant(step_matrix(spec.rate_hz, bands).T), rested)
     advanced, outputs = graph.nodes(
-        "Split", stepped, graph.ints(2 * size, 2 * len(bands)), outs=["bank_next", "bank_out"], axis=2
+        "Split", stepped, graph.ints(size, len(bands)), outs=["bank_next", "bank_out"], axis=1
     )
-    # not Shrink: onnxruntime 1.31 computes it in float32, whatever the type of its input
-    faded = graph.node("Less", graph.node("Abs", advanced), graph.constant(SUBNORMAL_BELOW))
-    flushed = graph.node("Where", faded, graph.constant(0.0), advanced)
-    graph.keep("bank", graph.node("Where", guarded.good, flushed, before))
+    graph.keep("bank", graph.node("Where", guarded.good, advanced, before))
     return graph.node("Abs", outputs)
 
 
-def _sensor_matrix(rate_hz: float, bands_hz: tuple[float, ...]) -> FloatArray:
-    """One sensor's step: (dx, dy, dz, state x, state y) -> (state x, state y, outputs x, outputs y).
-
-    dz is multiplied by zero: one product with a few zeros is cheaper than cutting z off and gluing on.
-    """
-    one = step_matrix(rate_hz, bands_hz)
-    size = one.shape[0] - 1
-    matrix = np.zeros((3 + 2 * size, 2 * one.shape[1]))
-    for axis in range(2):
-        rows = np.r_[axis, 3 + axis * size : 3 + (axis + 1) * size]
-        outputs = 2 * size + axis * len(bands_hz)
-        columns = np.r_[axis * size : (axis + 1) * size, outputs : outputs + len(bands_hz)]
-        matrix[np.ix_(rows, columns)] = one
-    return matrix
-
-
 def add_detectors(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> None:
-    """Publish `detectors` [B, D] bool in the order of `detector_names`."""
+    """Publish `detectors` [B, D] bool in the order of `detector_names`: whether it fires in any channel."""
     firing = _band_pass(graph, spec, guarded, rectified)
-    columns = [firing, _band_pass_point(graph, spec, firing)]
+    rows = [firing, _band_pass_point(graph, spec, firing)]
     if spec.unit == "N":
-        columns.append(_friction_cone(graph, spec, guarded))
-    graph.node("Flatten", graph.node("Concat", *columns, axis=2), out="detectors", axis=1)
-    graph.output("detectors", TensorProto.BOOL, len(columns))
+        rows.append(_friction_cone(graph, spec, guarded))
+    graph.node("ReduceMax", graph.node("Concat", *rows, axis=1), graph.ints(2), out="detectors", keepdims=0)
+    graph.output("detectors", TensorProto.BOOL, len(rows))
 
 
 def _band_pass(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> str:
-    """[B, 1, 1]: some usable shear signal is above its noise floor."""
-    rules, bands = spec.detectors, spec.carried_bands()
-    peak = graph.node("ReduceMax", graph.reshape(rectified, 0, 0, 2, len(bands)), graph.ints(3), keepdims=0)
-    quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, bands)
-    floor = graph.node("Max", graph.state("floor", 2), graph.constant(quiet_peak))
-    above = graph.node("Greater", peak, graph.node("Mul", floor, graph.constant(rules.band_ratio)))
-    rate = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
-    slow, fast = graph.constant(rate * rules.firing_rate), graph.constant(rate)
+    """[B, 1, C]: a usable shear signal is above its noise floor. A channel that is not usable hears its floor."""
+    rules = spec.detectors
+    quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.carried_bands())
+    floor = graph.node("Max", graph.state("floor", 1), graph.constant(quiet_peak))
+    loudest = graph.node("ReduceMax", rectified, graph.ints(1), keepdims=1)
+    peak = graph.node("Where", guarded.usable, loudest, floor)
+    ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)  # the normal is not shear
+    above = graph.node("Greater", peak, graph.node("Mul", floor, graph.constant(ratio)))
+    fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
+    rate = graph.node("Where", above, graph.constant(fast * rules.firing_rate), graph.constant(fast))
     heard = graph.node("Min", peak, graph.node("Mul", floor, graph.constant(rules.floor_clip)))
-    change = graph.node("Mul", graph.node("Sub", heard, floor), graph.node("Where", above, slow, fast))
-    graph.keep("floor", graph.node("Where", guarded.usable, graph.node("Add", floor, change), floor))
-    return graph.node("ReduceMax", graph.node("And", above, guarded.usable), graph.ints(1, 2), keepdims=1)
+    change = graph.node("Mul", graph.node("Sub", heard, floor), rate)
+    graph.keep("floor", graph.node("Add", floor, change))
+    return above
 
 
 def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
-    """[B, 1, 1]: an excursion begins, at least `quiet_s` after the end of the previous one.
+    """[B, 1, C]: an excursion begins, at least `quiet_s` after the end of the previous one in any channel.
 
-    Every sensor keeps the same count, so that all state is a sensor's.
+    The samples of quiet are counted on and on: a float64 is exact for longer than a hand lives.
     """
-    needed = spec.detectors.quiet_s * spec.rate_hz
     quiet = graph.state("quiet", 1)
-    longer = graph.node("Min", graph.node("Add", quiet, graph.constant(1.0)), graph.constant(needed + 1.0))
-    graph.keep("quiet", graph.node("Where", firing, graph.constant(0.0), longer))
-    rested = graph.node("GreaterOrEqual", graph.columns(quiet, 0, 1), graph.constant(needed))
-    return graph.node("And", firing, rested)
+    fired = graph.node("ReduceMax", firing, graph.ints(2), keepdims=1)
+    longer = graph.node("Add", quiet, graph.constant(1.0))
+    graph.keep("quiet", graph.node("Where", fired, graph.constant(0.0), longer))
+    needed = graph.constant(spec.detectors.quiet_s * spec.rate_hz)
+    return graph.node("And", firing, graph.node("GreaterOrEqual", quiet, needed))
 
 
 def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
-    """[B, 1, 1]: |shear| > mu x normal and normal > minimum, at some usable finger."""
+    """[B, 1, C]: |shear| > mu x normal and normal > minimum, at a usable finger, in the normal's column."""
     rules = spec.detectors
-    shear, normal = graph.nodes("Split", guarded.now, graph.ints(2, 1), outs=["shear", "normal"], axis=2)
-    magnitude = graph.node("ReduceL2", shear, graph.ints(2), keepdims=1)
-    outside = graph.node("Greater", magnitude, graph.node("Mul", normal, graph.constant(rules.friction)))
-    pressed = graph.node("Greater", normal, graph.constant(rules.min_normal_n))
-    slipping = graph.node("And", graph.node("And", outside, pressed), guarded.usable)
-    return graph.node("ReduceMax", slipping, graph.ints(1), keepdims=1)
+    squares = graph.node("Mul", guarded.now, guarded.now)
+    to_normal = np.kron(np.eye(spec.n_sensors), [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    shear = graph.node("Sqrt", graph.node("MatMul", squares, graph.constant(to_normal)))
+    outside = graph.node("Greater", shear, graph.node("Mul", guarded.now, graph.constant(rules.friction)))
+    least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
+    pressed = graph.node("Greater", guarded.now, graph.constant(least))
+    return graph.node("And", graph.node("And", outside, pressed), guarded.usable)

@@ -8,11 +8,13 @@ band-pass bank rings for ever, if ever more softly) says so and is reported apar
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
+import numpy.typing as npt
 from onnx import TensorProto
 
 from edge_runtime.contract import FloatArray, Unit
@@ -33,95 +35,141 @@ NORMAL_FLOOR: dict[Unit, float] = {"N": 0.3, "uT": 100.0, "count": 300.0}
 class FeatureGroup:
     """A named group: how to add it, how many features it has, its memory (inf: rings for ever), formula, reason."""
 
-    add: Callable[[History], str]
+    add: Callable[[History], Triples | str]
     count: Callable[[StepSpec], int]
     memory_s: float
     formula: str
     reason: str
 
 
+@dataclass(frozen=True)
+class Triples:
+    """Features that are rows of the pool: (x, y, z) of a sensor or of the sum, at a time or since one.
+
+    places: rows of the pool. scaled: divided by Zs.
+    """
+
+    places: list[int]
+    scaled: bool = False
+
+
 class History:
-    """The last 0.5 s of guarded samples, and what several groups derive from it (each node added once)."""
+    """The last 0.5 s of guarded samples, and a pool of what groups choose from (each node is added once)."""
 
     def __init__(self, graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> None:
         self.graph, self.spec, self.now, self.rectified = graph, spec, guarded.now, rectified
+        self._past = guarded.past
         self.length = spec.history_samples + 1
-        past = graph.state("history", 3 * spec.history_samples)
-        self.flat = graph.node("Concat", past, guarded.now, axis=2)
-        graph.keep("history", graph.columns(self.flat, 3, 3 * self.length, axis=2))
+        self._pool: list[str] = []
+        self._pooled = 0
 
     @cached_property
     def samples(self) -> str:
-        """[B, n, L, 3], oldest first."""
-        return self.graph.reshape(self.flat, 0, 0, self.length, 3)
-
-    @cached_property
-    def differences(self) -> str:
-        """[B, n, lags, 3]: x[t] - x[t-l]."""
-        now = self.graph.node("Unsqueeze", self.now, self.graph.ints(2))
-        return self.graph.node("Sub", now, self.lagged(self.samples, axis=2))
+        """[B, L, C], oldest first."""
+        return self.graph.node("Concat", *self._past, self.now, axis=1)
 
     @cached_property
     def summed(self) -> str:
         """[B, L, 3]: the sum over the sensors at every sample."""
-        return self.graph.node("ReduceSum", self.samples, self.graph.ints(1), keepdims=0)
+        return self.graph.node("MatMul", self.samples, self.graph.constant(_over_sensors(self.spec)))
 
     @cached_property
-    def summed_now(self) -> str:
-        """[B, 1, 3]."""
-        return self.graph.columns(self.summed, self.length - 1, self.length)
+    def changes(self) -> str:
+        """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
+        places = [self.length - 1] + [self.length - 1 - self.spec.lag(seconds) for seconds in LAGS_S]
+        rows = self.graph.node("Gather", self.samples, self.graph.ints(*places), axis=1)
+        and_sum = np.concatenate([np.eye(self.spec.n_channels), _over_sensors(self.spec)], axis=1)
+        values = self.graph.node("MatMul", rows, self.graph.constant(and_sum))
+        since = -np.eye(len(places))
+        since[:, 0] = 1.0
+        return self.graph.node("MatMul", self.graph.constant(since), values)
 
     @cached_property
-    def summed_change(self) -> str:
-        """[B, lags, 3]: Sum x[t] - Sum x[t-l]."""
-        return self.graph.node("Sub", self.summed_now, self.lagged(self.summed, axis=1))
+    def normal(self) -> str:
+        """[B, 1, 1]: Sum z[t]."""
+        return self.summed_changes((0, 1), (2, 3))
+
+    def summed_changes(self, rows: tuple[int, int], axes: tuple[int, int]) -> str:
+        """Part of Sum x[t] (row 0) and Sum x[t] - Sum x[t-l] (a row a lag), first and one past the last each."""
+        columns = [self.spec.n_channels + axis for axis in axes]
+        starts, stops = zip(rows, columns, strict=True)
+        return self.graph.node(
+            "Slice", self.changes, self.graph.ints(*starts), self.graph.ints(*stops), self.graph.ints(1, 2)
+        )
+
+    def pooled(self, tensor: str, rows: int) -> list[int]:
+        """Put [B, rows, 3] into the pool; returns the rows' places in it."""
+        self._pool.append(tensor)
+        self._pooled += rows
+        return list(range(self._pooled - rows, self._pooled))
 
     @cached_property
-    def normal_scale(self) -> str:
-        """[B, 1, 1]: Zs = max(Sum z, floor)."""
-        normal = self.graph.columns(self.summed_now, 2, 3, axis=2)
-        return self.graph.node("Max", normal, self.graph.constant(NORMAL_FLOOR[self.spec.unit]))
+    def change_places(self) -> npt.NDArray[np.int64]:
+        """[1 + lags, n + 1] where the pool has `changes`."""
+        rows, columns = 1 + len(LAGS_S), self.spec.n_sensors + 1
+        triples = self.graph.reshape(self.changes, 0, rows * columns, 3)
+        return np.reshape(self.pooled(triples, rows * columns), (rows, columns))
 
-    def lagged(self, history: str, axis: int) -> str:
-        """A history with L on one axis -> the same at every lag."""
-        places = [self.length - 1 - self.spec.lag(seconds) for seconds in LAGS_S]
-        return self.graph.node("Gather", history, self.graph.ints(*places), axis=axis)
+    @cached_property
+    def pool(self) -> str:
+        """[B, triples, 3]: everything that was put in."""
+        return self._pool[0] if len(self._pool) == 1 else self.graph.node("Concat", *self._pool, axis=1)
 
-
-def _window(h: History) -> str:
-    return h.graph.columns(h.flat, 3 * (h.length - h.spec.window_samples), 3 * h.length, axis=2)
-
-
-def _now(h: History) -> str:
-    return h.now
-
-
-def _differences(h: History) -> str:
-    return h.differences
-
-
-def _sums(h: History) -> str:
-    return h.graph.node("Concat", h.summed_now, h.summed_change, axis=1)
+    def chosen(self, groups: list[Triples]) -> str:
+        """[B, 3 x triples]: rows of the pool, divided by Zs where they are scaled."""
+        graph = self.graph
+        places = [place for group in groups for place in group.places]
+        scaled = np.concatenate([np.full((len(group.places), 1), group.scaled) for group in groups])
+        triples = graph.node("Gather", self.pool, graph.ints(*places), axis=1)
+        if scaled.any():
+            normal = graph.node("Mul", self.normal, graph.constant(scaled))
+            scale = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
+            triples = graph.node("Div", triples, graph.node("Max", normal, graph.constant(scale)))
+        return graph.node("Flatten", triples, axis=1)
 
 
-def _scaled_sums(h: History) -> str:
-    return h.graph.node("Div", h.summed_change, h.normal_scale)
+def _over_sensors(spec: StepSpec) -> FloatArray:
+    """[C, 3]: channels to their sum over the sensors."""
+    return np.tile(np.eye(3), (spec.n_sensors, 1))
 
 
-def _scaled_now(h: History) -> str:
-    return h.graph.node("Div", h.now, h.normal_scale)
+def _window(h: History) -> Triples:
+    first, count = h.length - h.spec.window_samples, h.spec.window_samples
+    triples = h.graph.reshape(h.graph.columns(h.samples, first, h.length), 0, count * h.spec.n_sensors, 3)
+    places = h.pooled(triples, count * h.spec.n_sensors)
+    return Triples(np.reshape(places, (count, -1)).T.ravel().tolist())
 
 
-def _scaled_differences(h: History) -> str:
-    chosen = h.graph.node("Gather", h.differences, h.graph.ints(*SCALED_LAGS), axis=2)
-    return h.graph.node("Div", chosen, h.graph.node("Unsqueeze", h.normal_scale, h.graph.ints(3)))
+def _now(h: History) -> Triples:
+    return Triples(h.change_places[0, :-1].tolist())
 
 
-def _activity(h: History) -> str:
+def _differences(h: History) -> Triples:
+    return Triples(h.change_places[1:, :-1].T.ravel().tolist())
+
+
+def _sums(h: History) -> Triples:
+    return Triples(h.change_places[:, -1].tolist())
+
+
+def _scaled_sums(h: History) -> Triples:
+    return Triples(h.change_places[1:, -1].tolist(), scaled=True)
+
+
+def _scaled_now(h: History) -> Triples:
+    return Triples(_now(h).places, scaled=True)
+
+
+def _scaled_differences(h: History) -> Triples:
+    rows = [1 + lag for lag in SCALED_LAGS]
+    return Triples(h.change_places[rows, :-1].T.ravel().tolist(), scaled=True)
+
+
+def _activity(h: History) -> Triples:
     later, earlier = h.graph.columns(h.summed, 1, h.length), h.graph.columns(h.summed, 0, h.length - 1)
     steps = h.graph.node("Abs", h.graph.node("Sub", later, earlier))
     means = h.graph.node("MatMul", h.graph.constant(_span_means(h.spec)), steps)
-    return h.graph.node("Div", means, h.normal_scale)
+    return Triples(h.pooled(means, len(SPANS_S)), scaled=True)
 
 
 def _span_means(spec: StepSpec) -> FloatArray:
@@ -133,22 +181,27 @@ def _span_means(spec: StepSpec) -> FloatArray:
 
 
 def _shear(h: History) -> str:
-    shear = h.graph.node("ReduceL2", h.graph.columns(h.summed_change, 0, 2, axis=2), h.graph.ints(2), keepdims=1)
-    return h.graph.node("Concat", shear, h.graph.node("Div", shear, h.normal_scale), axis=1)
-
-
-def _ranges(h: History) -> str:
     graph = h.graph
-    parts = []
+    shear = graph.node("ReduceL2", h.summed_changes((1, 1 + len(LAGS_S)), (0, 2)), graph.ints(2), keepdims=1)
+    scale = graph.node("Max", h.normal, graph.constant(NORMAL_FLOOR[h.spec.unit]))
+    both = graph.node("Concat", shear, graph.node("Div", shear, scale), axis=1)
+    return graph.node("Flatten", both, axis=1)
+
+
+def _ranges(h: History) -> Triples:
+    graph, places = h.graph, []
     for span_s in SPANS_S:
         recent = graph.columns(h.summed, h.length - h.spec.lag(span_s) - 1, h.length)
         high = graph.node("ReduceMax", recent, graph.ints(1), keepdims=1)
-        parts.append(graph.node("Sub", high, graph.node("ReduceMin", recent, graph.ints(1), keepdims=1)))
-    return graph.node("Concat", *parts, axis=1)
+        low = graph.node("ReduceMin", recent, graph.ints(1), keepdims=1)
+        places += h.pooled(graph.node("Sub", high, low), 1)
+    return Triples(places)
 
 
 def _bands(h: History) -> str:
-    return h.rectified
+    by_channel = h.graph.node("Transpose", h.rectified, perm=[0, 2, 1])
+    shear = [channel for channel in range(h.spec.n_channels) if channel % 3 < 2]
+    return h.graph.node("Flatten", h.graph.node("Gather", by_channel, h.graph.ints(*shear), axis=1), axis=1)
 
 
 GROUPS: dict[str, FeatureGroup] = {
@@ -236,8 +289,18 @@ def add_features(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectifie
             next_step=f"choose from {', '.join(GROUPS)}",
         )
     history = History(graph, spec, guarded, rectified)
-    parts = [graph.node("Flatten", GROUPS[name].add(history), axis=1) for name in spec.groups]
-    joined = graph.node("Concat", *parts, axis=1)
+    added = [GROUPS[name].add(history) for name in spec.groups]
+    parts = list(_joined(history, added))
+    joined = parts[0] if len(parts) == 1 else graph.node("Concat", *parts, axis=1)
     graph.node("Cast", joined, out="features", to=TensorProto.FLOAT)
     graph.output("features", TensorProto.FLOAT, feature_count(spec))
     return "features"
+
+
+def _joined(history: History, added: list[Triples | str]) -> Iterator[str]:
+    """[B, ..] tensors in order; groups of triples that follow each other are one."""
+    for of_triples, groups in groupby(added, lambda group: isinstance(group, Triples)):
+        if of_triples:
+            yield history.chosen([group for group in groups if isinstance(group, Triples)])
+        else:
+            yield from (group for group in groups if isinstance(group, str))

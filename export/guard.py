@@ -1,14 +1,18 @@
 """The input guard: what the rest of the graph sees is finite, in range, and honest about what is missing.
 
 Per sensor: a sample is good if the driver says it is valid and all three channels are finite and in
-range. A bad one is replaced by the last good one and the sensor is held. Two counters a sensor:
+range. A bad one is replaced by the last good one and the sensor is held. NaN cannot pass: every
+comparison with NaN is false.
 
-- lost: bad samples in a row; more than 20 ms of them and the sensor must settle again;
-- good: good samples since the sensor (re)started, up to what the longest finite memory needs.
+Where a sensor stands is one number, stepped by a table, good or bad (`_next_places`):
 
-usable = good now and settled. unknown = fewer usable sensors than the model needs. A short gap makes
-the state unknown while it lasts and no longer; a long one until the history is the sensor's own again.
-NaN cannot pass: every comparison with NaN is false.
+    0                            fresh: it has no past
+    (delivered, lost in a row)   in order, the longer delivered the higher, the longer lost the lower
+    the last                     settled and good now: usable
+
+More than 20 ms lost in a row lead back to 0, and the sensor must settle again. unknown = fewer usable
+sensors than the model needs. A short gap makes the state unknown while it lasts and no longer; a long
+one until the history is the sensor's own again.
 """
 
 from __future__ import annotations
@@ -18,66 +22,84 @@ from dataclasses import dataclass
 import numpy as np
 from onnx import TensorProto
 
+from edge_runtime.contract import FloatArray
 from export.builder import GraphBuilder
 from export.spec import RANGE_LIMIT, StepSpec
 
 
 @dataclass(frozen=True)
 class Guarded:
-    """Names of the guarded tensors.
+    """Names of the guarded tensors, each [B, 1, C] but the past.
 
-    now, last: [B, n, 3] this and the previous good sample. good: [B, n, 1] bool, delivered now.
-    fresh: [B, n, 1] bool, the sensor has no past. usable: [B, n, 1] bool.
+    now, last: this and the previous good sample. past: all samples before this one, in parts [B, rows, C], the
+    oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor had no past. usable: bool.
     """
 
     now: str
     last: str
+    past: tuple[str, ...]
     good: str
-    fresh: str
+    begun: str
     usable: str
 
 
 def add_guard(graph: GraphBuilder, spec: StepSpec) -> Guarded:
     """Add the guard; publishes settled [B], unknown [B] and usable_sensors [B]."""
-    last = graph.state("last", 3)
-    sample = graph.reshape("sample", 0, spec.n_sensors, 3)
-    good = _good(graph, spec, sample)
-    now = graph.node("Where", good, sample, last)
-    graph.keep("last", now)
-    good_before = graph.state("good", 1)
-    fresh = graph.node("Less", good_before, graph.constant(0.5))
-    settled = _count(graph, spec, good, good_before)
-    usable = graph.node("And", good, settled)
-    needed = graph.constant(spec.min_valid_sensors, np.int32)
-    graph.node("GreaterOrEqual", _total(graph, settled), needed, out="settled")
-    graph.node("Less", _total(graph, usable, "usable_sensors"), needed, out="unknown")
+    oldest, older = graph.state("oldest", 1), graph.state("older", spec.history_samples - 2)
+    last, place = graph.state("last", 1), graph.state("place", 1)
+    share = _share_of_good(graph, spec)
+    good = graph.node("GreaterOrEqual", share, graph.constant(1.0))
+    now = graph.node("Where", good, "sample", last)
+    for name, following in (("oldest", older), ("older", last), ("last", now)):  # every row moves up by one
+        graph.keep(name, following)
+    begun = graph.node("Min", place, graph.constant(1.0))
+    entry = graph.node("Cast", graph.node("Add", place, share), to=TensorProto.INT64)  # rounds a share down
+    following = graph.node("Gather", graph.constant(_next_places(spec)), entry)
+    graph.keep("place", following)
+    usable = _publish(graph, spec, following)
+    return Guarded(now, last, (oldest, older, last), good, begun, usable)
+
+
+def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
+    """[B, 1, C]: how much of a channel's sensor is good, in quarters: three channels in range, and valid."""
+    in_range = graph.node("Less", graph.node("Abs", "sample"), graph.constant(RANGE_LIMIT[spec.unit]))
+    said = graph.node("Cast", graph.node("Concat", in_range, "valid", axis=2), to=TensorProto.DOUBLE)
+    own = np.kron(np.eye(spec.n_sensors), np.ones((3, 3)))
+    valid = np.kron(np.eye(spec.n_sensors), np.ones((1, 3)))
+    return graph.node("MatMul", said, graph.constant(np.concatenate([own, valid]) / 4.0))
+
+
+def _places(spec: StepSpec) -> tuple[int, int]:
+    """(first settled place, last place); a place is an even number, its table entry that or, if good, the next."""
+    a_delivery = 2 * (spec.gap_samples + 1)
+    last = a_delivery * spec.settle_samples
+    return last - a_delivery + 2, last
+
+
+def _next_places(spec: StepSpec) -> FloatArray:
+    """[last place + 2]: from `place` if this sample is bad, from `place + 1` if it is good, to the next place."""
+    bridged = spec.gap_samples + 1
+    number = np.arange(1 + bridged * spec.settle_samples)
+    delivered, lost = -(-number // bridged), -number % bridged
+    after_bad = np.where((number == 0) | (lost + 1 == bridged), 0, number - 1)
+    after_good = bridged * np.minimum(delivered + 1, spec.settle_samples)
+    return 2.0 * np.stack([after_bad, after_good], axis=1).ravel()
+
+
+def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
+    """Publish the flags; returns usable [B, 1, C]. Each sensor is counted three times, once a channel."""
+    settled, last = (graph.node("Greater", place, graph.constant(at - 1.0)) for at in _places(spec))
+    needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
+    graph.node("GreaterOrEqual", _count(graph, settled), needed, out="settled")
+    usable = _count(graph, last)
+    graph.node("Less", usable, needed, out="unknown")
+    graph.node("Div", usable, graph.constant(3, np.int32), out="usable_sensors")
     graph.output("settled", TensorProto.BOOL)
     graph.output("unknown", TensorProto.BOOL)
     graph.output("usable_sensors", TensorProto.INT32)
-    return Guarded(now, last, good, fresh, usable)
+    return last
 
 
-def _good(graph: GraphBuilder, spec: StepSpec, sample: str) -> str:
-    """[B, n, 1]: valid, and all three channels finite and in range."""
-    in_range = graph.node("Less", graph.node("Abs", sample), graph.constant(RANGE_LIMIT[spec.unit]))
-    valid = graph.node("Unsqueeze", "valid", graph.ints(2))
-    return graph.node("ReduceMin", graph.node("And", in_range, valid), graph.ints(2), keepdims=1)
-
-
-def _count(graph: GraphBuilder, spec: StepSpec, good: str, good_before: str) -> str:
-    """Advance both counters; returns settled [B, n, 1]."""
-    one, zero = graph.constant(1.0), graph.constant(0.0)
-    longer = graph.node("Add", graph.state("lost", 1), one)
-    lost = graph.node("Where", good, zero, graph.node("Min", longer, graph.constant(spec.gap_samples + 1.0)))
-    graph.keep("lost", lost)
-    too_long = graph.node("Greater", lost, graph.constant(float(spec.gap_samples)))
-    more = graph.node("Min", graph.node("Add", good_before, one), graph.constant(float(spec.settle_samples)))
-    counted = graph.node("Where", good, more, graph.node("Where", too_long, zero, good_before))
-    graph.keep("good", counted)
-    return graph.node("Greater", counted, graph.constant(spec.settle_samples - 0.5))
-
-
-def _total(graph: GraphBuilder, flags: str, out: str = "") -> str:
-    """[B, n, 1] bool -> [B] how many."""
-    counts = graph.node("Cast", flags, to=TensorProto.INT32)
-    return graph.node("ReduceSum", counts, graph.ints(1, 2), out=out, keepdims=0)
+def _count(graph: GraphBuilder, flags: str) -> str:
+    """[B, 1, C] bool -> [B] how many channels."""
+    return graph.node("ReduceSum", graph.node("Cast", flags, to=TensorProto.INT32), graph.ints(1, 2), keepdims=0)

@@ -89,6 +89,6 @@ def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     _publish_label(graph, graph.node("MatMul", votes, pairs))
     # "nothing" has no weight, so its two classes do not vote on it; a tie is heavy, the riskier one
     heavier = graph.constant([0, 0] + [-1, 1] * 3, np.float32)
-    difference = graph.node("ReduceSum", graph.node("Mul", votes, heavier), graph.ints(1), keepdims=0)
+    difference = graph.node("MatMul", votes, heavier)
     graph.node("GreaterOrEqual", difference, graph.constant(0.0, np.float32), out="weight")
     graph.output("weight", TensorProto.BOOL)

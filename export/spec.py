@@ -41,7 +41,7 @@ def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
 class DetectorSpec:
     """Thresholds of the causal detectors; one setting for all objects.
 
-    band_ratio: fires above this multiple of the channel's own noise floor. floor_tau_s: its memory.
+    band_ratio: fires above this multiple (over 1) of the channel's own noise floor. floor_tau_s: its memory.
     floor_clip: the floor follows no more than this multiple of itself. firing_rate: while firing the
     floor moves this much more slowly (never quite frozen, so that lasting noise cannot lock an alarm on).
     quiet_s: a critical point needs so much quiet before it. friction, min_normal_n: the cone, unit N only.

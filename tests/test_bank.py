@@ -34,11 +34,11 @@ def spec_at(rate_hz: float, n_sensors: int = 2) -> StepSpec:
 
 
 def bank_model(spec: StepSpec) -> bytes:
-    """Guard and bank alone, with the bank's outputs [n, 2 x bands] in float64 instead of as float32 features."""
+    """Guard and bank alone, with the bank's outputs [bands, C] in float64 instead of as float32 features."""
     graph = GraphBuilder(spec.n_sensors)
     rectified = add_bank(graph, spec, add_guard(graph, spec))
     graph.node("Identity", rectified, out="rectified")
-    graph.output("rectified", TensorProto.DOUBLE, spec.n_sensors, 2 * len(spec.carried_bands()))
+    graph.output("rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels)
     return graph.model().SerializeToString()
 
 
@@ -46,7 +46,7 @@ def bank_outputs(spec: StepSpec, values: FloatArray) -> FloatArray:
     """[T, n, 2, bands]: sensor, shear axis, band."""
     valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
     out = run_recording(open_session(bank_model(spec)), values, valid, ["rectified"])["rectified"]
-    return out.reshape(len(values), spec.n_sensors, 2, -1)
+    return out.reshape(len(values), -1, spec.n_sensors, 3).transpose(0, 2, 3, 1)[:, :, :2]
 
 
 def forces(length: int, n_channels: int, seed: int = 0) -> FloatArray:
@@ -187,7 +187,7 @@ def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: flo
             out = graph.step()["rectified"]
             for numbers in (graph.state, out):
                 assert not np.any((numbers != 0.0) & (np.abs(numbers) < tiny))
-    bank = graph.state.reshape(spec.n_sensors, -1)[:, -2 * (1 + 4 * len(spec.carried_bands())) :]
+    bank = graph.state[0, -(1 + 4 * len(spec.carried_bands())) :]
     assert not bank.any()
     assert not graph.out["rectified"].any()
 

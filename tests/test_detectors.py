@@ -212,6 +212,21 @@ def test_a_finger_that_is_lost_or_not_settled_fires_nothing() -> None:
     np.testing.assert_array_equal(cone, expected)
 
 
+def test_no_vibration_is_told_of_before_a_finger_has_settled() -> None:
+    shaken = burst(quiet(3.0), 0.1, 1.4, 5.0)
+    expected_from = at(0.5)  # the first 50 samples are not settled, the 51st is
+    np.testing.assert_array_equal(np.flatnonzero(detect(shaken)["band_pass"])[0], expected_from)
+
+
+def test_the_floor_stands_still_while_a_finger_is_lost() -> None:
+    values = quiet(90.0)
+    values[:, 0] *= 100.0
+    valid = np.ones((len(values), SENSORS), dtype=np.bool_)
+    valid[at(65.0) : at(85.0), 0] = False
+    fired = detect(values, valid=valid)["band_pass"]
+    assert not fired[at(60.0) :].any()  # as loud as ever after 20 s: nothing new
+
+
 @pytest.mark.parametrize("unit", ["uT", "count"])
 def test_there_is_a_cone_only_where_forces_are_in_newton(unit: Unit) -> None:
     spec = StepSpec(SENSORS, RATE_HZ, unit, ("now",))

@@ -49,22 +49,22 @@ def session_of(spec: StepSpec) -> ort.InferenceSession:
 
 @cache
 def bank_session(spec: StepSpec) -> ort.InferenceSession:
-    """Guard and bank alone: bank outputs [n, 2 x bands] in float64; the bank is the last part of a sensor's state."""
+    """Guard and bank alone: bank outputs [bands, C] in float64; the bank is the last of the state's rows."""
     graph = GraphBuilder(spec.n_sensors)
     graph.node("Identity", add_bank(graph, spec, add_guard(graph, spec)), out="rectified")
-    graph.output("rectified", TensorProto.DOUBLE, spec.n_sensors, 2 * len(spec.carried_bands()))
+    graph.output("rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels)
     return open_session(graph.model().SerializeToString())
 
 
 def stepped(session: ort.InferenceSession, values: FloatArray, valid: BoolArray) -> Outputs:
-    """Every output [T, ..] and the state [T, n, width] after every sample."""
+    """Every output [T, ..] and the state [T, rows, C] after every sample."""
     graph = StepGraph(session)
     kept: dict[str, list[FloatArray]] = {name: [] for name in (*graph.out, "state")}
     for sample, ok in zip(values, valid, strict=True):
         graph.sample[0], graph.valid[0] = sample, ok
         for name, value in graph.step().items():
             kept[name].append(value[0].copy())
-        kept["state"].append(graph.state[0].reshape(valid.shape[1], -1).copy())
+        kept["state"].append(graph.state[0].copy())
     return {name: np.array(rows) for name, rows in kept.items()}
 
 
@@ -78,6 +78,11 @@ def spoil(values: FloatArray, valid: BoolArray, row: int, sensor: int, how: floa
         valid[row, sensor] = False
     else:
         values[row, 3 * sensor + axis] = how
+
+
+def of(sensor: int) -> slice:
+    """A sensor's columns."""
+    return slice(3 * sensor, 3 * sensor + 3)
 
 
 def bits(array: FloatArray) -> bytes:
@@ -115,13 +120,14 @@ def test_a_sensors_bank_is_held_bit_for_bit_while_it_is_bad(how: float | str) ->
     for row in gap:
         spoil(values, valid, row, 1, how)
     held = stepped(bank_session(spec), values, valid)
-    bank = np.s_[:, -2 * (1 + 4 * len(spec.carried_bands())) :]
+    size = 1 + 4 * len(spec.carried_bands())
+    bank = held["state"][:, -size:]
     for row in gap:
-        assert bits(held["state"][row][bank][1]) == bits(held["state"][39][bank][1])
-    assert held["state"][39][bank][1].any()
+        assert bits(bank[row][:, of(1)]) == bits(bank[39][:, of(1)])
+    assert bank[39][:, of(1)].any()
     for other in (0, 2):
-        assert bits(held["state"][:, other]) == bits(whole["state"][:, other])
-        assert bits(held["rectified"][:, other]) == bits(whole["rectified"][:, other])
+        assert bits(held["state"][..., of(other)]) == bits(whole["state"][..., of(other)])
+        assert bits(held["rectified"][..., of(other)]) == bits(whole["rectified"][..., of(other)])
 
 
 @pytest.mark.parametrize("how", BAD, ids=str)
@@ -132,7 +138,7 @@ def test_one_sample_after_a_bad_one_the_filter_is_clean_as_if_its_clock_had_stoo
     expected = stepped(bank_session(spec), values[without], valid[without])["rectified"]
     spoil(values, valid, 40, 1, how)
     got = stepped(bank_session(spec), values, valid)["rectified"][without]
-    assert bits(got[:, 1]) == bits(expected[:, 1])
+    assert bits(got[..., of(1)]) == bits(expected[..., of(1)])
 
 
 @pytest.mark.parametrize("how", BAD[1:], ids=str)
@@ -266,7 +272,7 @@ def test_a_sensor_that_comes_back_after_a_long_gap_starts_its_filter_afresh() ->
     valid[30:40, 1] = False
     out = stepped(bank_session(spec), values, valid)["rectified"]
     afresh = stepped(bank_session(spec), values[40:], valid[40:])["rectified"]
-    assert bits(out[40:, 1]) == bits(afresh[:, 1])
+    assert bits(out[40:, :, of(1)]) == bits(afresh[..., of(1)])
 
 
 @pytest.mark.parametrize("needed", [-1, SENSORS + 1])

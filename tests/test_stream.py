@@ -71,16 +71,26 @@ def alone(session: ort.InferenceSession, stream: Stream) -> Outputs:
     return run_recording(session, *stream, outputs_of(session))
 
 
+def state_shape(session: ort.InferenceSession) -> list[int]:
+    """[rows, C]."""
+    return next(list(i.shape[1:]) for i in session.get_inputs() if i.name == "state")
+
+
+def inputs(values: FloatArray, valid: BoolArray, reset: list[bool], state: FloatArray) -> dict[str, np.ndarray]:
+    """values [B, C], valid [B, n], reset [B] and state [B, rows, C] as the graph takes them."""
+    return {"sample": values[:, None], "valid": valid[:, None], "reset": np.array(reset)[:, None, None], "state": state}
+
+
 def in_chunks(model: bytes, stream: Stream, cuts: list[int]) -> Outputs:
     """Chunk by chunk, nothing but the state's bytes carried over: every chunk has a session of its own."""
     carried, parts = b"", []
     for first, last in pairwise([0, *sorted(cuts), len(stream[0])]):
         session = open_session(model)
-        size = next(i.shape[1] for i in session.get_inputs() if i.name == "state")
-        state = np.frombuffer(carried).reshape(1, size) if carried else np.zeros((1, size))
+        shape = (1, *state_shape(session))
+        state = np.frombuffer(carried).reshape(shape) if carried else np.zeros(shape)
         for row in range(first, last):
-            inputs = {"sample": stream[0][row : row + 1], "valid": stream[1][row : row + 1], "state": state}
-            *out, state = session.run([*outputs_of(session), "state_out"], {**inputs, "reset": np.array([row == 0])})
+            given = inputs(stream[0][row : row + 1], stream[1][row : row + 1], [row == 0], state)
+            *out, state = session.run([*outputs_of(session), "state_out"], given)
             parts.append(out)
         carried = state.tobytes()
     columns = zip(*parts, strict=True)
@@ -164,24 +174,20 @@ def fed(graph: StepGraph, stream: Stream) -> Outputs:
 
 def test_an_all_zero_state_is_a_fresh_start_and_reset_forgets_any_other_even_nan() -> None:
     session, (values, valid) = whole_step(2), stream_of(1, 2)
-    size = next(i.shape[1] for i in session.get_inputs() if i.name == "state")
     answers = []
     for reset, state in ((False, 0.0), (True, 0.0), (True, 3.5), (True, np.nan), (True, np.inf)):
-        inputs = {"sample": values, "valid": valid, "reset": np.array([reset]), "state": np.full((1, size), state)}
-        answers.append([out.tobytes() for out in session.run(None, inputs)])
+        given = inputs(values, valid, [reset], np.full((1, *state_shape(session)), state))
+        answers.append([out.tobytes() for out in session.run(None, given)])
     assert all(answer == answers[0] for answer in answers)
 
 
 def test_reset_of_one_recording_leaves_the_others_of_its_batch_alone() -> None:
     session = whole_step(2)
     values, valid = numbers(3, 2), np.ones((3, 2), dtype=np.bool_)
-    size = next(i.shape[1] for i in session.get_inputs() if i.name == "state")
-    past = np.random.default_rng(0).uniform(0.0, 1.0, (3, size))
-    kept = session.run(None, {"sample": values, "valid": valid, "reset": np.zeros(3, np.bool_), "state": past})
-    one = session.run(None, {"sample": values, "valid": valid, "reset": np.array([False, True, False]), "state": past})
-    zero = session.run(
-        None, {"sample": values, "valid": valid, "reset": np.zeros(3, np.bool_), "state": np.zeros_like(past)}
-    )
+    past = np.random.default_rng(0).uniform(0.0, 1.0, (3, *state_shape(session)))
+    kept = session.run(None, inputs(values, valid, [False] * 3, past))
+    one = session.run(None, inputs(values, valid, [False, True, False], past))
+    zero = session.run(None, inputs(values, valid, [False] * 3, np.zeros_like(past)))
     for before, after, fresh in zip(kept, one, zero, strict=True):
         np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
         np.testing.assert_array_equal(after[1], fresh[1])
