@@ -62,6 +62,10 @@ class GripMonitor:
         Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a gap of
         more than 20 ms makes the state unknown until the history is whole again. Raises ChannelError, and
         TimeError where time runs backwards.
+
+        A hand that has read the same numbers to the last bit for as long as the model looks back is no live hand, and
+        no model was trained on one: the state is unknown. (One finger that repeats itself is for the driver to find, by
+        the chip's own counter.)
         """
         if sample.values.shape != (self.card.n_channels,) or sample.valid.shape != (self.card.n_channels // 3,):
             raise ChannelError(
@@ -70,6 +74,7 @@ class GripMonitor:
                 next_step="use a model made for this source",
             )
         self._bridge_gap(sample.t_ns)
+        self._note_repetition(sample)
         np.copyto(self._graph.sample[0], sample.values)
         np.copyto(self._graph.valid[0], sample.valid)
         out = self._graph.step()
@@ -81,6 +86,7 @@ class GripMonitor:
         self._graph.reset()
         self._decision = DecisionState()
         self._last_t_ns: int | None = None
+        self._last_reading, self._repeated = b"", 0
 
     def _bridge_gap(self, t_ns: int) -> None:
         """Step over the samples that are missing since the last one, as invalid ones."""
@@ -97,13 +103,19 @@ class GripMonitor:
         for _ in range(min(missing, self.card.gap_samples + 1)):  # one more than is bridged, and it is all the same
             self._graph.step()
 
+    def _note_repetition(self, sample: Sample) -> None:
+        """Count samples in a row of which every valid sensor reads the same bits."""
+        reading = sample.values.reshape(-1, 3)[sample.valid].tobytes()
+        self._repeated = self._repeated + 1 if reading == self._last_reading else 1
+        self._last_reading = reading
+
     def _outputs(self) -> list[str]:
         weight = ["p_class", "weight"] if self.card.has_weight else []
         flags = ["detectors", "settled", "unknown", "usable_sensors"]
         return ["votes", "situation", "p_situation", *weight, *self.card.heads, *flags]
 
     def _predict(self, sample: Sample, out: Outputs, opening: bool, override: bool) -> Prediction:
-        unknown = bool(out["unknown"][0])
+        unknown = bool(out["unknown"][0]) or self._repeated >= self.card.settle_samples
         label = UNKNOWN if unknown else int(out["situation"][0])
         permille = _risky_permille(out["votes"][0])
         self._decision = decide(self._rules, self._decision, label, permille, opening=opening, override=override)

@@ -112,10 +112,12 @@ def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
 def test_samples_that_never_came_are_lost_samples(eight_classes: Built, missing: int, blind: bool) -> None:
     """At 50 Hz, 20 ms are one sample: a longer gap leaves half a second of history that is not the hand's own."""
     monitor = GripMonitor(Model(eight_classes.model))
-    step_ns, still = 20_000_000, (np.zeros(18), np.ones(6, dtype=np.bool_))
-    before = [monitor.feed(Sample(k * step_ns, *still, k)) for k in range(40)]
+    step_ns, fine = 20_000_000, np.ones(6, dtype=np.bool_)
+    noise = np.random.default_rng(0).normal(0.0, 0.02, (60, 18))
+    before = [monitor.feed(Sample(k * step_ns, noise[k], fine, k)) for k in range(40)]
     assert before[-1].state != "unknown"
-    after = [monitor.feed(Sample((40 + missing + k) * step_ns, *still, 40 + missing + k)) for k in range(20)]
+    late = [40 + missing + k for k in range(20)]
+    after = [monitor.feed(Sample(k * step_ns, row, fine, k)) for k, row in zip(late, noise[40:], strict=True)]
     assert {answer.state == "unknown" for answer in after} == {blind}
 
 
