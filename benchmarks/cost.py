@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import RISKY_SLIP, FloatArray
+from edge_runtime.errors import EmptyRecording
 from edge_runtime.graph import open_session
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import write_whole
@@ -149,21 +150,30 @@ class Stream:
 
 
 def acts_at(stream: Stream, threshold: int, debounce: int) -> FloatArray:
-    """Times in s at which the hand is asked to act: risky, above the threshold, `debounce` samples in a row."""
+    """Times in s at which the hand is asked to act: risky, above the threshold, `debounce` samples in a row.
+
+    One that is on from the first sample began then, however early that is.
+    """
+    if not len(stream.permille):
+        return np.zeros(0)
     risky = stream.permille > threshold
     run = np.convolve(risky, np.ones(debounce, dtype=np.int64))[: len(risky)] >= debounce
     return np.flatnonzero(run & ~np.concatenate([[False], run[:-1]])) / stream.rate_hz
 
 
 def score(streams: list[Stream], point: Point, threshold: int) -> dict[str, Any]:
-    """Recall, false alarms a minute, and of what was caught the median delay and share of the lead used."""
+    """Recall, false alarms a minute, and of what was caught the median delay and share of the lead used.
+
+    Recall is None without an event, and false alarms a minute without a sample. An alarm that is on already when the
+    load comes on is a false one and catches nothing; a second one in the same event is neither false nor a catch.
+    """
     caught, delays, shares, false, events = 0, [], [], 0, 0
     for stream in streams:
         acts = acts_at(stream, threshold, point.debounce)
         within = np.zeros(len(acts), dtype=np.bool_)
         if stream.risky and stream.onset_s is not None and stream.gross_s is not None:
             events += 1
-            within = (acts >= stream.onset_s) & (acts <= (stream.lost_s or np.inf))
+            within = (acts >= stream.onset_s) & (acts <= (np.inf if stream.lost_s is None else stream.lost_s))
             if within.any():
                 caught += 1
                 delays.append(acts[within][0] - stream.onset_s)
@@ -171,14 +181,17 @@ def score(streams: list[Stream], point: Point, threshold: int) -> dict[str, Any]
         false += int((~within).sum())
     minutes = sum(len(stream.permille) / stream.rate_hz for stream in streams) / 60.0
     return {
-        "recall": caught / max(events, 1), "events": events, "false_per_min": false / minutes,
+        "recall": caught / events if events else None, "events": events,
+        "false_per_min": false / minutes if minutes else None,
         "delay_ms": 1e3 * float(np.median(delays)) if delays else None,
         "lead_used": float(np.median(shares)) if shares else None,
     }  # fmt: skip
 
 
 def choose_threshold(streams: list[Stream], point: Point) -> int:
-    """The lowest that gives at most one false alarm a minute on streams that are not scored."""
+    """The lowest that gives at most one false alarm a minute on streams that are not scored. Raises EmptyRecording."""
+    if not any(len(stream.permille) for stream in streams):
+        raise EmptyRecording("no streams to choose a threshold on", next_step="simulate some")
     for threshold in THRESHOLDS.tolist():
         if score(streams, point, threshold)["false_per_min"] <= FALSE_PER_MIN:
             return int(threshold)
