@@ -67,7 +67,7 @@ def cross_validate(
     A fold may hold out no window of a task; one that leaves none to train on is a ClassMissing. Raises TooFewGroups.
     """
     main = main_task(data)
-    folds = assign_groups(data.group_of(main), plan.folds, seed=seed)
+    folds = assign_groups(_groups_of_all(data, main), plan.folds, seed=seed)
     splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
     votes = {task: np.zeros((len(rows), len(rows.classes)), np.int64) for task, rows in data.tasks.items()}
     reports = []
@@ -81,6 +81,13 @@ def cross_validate(
             rows = np.concatenate([features[task][splits[task][fold][1]] for task in data.tasks])
             reports.append(verify(whole_graph(verify_spec, heads), verify_spec, heads, rows, seed))
     return HeldOut(votes, reports)
+
+
+def _groups_of_all(data: DataSet, main: str) -> npt.NDArray[np.str_]:
+    """Groups of the main task's windows, and of those windows of other tasks whose people have none of the main."""
+    known = data.group_of(main)
+    others = [data.group_of(task) for task in data.tasks if task != main]
+    return np.concatenate([known, *(groups[~np.isin(groups, known)] for groups in others)])
 
 
 def main_task(data: DataSet) -> str:
