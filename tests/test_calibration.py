@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hard_marks import SINGULAR
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -157,6 +158,7 @@ def test_the_held_out_error_is_the_noise_of_the_loads() -> None:
     assert fitted.calibration.meta.residual_n[0, 2] == pytest.approx(0.2, rel=0.2)
 
 
+@SINGULAR.mark
 def test_loads_one_way_give_no_matrix_for_three() -> None:
     field, matrix, blocks = pressed(1)
     field[:, :, :2] = 0.0
@@ -244,6 +246,7 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
 ]
 
 
+@SINGULAR.mark
 @pytest.mark.parametrize(("change", "error", "says"), BROKEN, ids=[f"{k}" for k in range(len(BROKEN))])
 def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
     tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str

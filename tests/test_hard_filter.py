@@ -14,6 +14,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hard_marks import (
+    BAD_SAMPLE,
+    DEAD,
+    DEGENERATE,
+    FLOATS,
+    GAPS,
+    LONG,
+    NORMAL,
+    OFFSET,
+    POLE,
+    RATES,
+    SIGN,
+    SILENCE,
+    SUBNORMAL,
+)
 from scipy.signal import sosfilt
 from test_bank import bank_model, bank_outputs, by_scipy, forces, spec_at
 
@@ -33,7 +48,6 @@ from training.recording import Recording
 if TYPE_CHECKING:
     from conftest import Built
 
-AREA = "Filter and features"
 DEFAULT_MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 TINY = np.finfo(np.float64).tiny
 RATE_HZ = 150.0
@@ -41,68 +55,6 @@ CHUNK = 100_000
 LongArray = npt.NDArray[np.longdouble]
 Record = Any
 """pytest's record_property."""
-
-
-def hard_case(case: str, elsewhere: str, here: str, *, unguarded: bool = False) -> pytest.MarkDecorator:
-    return pytest.mark.hard_case(AREA, case, elsewhere=elsewhere, here=here, unguarded=unguarded)
-
-
-POLE = "the differentiator's pole at -1"
-POLE_WORDS = (
-    "the bilinear differentiator rings for ever at half the rate",
-    "differentiator and low-pass are one stable section",
-)
-LONG = "a hundred million samples"
-LONG_WORDS = (
-    "in a cascade every rounding error of the differentiator is summed up for good",
-    "no pole on the circle; error against 64-bit mantissas does not grow",
-)
-OFFSET = "a large offset"
-OFFSET_WORDS = (
-    "a filter that starts at zero rings with its own offset, and a second later still louder than the slip",
-    "only differences enter the bank, and it starts at rest",
-)
-SILENCE = "ten minutes of silence"
-SILENCE_WORDS = (
-    "a filter's memory ends in subnormal numbers, which never leave and cost up to fifty times as much",
-    "memory below 1e-30 is zero",
-)
-SUBNORMAL = "subnormal inputs"
-SUBNORMAL_WORDS = ("they circulate in the filter as they came", "they are zero to the bank at once")
-BAD = "one bad sample"
-BAD_WORDS = (
-    "one NaN or inf stays in a recursive filter for ever, and 1e30 for thousands of samples",
-    "that finger alone is held, says so, and goes on one sample later",
-)
-GAPS = "jitter and gaps"
-GAPS_WORDS = (
-    "what moved during a gap is a jump, and a jump is a slip to a filter",
-    "samples that never came are lost samples; a jitter of half a period changes no bit",
-)
-RATES = "rates from 40 Hz to 10 kHz"
-RATES_WORDS = (
-    "prewarped next to half the rate, a band rings for half a minute",
-    "bands from 0.46 of the rate on are left out",
-)
-FLOATS = "float32 and float64"
-FLOATS_WORDS = ("float32 is enough at 150 Hz and wrong at 10 kHz", "state and filter are float64 at every rate")
-NORMAL = "no normal force, or a negative one"
-NORMAL_WORDS = (
-    "the ratio of shear to normal explodes, or changes its sign",
-    "no ratio is taken over less than a floor",
-)
-DEAD = "a dead hand, and one dead finger"
-DEAD_WORDS = (
-    "exact zeros look like the calmest of grasps to a forest that has only seen noise",
-    "a hand that repeats itself to the last bit for half a second is unknown",
-)
-DEGENERATE = "all fingers equal, all components degenerate"
-DEGENERATE_WORDS = (
-    "standardised principal components divide by zero and have an arbitrary sign",
-    "no component and no scale is taken from the trial",
-)
-SIGN = "sign flips"
-SIGN_WORDS = ("a magnet is turned round because noise was negative", "only a resting normal beyond the noise turns one")
 
 
 def cascade(rate_hz: float, band_hz: float) -> FloatArray:
@@ -130,7 +82,7 @@ def tone(seconds: float, rate_hz: float, hz: float = 20.0) -> FloatArray:
 # The pole, and length
 
 
-@hard_case(POLE, *POLE_WORDS, unguarded=True)
+@POLE.unguarded
 def test_the_differentiator_on_its_own_answers_one_knock_for_ever(record_property: Record) -> None:
     k = 2.0 * RATE_HZ
     knock = np.zeros(10**6)
@@ -150,7 +102,7 @@ def chunks(steps: int, offset: float = 1e4) -> Iterator[FloatArray]:
 
 
 @pytest.mark.parametrize("steps", [10**6, pytest.param(10**8, marks=pytest.mark.soak)])
-@hard_case(LONG, *LONG_WORDS)
+@LONG.mark
 def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beginning(
     steps: int, record_property: Record
 ) -> None:
@@ -177,7 +129,7 @@ def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beg
     assert max(states) < 1e5  # ten times the offset, which is part of the state as the last reading
 
 
-@hard_case(LONG, *LONG_WORDS, unguarded=True)
+@LONG.unguarded
 def test_a_cascade_drifts_away_from_the_exact_filter(record_property: Record) -> None:
     x = np.random.default_rng(1).normal(7.0, 1.0, 10**6).astype(np.float32)
     errors = {}
@@ -196,7 +148,7 @@ def test_a_cascade_drifts_away_from_the_exact_filter(record_property: Record) ->
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@hard_case(OFFSET, *OFFSET_WORDS)
+@OFFSET.mark
 def test_a_slip_ten_thousand_times_smaller_than_its_offset_is_seen_as_without_it(
     sign: float, record_property: Record
 ) -> None:
@@ -227,7 +179,7 @@ def fires(values: FloatArray, unit: Unit) -> npt.NDArray[np.bool_]:
     return detectors[:, column]
 
 
-@hard_case(OFFSET, *OFFSET_WORDS, unguarded=True)
+@OFFSET.unguarded
 def test_started_at_zero_the_offset_rings_louder_than_the_slip_a_second_later(record_property: Record) -> None:
     slip = np.concatenate([np.zeros(150), tone(0.4, RATE_HZ), np.zeros(90)])
     heard = np.abs(sosfilt(sections(RATE_HZ, 20.0), slip)).max()
@@ -239,7 +191,7 @@ def test_started_at_zero_the_offset_rings_louder_than_the_slip_a_second_later(re
 # Silence and subnormal numbers
 
 
-@hard_case(SILENCE, *SILENCE_WORDS)
+@SILENCE.mark
 def test_ten_minutes_of_silence_leave_exact_zeros_and_no_subnormal_number(record_property: Record) -> None:
     spec = spec_at(RATE_HZ, n_sensors=6)
     graph = StepGraph(open_session(bank_model(spec)))
@@ -268,7 +220,7 @@ def subnormal(numbers: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     return (numbers != 0.0) & (np.abs(numbers) < TINY)
 
 
-@hard_case(SILENCE, *SILENCE_WORDS, unguarded=True)
+@SILENCE.unguarded
 def test_a_plain_filter_is_still_busy_with_subnormal_numbers_ten_minutes_later(record_property: Record) -> None:
     sos = sections(RATE_HZ, 20.0)
     _, memory = sosfilt(sos, tone(1.0, RATE_HZ), zi=np.zeros((3, 2)))
@@ -286,7 +238,7 @@ def test_a_plain_filter_is_still_busy_with_subnormal_numbers_ten_minutes_later(r
 
 
 @pytest.mark.parametrize("size", [5e-324, 1e-310, 2e-308])
-@hard_case(SUBNORMAL, *SUBNORMAL_WORDS)
+@SUBNORMAL.mark
 def test_subnormal_readings_are_silence_to_bank_features_and_detectors(size: float) -> None:
     rng = np.random.default_rng(0)
     values = size * rng.choice([-1.0, 0.0, 1.0], size=(120, 6))
@@ -297,7 +249,7 @@ def test_subnormal_readings_are_silence_to_bank_features_and_detectors(size: flo
     assert not out["detectors"].any()
 
 
-@hard_case(SUBNORMAL, *SUBNORMAL_WORDS, unguarded=True)
+@SUBNORMAL.unguarded
 def test_a_plain_filter_answers_subnormal_readings_with_subnormal_numbers() -> None:
     out, memory = sosfilt(sections(RATE_HZ, 20.0), 1e-310 * tone(1.0, RATE_HZ), zi=np.zeros((3, 2)))
     assert subnormal(out).any()
@@ -342,7 +294,7 @@ def told(one: Prediction) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("how", [*BAD_READINGS, "invalid", "stuck and found so"])
-@hard_case(BAD, *BAD_WORDS)
+@BAD_SAMPLE.mark
 def test_one_bad_sample_is_unknown_for_itself_alone_and_the_hand_stays_settled(eight_classes: Built, how: str) -> None:
     values, row, finger = grip(60), 40, 2
     invalid: tuple[tuple[int, int], ...] = ()
@@ -358,7 +310,7 @@ def test_one_bad_sample_is_unknown_for_itself_alone_and_the_hand_stays_settled(e
     assert all(np.isfinite(list(one.p_situation.values())).all() for one in said)
 
 
-@hard_case(BAD, *BAD_WORDS)
+@BAD_SAMPLE.mark
 def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_classes: Built) -> None:
     values = grip(60)
     once = answers(eight_classes.model, values)
@@ -368,7 +320,7 @@ def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_clas
     assert [told(one) for one in said] == [told(once[k]) for k in twice.tolist()]
 
 
-@hard_case(BAD, *BAD_WORDS)
+@BAD_SAMPLE.mark
 def test_a_risky_sample_that_comes_again_and_again_asks_for_nothing_yet_and_an_override_is_heard(
     eight_classes: Built,
 ) -> None:
@@ -385,7 +337,7 @@ def test_a_risky_sample_that_comes_again_and_again_asks_for_nothing_yet_and_an_o
     assert not monitor.feed(sample, override=True).act
 
 
-@hard_case(BAD, *BAD_WORDS, unguarded=True)
+@BAD_SAMPLE.unguarded
 def test_a_repeated_risky_sample_counted_twice_would_be_a_request_to_act() -> None:
     rules, state = DecisionRules(), DecisionState()
     once = decide(rules, state, RISKY_SLIP, 900)
@@ -393,7 +345,7 @@ def test_a_repeated_risky_sample_counted_twice_would_be_a_request_to_act() -> No
     assert decide(rules, once, RISKY_SLIP, 900).act
 
 
-@hard_case(BAD, *BAD_WORDS, unguarded=True)
+@BAD_SAMPLE.unguarded
 def test_a_plain_filter_never_gets_over_a_nan_and_takes_thousands_of_samples_over_1e30(record_property: Record) -> None:
     sos, clean = sections(RATE_HZ, 10.0), tone(60.0, RATE_HZ)
     for bad in (np.nan, np.inf):
@@ -411,7 +363,7 @@ def test_a_plain_filter_never_gets_over_a_nan_and_takes_thousands_of_samples_ove
 
 
 @pytest.mark.parametrize("share", [0.1, 0.45])
-@hard_case(GAPS, *GAPS_WORDS)
+@GAPS.mark
 def test_a_late_or_early_sample_changes_no_bit_of_any_answer(eight_classes: Built, share: float) -> None:
     values = grip(80)
     late = share * np.random.default_rng(1).uniform(-1.0, 1.0, 80) / 50.0
@@ -421,7 +373,7 @@ def test_a_late_or_early_sample_changes_no_bit_of_any_answer(eight_classes: Buil
 
 
 @pytest.mark.parametrize("lost", [1, 2, 9])
-@hard_case(GAPS, *GAPS_WORDS)
+@GAPS.mark
 def test_samples_that_were_dropped_are_answered_like_samples_called_invalid(eight_classes: Built, lost: int) -> None:
     values, first = grip(90), 45
     gone = range(first, first + lost)
@@ -434,7 +386,7 @@ def test_samples_that_were_dropped_are_answered_like_samples_called_invalid(eigh
     assert (dropped[first].state == "unknown") == (lost > opened(eight_classes.model).card.gap_samples)
 
 
-@hard_case(GAPS, *GAPS_WORDS, unguarded=True)
+@GAPS.unguarded
 def test_glued_together_over_a_gap_a_slow_change_of_grip_rings_like_a_slip(record_property: Record) -> None:
     t_s = np.arange(600) / RATE_HZ
     slow = 5.0 * np.sin(2.0 * np.pi * 0.25 * t_s)
@@ -449,7 +401,7 @@ def test_glued_together_over_a_gap_a_slow_change_of_grip_rings_like_a_slip(recor
 
 
 @pytest.mark.parametrize("rate_hz", [40.0, 43.5, 54.4, 65.3, 119.5, 120.0, 1000.0, 10_000.0])
-@hard_case(RATES, *RATES_WORDS)
+@RATES.mark
 def test_at_rates_where_a_band_lies_on_the_edge_the_bank_is_the_exact_filter(
     rate_hz: float, record_property: Record
 ) -> None:
@@ -469,7 +421,7 @@ def test_at_rates_where_a_band_lies_on_the_edge_the_bank_is_the_exact_filter(
     assert error < 1e-9
 
 
-@hard_case(RATES, *RATES_WORDS, unguarded=True)
+@RATES.unguarded
 def test_a_band_kept_next_to_half_the_rate_rings_for_half_a_minute(record_property: Record) -> None:
     poles = np.abs(np.roots(sections(50.1, 25.0)[1, 3:]))
     rings_s = float(-1.0 / (50.1 * np.log(poles.max())))
@@ -478,7 +430,7 @@ def test_a_band_kept_next_to_half_the_rate_rings_for_half_a_minute(record_proper
     assert 25.0 not in spec_at(50.1).carried_bands()
 
 
-@hard_case(FLOATS, *FLOATS_WORDS)
+@FLOATS.mark
 def test_sample_and_state_are_float64_and_the_features_of_a_forest_float32() -> None:
     session = step_of("N", "now")
     types = {tensor.name: tensor.type for tensor in (*session.get_inputs(), *session.get_outputs())}
@@ -486,7 +438,7 @@ def test_sample_and_state_are_float64_and_the_features_of_a_forest_float32() -> 
     assert types["features"] == "tensor(float)"
 
 
-@hard_case(FLOATS, *FLOATS_WORDS)
+@FLOATS.mark
 def test_readings_that_came_as_float32_are_answered_as_the_same_numbers_in_float64() -> None:
     narrow: Any = forces(300, 6).astype(np.float32)
     valid = np.ones((300, 2), dtype=np.bool_)
@@ -497,7 +449,7 @@ def test_readings_that_came_as_float32_are_answered_as_the_same_numbers_in_float
     assert one.tobytes() == other.tobytes()
 
 
-@hard_case(FLOATS, *FLOATS_WORDS, unguarded=True)
+@FLOATS.unguarded
 def test_with_float32_state_the_lowest_band_is_right_at_150_hz_and_wrong_at_10_khz(record_property: Record) -> None:
     errors = {}
     for rate_hz in (150.0, 10_000.0):
@@ -514,7 +466,7 @@ def test_with_float32_state_the_lowest_band_is_right_at_150_hz_and_wrong_at_10_k
 
 
 @pytest.mark.parametrize("normal", [0.0, -0.0, 1e-300, -1.0, -50.0])
-@hard_case(NORMAL, *NORMAL_WORDS)
+@NORMAL.mark
 def test_without_a_normal_force_every_ratio_is_taken_over_the_floor(normal: float) -> None:
     values = np.tile([3.0, -2.0, normal], (120, 2)) + np.outer(np.linspace(0.0, 1.0, 120), np.tile([1.0, 1.0, 0.0], 2))
     groups = ("scaled_now", "scaled_differences", "scaled_sums", "activity", "shear")
@@ -524,7 +476,7 @@ def test_without_a_normal_force_every_ratio_is_taken_over_the_floor(normal: floa
     np.testing.assert_array_equal(features[:, :6], (values / NORMAL_FLOOR["N"]).astype(np.float32))
 
 
-@hard_case(NORMAL, *NORMAL_WORDS, unguarded=True)
+@NORMAL.unguarded
 def test_a_bare_ratio_is_infinite_at_no_normal_force_and_turns_its_sign_as_it_crosses_zero(
     record_property: Record,
 ) -> None:
@@ -545,14 +497,14 @@ def noise(length: int, seed: int = 0) -> FloatArray:
 
 
 @pytest.mark.parametrize("reading", [0.0, -0.0, 0.1, 5.0])
-@hard_case(DEAD, *DEAD_WORDS)
+@DEAD.mark
 def test_a_hand_that_reads_the_same_numbers_from_the_start_is_never_known(reading: float) -> None:
     said = answers(DEFAULT_MODEL, np.full((200, 18), reading))
     assert {one.state for one in said} == {"unknown"}
     assert not any(one.act or one.arm or one.degraded for one in said)
 
 
-@hard_case(DEAD, *DEAD_WORDS)
+@DEAD.mark
 def test_a_hand_that_freezes_is_unknown_once_its_whole_history_is_one_reading_and_known_when_it_moves() -> None:
     values, settle = noise(260), opened(DEFAULT_MODEL).card.settle_samples
     values[100:230] = values[100]
@@ -562,7 +514,7 @@ def test_a_hand_that_freezes_is_unknown_once_its_whole_history_is_one_reading_an
 
 
 @pytest.mark.parametrize("finger", range(6))
-@hard_case(DEAD, *DEAD_WORDS)
+@DEAD.mark
 def test_one_finger_dead_from_the_start_makes_no_grasp_of_an_empty_hand(finger: int) -> None:
     values = noise(160)
     values[:, 3 * finger : 3 * finger + 3] = 0.0
@@ -570,7 +522,7 @@ def test_one_finger_dead_from_the_start_makes_no_grasp_of_an_empty_hand(finger: 
     assert {one.state for one in answers(DEFAULT_MODEL, values)[settle - 1 :]} == {"nothing"}
 
 
-@hard_case(DEAD, *DEAD_WORDS)
+@DEAD.mark
 def test_a_finger_that_is_lost_from_the_start_leaves_the_hand_unknown_and_unsettled() -> None:
     values = noise(160)
     values[:, 3:6] = np.nan
@@ -578,7 +530,7 @@ def test_a_finger_that_is_lost_from_the_start_leaves_the_hand_unknown_and_unsett
     assert {(one.state, one.settled) for one in said} == {("unknown", False)}
 
 
-@hard_case(DEAD, *DEAD_WORDS, unguarded=True)
+@DEAD.unguarded
 def test_the_forest_itself_calls_a_quieter_hand_than_it_was_trained_on_a_grasp(record_property: Record) -> None:
     session, valid = opened(DEFAULT_MODEL).session, np.ones((160, 6), dtype=np.bool_)
     for name, factor in (("exact_zeros", 0.0), ("a_tenth_of_the_noise", 0.1), ("the_usual_noise", 1.0)):
@@ -595,7 +547,7 @@ def recording(samples: FloatArray) -> Recording:
     return Recording("one", "one", samples, np.ones((len(samples), samples.shape[1] // 3), np.bool_), RATE_HZ, "N")
 
 
-@hard_case(DEGENERATE, *DEGENERATE_WORDS)
+@DEGENERATE.mark
 def test_six_equal_fingers_are_found_slipping_where_one_of_them_is() -> None:
     rng = np.random.default_rng(0)
     one = np.tile([0.0, 0.0, 2.0], (1200, 1)) * (np.arange(1200) > 300)[:, None] + rng.normal(0.0, 0.01, (1200, 3))
@@ -605,7 +557,7 @@ def test_six_equal_fingers_are_found_slipping_where_one_of_them_is() -> None:
     assert [point.row for point in offline_critical_points(recording(np.tile(one, 6)))] == rows
 
 
-@hard_case(DEGENERATE, *DEGENERATE_WORDS)
+@DEGENERATE.mark
 def test_equal_fingers_have_equal_features_and_no_number_that_is_not_finite() -> None:
     one = forces(200, 3)
     session = step_of("N", "now", "scaled_now", "bands", n_sensors=6)
@@ -618,12 +570,12 @@ def test_equal_fingers_have_equal_features_and_no_number_that_is_not_finite() ->
 
 
 @pytest.mark.parametrize("constant", [0.0, 5.0, -5.0, 1e5])
-@hard_case(DEGENERATE, *DEGENERATE_WORDS)
+@DEGENERATE.mark
 def test_a_trial_in_which_nothing_varies_has_no_critical_point_and_no_warning(constant: float) -> None:
     assert offline_critical_points(recording(np.full((900, 18), constant))) == []
 
 
-@hard_case(DEGENERATE, *DEGENERATE_WORDS, unguarded=True)
+@DEGENERATE.unguarded
 def test_the_first_principal_component_of_a_constant_trial_is_nan_and_of_any_trial_has_either_sign() -> None:
     constant = np.full((900, 6), 5.0)
     with np.errstate(invalid="ignore"):
@@ -635,13 +587,13 @@ def test_the_first_principal_component_of_a_constant_trial_is_nan_and_of_any_tri
         np.testing.assert_allclose(covariance @ first, values[-1] * first)
 
 
-@hard_case(SIGN, *SIGN_WORDS)
+@SIGN.mark
 def test_a_shear_axis_turned_round_changes_no_bit_of_the_bank() -> None:
     values = forces(300, 6)
     np.testing.assert_array_equal(bank_outputs(spec_at(RATE_HZ), values), bank_outputs(spec_at(RATE_HZ), -values))
 
 
-@hard_case(SIGN, *SIGN_WORDS)
+@SIGN.mark
 def test_a_sign_that_flips_in_mid_stream_is_one_jump_and_leaves_the_filter_the_exact_one() -> None:
     values = forces(300, 6)
     values[150:] *= -1.0
@@ -656,7 +608,7 @@ def upside_down(flip_beyond: float, seed: int) -> npt.NDArray[np.bool_]:
     return np.asarray(sign[2::3] < 0.0)
 
 
-@hard_case(SIGN, *SIGN_WORDS)
+@SIGN.mark
 def test_noise_turns_no_magnet_round_and_a_resting_field_below_zero_does() -> None:
     assert not any(upside_down(NORMAL_FLOOR["N"], seed).any() for seed in range(200))
     resting = np.tile([0.0, 0.0, -20.0], (5, 6)) + noise(5)
@@ -664,7 +616,7 @@ def test_noise_turns_no_magnet_round_and_a_resting_field_below_zero_does() -> No
     np.testing.assert_array_equal(sign, np.tile([1.0, 1.0, -1.0], 6))
 
 
-@hard_case(SIGN, *SIGN_WORDS, unguarded=True)
+@SIGN.unguarded
 def test_by_its_sign_alone_every_second_magnet_of_a_tared_hand_is_turned_round(record_property: Record) -> None:
     share = float(np.mean([upside_down(0.0, seed) for seed in range(200)]))
     record_property("share_turned_round_by_noise", share)

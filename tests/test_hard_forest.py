@@ -17,6 +17,7 @@ import numpy.typing as npt
 import onnx
 import onnxruntime as ort
 import pytest
+from hard_marks import EXACT, GOLDEN, MILLION, MISSING, SMALL, TIES
 from onnx import helper
 from skl2onnx import convert_sklearn
 from skl2onnx.common.data_types import FloatTensorType
@@ -39,45 +40,11 @@ from export.verify import CHUNK, cut_forests
 if TYPE_CHECKING:
     from conftest import Built
 
-AREA = "Forest and ONNX"
 SPEC = StepSpec(n_sensors=2, rate_hz=50.0, unit="N", groups=("now",))
 N_FEATURES = 6
 Rows = npt.NDArray[np.float32]
 Record = Any
 """pytest's record_property."""
-
-
-def hard_case(case: str, elsewhere: str, here: str, *, unguarded: bool = False) -> pytest.MarkDecorator:
-    return pytest.mark.hard_case(AREA, case, elsewhere=elsewhere, here=here, unguarded=unguarded)
-
-
-MILLION = "a million adversarial rows"
-MILLION_WORDS = (
-    "a converted forest differs where a row stands on a threshold, or where two classes have equal votes",
-    "votes and labels are the reference's on every row, alone or in a batch",
-)
-TIES = "exact ties"
-TIES_WORDS = (
-    "probabilities are sums of float32 hundredths, each thread's on its own, and rounding decides a tie",
-    "votes are integers, and the riskier class wins a tie",
-)
-EXACT = "votes that sum exactly"
-EXACT_WORDS = (
-    "a hundred float32 hundredths are not one, and their sum depends on the order of the trees",
-    "every leaf's votes are integers that sum to a power of two, all trees together to less than 2^24",
-)
-MISSING = "a dead sensor before the forest"
-MISSING_WORDS = (
-    "NaN goes the wrong way in a converted tree, and inf is answered",
-    "neither can pass the guard in front of the trees",
-)
-SMALL = "a forest of one tree, one class, one node"
-SMALL_WORDS = ("the label of the only class comes out as another number", "it is exported like any other")
-GOLDEN = "a runtime or a file that answers differently"
-GOLDEN_WORDS = (
-    "it opens without a complaint, and is believed",
-    "golden sequences are replayed at load, and a difference is an error",
-)
 
 
 @dataclass(frozen=True)
@@ -163,7 +130,7 @@ def answered(session: ort.InferenceSession, rows: Rows, batch: int = CHUNK) -> d
 
 @pytest.mark.parametrize("n", [350_000, pytest.param(3_500_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("name", CASES)
-@hard_case(MILLION, *MILLION_WORDS)
+@MILLION.mark
 def test_of_a_third_of_a_million_adversarial_rows_none_is_answered_otherwise_than_by_the_reference(
     name: str, n: int, record_property: Record
 ) -> None:
@@ -187,7 +154,7 @@ def test_of_a_third_of_a_million_adversarial_rows_none_is_answered_otherwise_tha
     [(1, 20_000), (2, 20_000), (7, 20_000), (63, 20_000), pytest.param(1, 350_000, marks=pytest.mark.soak)],
 )
 @pytest.mark.parametrize("name", CASES)
-@hard_case(MILLION, *MILLION_WORDS)
+@MILLION.mark
 def test_a_row_alone_is_answered_bit_for_bit_as_in_any_batch(
     name: str, batch: int, n: int, record_property: Record
 ) -> None:
@@ -229,7 +196,7 @@ def whole_votes(forest: Forest, rows: Rows) -> IntArray:
     return votes
 
 
-@hard_case(TIES, *TIES_WORDS)
+@TIES.mark
 def test_of_a_hundred_trees_every_tie_is_exact_and_goes_to_the_riskier_class(record_property: Record) -> None:
     forest, rows = hundred_trees()
     model = whole_graph(SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))])
@@ -240,7 +207,7 @@ def test_of_a_hundred_trees_every_tie_is_exact_and_goes_to_the_riskier_class(rec
     assert tied.sum() > 1000
 
 
-@hard_case(TIES, *TIES_WORDS, unguarded=True)
+@TIES.unguarded
 def test_the_stock_conversion_answers_exact_ties_by_rounding(record_property: Record) -> None:
     forest, rows = hundred_trees()
     votes, got = whole_votes(forest, rows), stock(forest)(rows)
@@ -255,7 +222,7 @@ def test_the_stock_conversion_answers_exact_ties_by_rounding(record_property: Re
 
 @pytest.mark.parametrize("present", [(0, 1, 2), (1, 2, 3), (0, 1, 3)])
 @pytest.mark.parametrize("trees", [1, 3, 7])
-@hard_case(TIES, *TIES_WORDS)
+@TIES.mark
 def test_where_a_leaf_is_split_in_thirds_the_riskier_class_wins_the_rounding_too(
     present: tuple[int, ...], trees: int
 ) -> None:
@@ -282,7 +249,7 @@ def exact_shares(forest: Forest, rows: Rows) -> list[list[Fraction]]:
 
 
 @pytest.mark.parametrize("min_samples_leaf", [1, 4])
-@hard_case(EXACT, *EXACT_WORDS)
+@EXACT.mark
 def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs_whole(
     min_samples_leaf: int, record_property: Record
 ) -> None:
@@ -308,7 +275,7 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
     assert min_samples_leaf > 1 or furthest == 0
 
 
-@hard_case(EXACT, *EXACT_WORDS)
+@EXACT.mark
 def test_the_order_of_the_trees_changes_no_vote() -> None:
     one = case("eight classes, impure leaves")
     rows = adversarial(one, 10_000, seed=5)
@@ -323,7 +290,7 @@ def test_the_order_of_the_trees_changes_no_vote() -> None:
         assert total.tobytes() == expected.tobytes()
 
 
-@hard_case(EXACT, *EXACT_WORDS, unguarded=True)
+@EXACT.unguarded
 def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(record_property: Record) -> None:
     hundredth = np.float32(1.0 / 100.0)
     total = np.float32(0.0)
@@ -343,7 +310,7 @@ def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(reco
 # Dead sensors
 
 
-@hard_case(MISSING, *MISSING_WORDS, unguarded=True)
+@MISSING.unguarded
 def test_the_stock_conversion_answers_a_dead_sensor_wrongly(record_property: Record) -> None:
     rng = np.random.default_rng(0)
     x = rng.normal(size=(2000, 18)).astype(np.float32)
@@ -357,7 +324,7 @@ def test_the_stock_conversion_answers_a_dead_sensor_wrongly(record_property: Rec
     assert wrong > 0.1
 
 
-@hard_case(MISSING, *MISSING_WORDS, unguarded=True)
+@MISSING.unguarded
 def test_scikit_learn_refuses_inf_where_a_converted_forest_answers_it() -> None:
     forest, _ = hundred_trees()
     rows = np.full((1, N_FEATURES), np.inf, dtype=np.float32)
@@ -369,7 +336,7 @@ def test_scikit_learn_refuses_inf_where_a_converted_forest_answers_it() -> None:
 # Small forests
 
 
-@hard_case(SMALL, *SMALL_WORDS, unguarded=True)
+@SMALL.unguarded
 def test_the_stock_conversion_of_a_forest_of_one_class_answers_another_class() -> None:
     x = np.random.default_rng(0).normal(size=(10, N_FEATURES)).astype(np.float32)
     forest = ExtraTreesClassifier(3, random_state=0).fit(x, np.full(10, 2))
@@ -389,7 +356,7 @@ def other_trees(path: Path) -> bytes:
     return resealed(model.SerializeToString())
 
 
-@hard_case(GOLDEN, *GOLDEN_WORDS)
+@GOLDEN.mark
 def test_a_file_whose_trees_answer_otherwise_than_when_it_was_made_is_refused_at_load(
     eight_classes: Built, tmp_path: Path
 ) -> None:
@@ -399,7 +366,7 @@ def test_a_file_whose_trees_answer_otherwise_than_when_it_was_made_is_refused_at
         Model(path)
 
 
-@hard_case(GOLDEN, *GOLDEN_WORDS, unguarded=True)
+@GOLDEN.unguarded
 def test_without_the_golden_sequences_such_a_file_opens_and_its_answers_are_believed(
     eight_classes: Built, record_property: Record
 ) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hard_marks import ABSENT, CERTAIN, COLLAR, EMPTY, EVENTS, FOREIGN, SINGULAR
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import f1_score, log_loss, roc_auc_score
 
@@ -36,56 +37,17 @@ from training.metrics import prediction_scores, share_scores, situation_scores
 from training.plan import ForestPlan, TrainingPlan
 from training.recording import DataSet, LabelledRows, Recording
 
-AREA = "Calibration and metrics"
 RATE_HZ = 100.0
 NO_ROWS = np.zeros(0, dtype=np.int64)
 Record = Any
 """pytest's record_property."""
 
 
-def hard_case(case: str, elsewhere: str, here: str, *, unguarded: bool = False) -> pytest.MarkDecorator:
-    return pytest.mark.hard_case(AREA, case, elsewhere=elsewhere, here=here, unguarded=unguarded)
-
-
-CERTAIN = "probabilities of 0 and 1"
-CERTAIN_WORDS = (
-    "a share of 0 for what did happen costs infinitely much, and a naive softmax overflows",
-    "calibrated probabilities of finite votes are finite, above 0, and sum to 1",
-)
-ABSENT = "absent classes"
-ABSENT_WORDS = ("a class that is not there scores 0 and pulls the mean down", "it has no figure and does not count")
-EMPTY = "empty folds, and no window at all"
-EMPTY_WORDS = (
-    "the mean of nothing, a crash, or a zero that looks like a figure",
-    "a figure of nothing is None, and a fold may hold out nothing",
-)
-FOREIGN = "labels and scores that cannot be"
-FOREIGN_WORDS = (
-    "a prediction of -1 is counted as some other class' answer",
-    "it is refused, with the number in the message",
-)
-EVENTS = "one event, and alarms that are on already"
-EVENTS_WORDS = (
-    "an alarm that is always on catches everything",
-    "an alarm counts when it begins: one that is on already catches nothing and is false",
-)
-COLLAR = "two events inside one collar"
-COLLAR_WORDS = (
-    "one slip that crosses a threshold again and again is many events",
-    "what follows within the collar is one",
-)
-SINGULAR = "calibrations that are singular"
-SINGULAR_WORDS = (
-    "a matrix without full rank reads some loads as a calm zero, for ever",
-    "it is refused, and the sensor named",
-)
-
-
 # Probabilities of 0 and 1
 
 
 @pytest.mark.parametrize("steepness", [1.0, 30.0, 1e4])
-@hard_case(CERTAIN, *CERTAIN_WORDS)
+@CERTAIN.mark
 def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference(steepness: float) -> None:
     """One tree of pure leaves: every share is 0 or 1."""
     x = np.repeat(np.arange(4.0, dtype=np.float32)[:, None], 6, axis=1)
@@ -99,7 +61,7 @@ def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference
     np.testing.assert_allclose(got, expected, atol=1e-5)
 
 
-@hard_case(CERTAIN, *CERTAIN_WORDS)
+@CERTAIN.mark
 def test_shares_that_are_always_right_are_calibrated_to_less_than_certainty() -> None:
     label = np.arange(400) % 4
     fitted = fit_calibration(np.eye(4)[label], label)
@@ -116,14 +78,14 @@ def probability(shares: FloatArray, calibration: Calibration) -> FloatArray:
     return reference_probability(Head("situation", SITUATIONS, forest, calibration), (1000 * shares).astype(np.int64))
 
 
-@hard_case(CERTAIN, *CERTAIN_WORDS)
+@CERTAIN.mark
 def test_scores_of_exactly_0_and_1_rank_like_any_other() -> None:
     truth, groups = np.array([0, 0, 1, 1, 0, 1]), list("aabbcc")
     certain = prediction_scores(truth, np.array([0.0, 1.0, 1.0, 1.0, 0.0, 0.0]), groups, n_draws=20)
     assert certain["auc"] == roc_auc_score(truth, [0.1, 0.9, 0.9, 0.9, 0.1, 0.1])
 
 
-@hard_case(CERTAIN, *CERTAIN_WORDS, unguarded=True)
+@CERTAIN.unguarded
 def test_bare_vote_shares_lose_everything_on_one_surprise_and_a_naive_softmax_is_nan(record_property: Record) -> None:
     label = np.array([0, 1, 2, 3] * 25 + [0])
     shares = np.eye(4)[[*label[:-1], 1]]  # the last is a surprise: no vote for what it was
@@ -140,7 +102,7 @@ def test_bare_vote_shares_lose_everything_on_one_surprise_and_a_naive_softmax_is
 # Absent classes
 
 
-@hard_case(ABSENT, *ABSENT_WORDS)
+@ABSENT.mark
 def test_a_class_that_was_never_seen_is_given_no_probability_and_the_others_keep_theirs() -> None:
     rng = np.random.default_rng(0)
     label = rng.choice([0, 1, 3], 300)
@@ -151,7 +113,7 @@ def test_a_class_that_was_never_seen_is_given_no_probability_and_the_others_keep
 
 
 @pytest.mark.parametrize("present", [[2], [0, 3]])
-@hard_case(ABSENT, *ABSENT_WORDS)
+@ABSENT.mark
 def test_so_it_is_with_only_one_class_or_two(present: list[int]) -> None:
     label = np.resize(present, 60)
     p = probability(np.eye(4)[label], fit_calibration(np.eye(4)[label], label))
@@ -159,7 +121,7 @@ def test_so_it_is_with_only_one_class_or_two(present: list[int]) -> None:
     assert np.delete(p, present, axis=1).max() < 1e-9
 
 
-@hard_case(ABSENT, *ABSENT_WORDS, unguarded=True)
+@ABSENT.unguarded
 def test_scikit_learns_macro_f1_over_all_classes_counts_an_absent_one_as_zero(record_property: Record) -> None:
     truth = np.array([0, 1, 3] * 10)
     usual = f1_score(truth, truth, labels=range(4), average="macro", zero_division=0.0)
@@ -171,7 +133,7 @@ def test_scikit_learns_macro_f1_over_all_classes_counts_an_absent_one_as_zero(re
 # Nothing to score
 
 
-@hard_case(EMPTY, *EMPTY_WORDS)
+@EMPTY.mark
 def test_figures_of_no_window_are_none_and_have_all_their_names() -> None:
     some = situation_scores(np.array([0, 1, 2, 3]), np.array([0, 1, 2, 3]), list("abab"), n_draws=5)
     none = situation_scores(NO_ROWS, NO_ROWS, [], n_draws=5)
@@ -204,7 +166,7 @@ def two_tasks(first: str, second: str) -> tuple[DataSet, dict[str, npt.NDArray[n
 
 
 @pytest.mark.parametrize(("first", "second"), [("abcdef", "ab"), ("abc", "abcdef"), ("abcdef", "abcdefgh")])
-@hard_case(EMPTY, *EMPTY_WORDS)
+@EMPTY.mark
 def test_a_fold_without_a_window_of_a_task_is_no_trouble_and_every_window_is_held_out_once(
     first: str, second: str
 ) -> None:
@@ -215,14 +177,14 @@ def test_a_fold_without_a_window_of_a_task_is_no_trouble_and_every_window_is_hel
         assert (held.votes[task].sum(axis=1) > 0).all()
 
 
-@hard_case(EMPTY, *EMPTY_WORDS)
+@EMPTY.mark
 def test_a_fold_that_leaves_nothing_to_train_on_says_which_task() -> None:
     data, features = two_tasks("abcdef", "a")
     with pytest.raises(ClassMissing, match="predict_250ms: no window to train on"):
         cross_validate(data, features, PLAN)
 
 
-@hard_case(EMPTY, *EMPTY_WORDS, unguarded=True)
+@EMPTY.unguarded
 def test_the_usual_figures_of_nothing_are_nan_with_a_warning_or_a_crash() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -236,7 +198,7 @@ def test_the_usual_figures_of_nothing_are_nan_with_a_warning_or_a_crash() -> Non
 
 
 @pytest.mark.parametrize("foreign", [UNKNOWN, 5, 99])
-@hard_case(FOREIGN, *FOREIGN_WORDS)
+@FOREIGN.mark
 def test_a_prediction_that_is_no_label_is_refused_by_its_number(foreign: int) -> None:
     with pytest.raises(LabelError, match=f"a prediction of {foreign}, not of 0..4"):
         situation_scores(np.array([0, 1, 2]), np.array([0, foreign, 2]), list("abc"))
@@ -245,13 +207,13 @@ def test_a_prediction_that_is_no_label_is_refused_by_its_number(foreign: int) ->
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@hard_case(FOREIGN, *FOREIGN_WORDS)
+@FOREIGN.mark
 def test_a_score_that_is_no_number_is_refused(bad: float) -> None:
     with pytest.raises(NotANumber, match="1 of 3 scores are not finite"):
         prediction_scores(np.array([0, 1, 1]), np.array([0.5, bad, 1.0]), list("abc"))
 
 
-@hard_case(FOREIGN, *FOREIGN_WORDS, unguarded=True)
+@FOREIGN.unguarded
 def test_counted_in_cells_an_answer_of_minus_one_is_an_answer_withheld_from_another_class() -> None:
     n, truth, predicted = 4, np.array([0, 1, 1]), np.array([0, 1, UNKNOWN])
     cells = np.bincount(truth * (n + 1) + predicted, minlength=n * (n + 1)).reshape(n, n + 1)
@@ -279,7 +241,7 @@ def scored(*streams: Stream) -> dict[str, Any]:
     return score(list(streams), Point(debounce=2), 500)
 
 
-@hard_case(EVENTS, *EVENTS_WORDS)
+@EVENTS.mark
 def test_one_event_that_is_caught_is_a_recall_of_one_and_one_that_is_missed_of_none() -> None:
     caught, missed = scored(stream(alarm((120, 140)))), scored(stream(alarm()))
     assert (caught["recall"], caught["events"], caught["false_per_min"]) == (1.0, 1, 0.0)
@@ -288,7 +250,7 @@ def test_one_event_that_is_caught_is_a_recall_of_one_and_one_that_is_missed_of_n
     assert (missed["recall"], missed["delay_ms"], missed["lead_used"]) == (0.0, None, None)
 
 
-@hard_case(EVENTS, *EVENTS_WORDS)
+@EVENTS.mark
 def test_without_an_event_there_is_no_recall_and_without_a_sample_no_rate() -> None:
     quiet, nothing = scored(stream(alarm((10, 20)), onset_s=None)), scored()
     assert (quiet["recall"], quiet["events"], quiet["false_per_min"]) == (None, 0, 20.0)
@@ -302,26 +264,26 @@ def test_without_an_event_there_is_no_recall_and_without_a_sample_no_rate() -> N
 
 
 @pytest.mark.parametrize("first", [0, 1, 98])
-@hard_case(EVENTS, *EVENTS_WORDS)
+@EVENTS.mark
 def test_an_alarm_that_is_on_before_the_load_comes_is_false_and_catches_nothing(first: int) -> None:
     figures = scored(stream(alarm((first, 300))))
     assert (figures["recall"], figures["false_per_min"]) == (0.0, 20.0)
 
 
-@hard_case(EVENTS, *EVENTS_WORDS)
+@EVENTS.mark
 def test_an_alarm_that_was_on_and_begins_again_in_the_event_is_both() -> None:
     figures = scored(stream(alarm((50, 90), (110, 150))))
     assert (figures["recall"], figures["false_per_min"]) == (1.0, 20.0)
 
 
-@hard_case(EVENTS, *EVENTS_WORDS)
+@EVENTS.mark
 def test_an_object_that_was_lost_in_the_first_instant_ends_its_event_then() -> None:
     """A loss at 0 s is a time, not a missing one."""
     assert scored(stream(alarm((120, 140)), onset_s=0.0, lost_s=0.0))["recall"] == 0.0
     assert scored(stream(alarm((120, 140)), onset_s=0.0, lost_s=None))["recall"] == 1.0
 
 
-@hard_case(EVENTS, *EVENTS_WORDS, unguarded=True)
+@EVENTS.unguarded
 def test_counted_sample_by_sample_an_alarm_that_never_ends_catches_every_event() -> None:
     always = stream(alarm((0, 300)))
     t_s = np.arange(300) / RATE_HZ
@@ -329,7 +291,7 @@ def test_counted_sample_by_sample_an_alarm_that_never_ends_catches_every_event()
     assert scored(always)["recall"] == 0.0
 
 
-@hard_case(COLLAR, *COLLAR_WORDS)
+@COLLAR.mark
 def test_a_second_alarm_in_the_same_event_is_neither_false_nor_another_catch() -> None:
     once, twice = scored(stream(alarm((120, 140)))), scored(stream(alarm((120, 140), (150, 170), (180, 199))))
     assert once == twice
@@ -342,12 +304,12 @@ def shaking() -> FloatArray:
     return np.random.default_rng(0).normal(0.0, 0.002, (1000, 3)) + 0.5 * np.outer(slip, [1.0, 0.0, 0.0])
 
 
-@hard_case(COLLAR, *COLLAR_WORDS)
+@COLLAR.mark
 def test_a_slip_that_sticks_and_slides_is_one_critical_point() -> None:
     assert band_pass_rows(shaking(), RATE_HZ) == pytest.approx([500], abs=10)
 
 
-@hard_case(COLLAR, *COLLAR_WORDS, unguarded=True)
+@COLLAR.unguarded
 def test_without_a_collar_such_a_slip_is_counted_again_with_every_swing(record_property: Record) -> None:
     envelope = band_pass_envelope(shaking(), RATE_HZ)[:, 0]
     above = envelope > 6.0 * np.median(envelope)
@@ -377,7 +339,7 @@ SINGULAR_MATRICES: dict[str, list[list[float]]] = {
 
 
 @pytest.mark.parametrize("name", SINGULAR_MATRICES)
-@hard_case(SINGULAR, *SINGULAR_WORDS)
+@SINGULAR.mark
 def test_a_singular_matrix_is_refused_and_its_sensor_named(name: str, tmp_path: Path) -> None:
     path = write_calibration(tmp_path / "c.json", field_calibration(SINGULAR_MATRICES[name]))
     with pytest.raises(DataError, match=r"c\.json: matrix_n_per_ut of sensor 2 is singular.*holdfast calibrate"):
@@ -387,7 +349,7 @@ def test_a_singular_matrix_is_refused_and_its_sensor_named(name: str, tmp_path: 
 @pytest.mark.parametrize("matrix", [
     [[0.0] * 3, [0.0] * 3, ROW], [ROW, [0.0] * 3, [0.0, 0.0, 0.01]], [ROW, [0.0, 1e-9, 0.0], [0.0, 0.0, 1e6]],
 ], ids=["normal alone", "one shear axis", "axes of very different size"])  # fmt: skip
-@hard_case(SINGULAR, *SINGULAR_WORDS)
+@SINGULAR.mark
 def test_an_axis_that_was_never_loaded_is_a_row_of_zeros_and_singular_it_is_not(
     matrix: list[list[float]], tmp_path: Path
 ) -> None:
@@ -398,7 +360,7 @@ def test_an_axis_that_was_never_loaded_is_a_row_of_zeros_and_singular_it_is_not(
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
 @pytest.mark.parametrize("where", ["matrix_n_per_ut", "rest_ut"])
-@hard_case(SINGULAR, *SINGULAR_WORDS)
+@SINGULAR.mark
 def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(number: str, where: str, tmp_path: Path) -> None:
     there = replace(field_calibration(np.eye(3)), rest_ut=np.full((2, 3), 7.0))
     path = write_calibration(tmp_path / "c.json", there)
@@ -410,7 +372,7 @@ def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(number: str, 
         read_calibration(path)
 
 
-@hard_case(SINGULAR, *SINGULAR_WORDS, unguarded=True)
+@SINGULAR.unguarded
 def test_a_finger_with_such_a_matrix_reads_nothing_under_any_load_or_one_force_as_another() -> None:
     field = np.random.default_rng(0).normal(0.0, 500.0, (100, 2, 3))
     dead = field_calibration(SINGULAR_MATRICES["zero"]).apply(field)[:, 1]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hard_marks import GAPS
 
 from drivers.replay import open_replay
 from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample
@@ -108,6 +109,7 @@ def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
     assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(range(100, 135))
 
 
+@GAPS.mark
 @pytest.mark.parametrize(("missing", "blind"), [(1, False), (2, True), (500, True)])
 def test_samples_that_never_came_are_lost_samples(eight_classes: Built, missing: int, blind: bool) -> None:
     """At 50 Hz, 20 ms are one sample: a longer gap leaves half a second of history that is not the hand's own."""
