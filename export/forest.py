@@ -21,6 +21,8 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from export.builder import GraphBuilder
 
 EXACT_FLOAT32 = 2**24
+REMAINDER_DIGITS = 6
+"""Remainders that are equal as fractions differ by less as float64, and others by more in leaves of fewer rows."""
 NODE_ATTRIBUTES = (
     "nodes_treeids",
     "nodes_nodeids",
@@ -61,7 +63,7 @@ def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
     share = values / values.sum(axis=1, keepdims=True) * scale
     whole = np.floor(share).astype(np.int64)
     missing = scale - whole.sum(axis=1)
-    by_risk = (whole - share)[:, ::-1]
+    by_risk = np.round(whole - share, REMAINDER_DIGITS)[:, ::-1]
     rank = np.argsort(np.argsort(by_risk, axis=1, kind="stable"), axis=1, kind="stable")[:, ::-1]
     return whole + (rank < missing[:, None])
 

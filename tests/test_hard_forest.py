@@ -276,6 +276,22 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
 
 
 @EXACT.mark
+def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_and_of_equal_ones_to_the_riskier() -> None:
+    rng = np.random.default_rng(6)
+    x, y = rng.normal(size=(300, N_FEATURES)), rng.integers(5, size=300)
+    forest = RandomForestClassifier(5, min_samples_leaf=7, random_state=0).fit(x, y)
+    whole = 1 << vote_bits(5)
+    for tree, votes in zip(forest.estimators_, leaf_votes(forest, 5), strict=True):
+        counts = np.rint(tree.tree_.value[:, 0, :] * tree.tree_.weighted_n_node_samples[:, None]).astype(np.int64)
+        for count, given in zip(counts.tolist(), votes.tolist(), strict=True):
+            shares = [Fraction(one * whole, sum(count)) for one in count]
+            floors = [share.numerator // share.denominator for share in shares]
+            ranked = sorted(range(5), key=lambda k: (shares[k] - floors[k], k), reverse=True)
+            odd = ranked[: whole - sum(floors)]
+            assert given == [floor + (k in odd) for k, floor in enumerate(floors)]
+
+
+@EXACT.mark
 def test_the_order_of_the_trees_changes_no_vote() -> None:
     one = case("eight classes, impure leaves")
     rows = adversarial(one, 10_000, seed=5)

@@ -298,10 +298,11 @@ def test_a_second_alarm_in_the_same_event_is_neither_false_nor_another_catch() -
 
 
 def shaking() -> FloatArray:
-    """[1000, 3] at 100 Hz: one slip of 0.4 s, in which the object sticks and slides four times."""
+    """[1000, 3] at 100 Hz: one slip of 0.4 s, in which the object sticks and slides; y follows 0.45 s after x."""
     t_s = np.arange(1000) / RATE_HZ
     slip = ((t_s >= 5.0) & (t_s < 5.4)) * np.sin(2.0 * np.pi * 20.0 * t_s) * (np.sin(2.0 * np.pi * 5.0 * t_s) > 0.0)
-    return np.random.default_rng(0).normal(0.0, 0.002, (1000, 3)) + 0.5 * np.outer(slip, [1.0, 0.0, 0.0])
+    both = np.stack([slip, np.roll(slip, 45), np.zeros(1000)], axis=1)
+    return np.random.default_rng(0).normal(0.0, 0.002, (1000, 3)) + 0.5 * both
 
 
 @COLLAR.mark
