@@ -22,7 +22,7 @@ from export.builder import GraphBuilder
 
 EXACT_FLOAT32 = 2**24
 REMAINDER_DIGITS = 6
-"""Remainders that are equal as fractions differ by less as float64, and others by more in leaves of fewer rows."""
+"""Equal fractions differ by less as float64; unequal ones by more, in a leaf of less than a million rows."""
 NODE_ATTRIBUTES = (
     "nodes_treeids",
     "nodes_nodeids",

@@ -164,6 +164,25 @@ def test_a_row_alone_is_answered_bit_for_bit_as_in_any_batch(
     assert {name: part.tobytes() for name, part in few.items()} == {name: part.tobytes() for name, part in many.items()}
 
 
+@MILLION.unguarded
+def test_thresholds_rounded_to_the_nearest_float32_send_every_second_row_that_stands_on_them_the_wrong_way(
+    record_property: Record,
+) -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(400, N_FEATURES)).astype(np.float32)
+    forest = ExtraTreesClassifier(20, random_state=0).fit(x, rng.integers(4, size=400))
+    trees = [tree.tree_ for tree in forest.estimators_]
+    at = np.concatenate([tree.threshold[tree.feature >= 0] for tree in trees])
+    row_on_it = at.astype(np.float32)  # goes left where that is the threshold too, and right in scikit-learn where above
+    moved = float(np.mean(row_on_it.astype(np.float64) > at))
+    record_property("thresholds", len(at))
+    record_property("share_that_is_moved", moved)
+    assert moved > 0.2
+    ours = largest_float32_not_above(at)
+    assert (ours.astype(np.float64) <= at).all()
+    assert (np.nextafter(ours, np.float32(np.inf)).astype(np.float64) > at).all()
+
+
 # Stock conversion
 
 
