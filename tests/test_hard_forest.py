@@ -173,7 +173,7 @@ def test_thresholds_rounded_to_the_nearest_float32_send_every_second_row_that_st
     forest = ExtraTreesClassifier(20, random_state=0).fit(x, rng.integers(4, size=400))
     trees = [tree.tree_ for tree in forest.estimators_]
     at = np.concatenate([tree.threshold[tree.feature >= 0] for tree in trees])
-    row_on_it = at.astype(np.float32)  # goes left where that is the threshold too, and right in scikit-learn where above
+    row_on_it = at.astype(np.float32)  # goes left where it is the threshold too; in scikit-learn right, where above
     moved = float(np.mean(row_on_it.astype(np.float64) > at))
     record_property("thresholds", len(at))
     record_property("share_that_is_moved", moved)
