@@ -66,7 +66,7 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m benchmarks.cost.page build/bench docs
 
 hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how they went
-	$(BIN)/python -m pytest -m "hard_case and not soak" --hard-cases build/hard-cases.json $(ARGS)
+	$(BIN)/python -m pytest -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)
 	$(BIN)/python tests/hard_cases_page.py build/hard-cases.json > docs/hard-cases.md
 
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench

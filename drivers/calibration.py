@@ -307,10 +307,16 @@ def write_calibration(path: str | Path, calibration: Calibration) -> Path:
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read and check. Raises DataNotFound, DataError (not JSON, another format), ChannelError, NotANumber."""
+    """Read and check. Raises DataNotFound, DataError (not JSON, another format, singular), ChannelError, NotANumber.
+
+    Singular: two loaded axes are made one, or no field is a force, and the finger would read a calm zero for ever.
+    """
     file = _File(Path(path), CALIBRATION)
     matrix = file.numbers("matrix_n_per_ut", (None, 3, 3))
     n_sensors = len(matrix)
+    singular = np.flatnonzero([_is_singular(one) for one in matrix]) + 1
+    if singular.size:
+        raise file.wrong(DataError, f"matrix_n_per_ut of sensor {singular[0]} is singular")
     rest = None if file.value("rest_ut") is None else file.numbers("rest_ut", (n_sensors, 3))
     meta = Meta(
         file.word("source"),
@@ -320,6 +326,13 @@ def read_calibration(path: str | Path) -> Calibration:
         file.numbers("residual_n", (n_sensors, 3), gaps=True),
     )
     return Calibration(matrix, rest, file.flags("reversed", n_sensors), meta)
+
+
+def _is_singular(matrix: FloatArray) -> bool:
+    """Whether the rows of the axes that were loaded (not all zero) do not lead to as many directions, or are none."""
+    largest = np.abs(matrix).max(axis=1)
+    rows = matrix[largest > 0.0] / largest[largest > 0.0, None]
+    return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
 
 
 def write_bias(path: str | Path, bias: Bias) -> Path:

@@ -74,7 +74,7 @@ class Prediction:
 
     t_acquired_ns, t_decided_ns, latency_us: monotonic clock. p_situation: the four situations, always.
     p_class and weight: None where the model knows no weight, and in "nothing" and "unknown".
-    state: "unknown" whenever fewer sensors than the model needs are usable and settled.
+    state: "unknown" whenever fewer sensors than the model needs are usable and settled, or all repeat themselves.
     extra: further heads by name, such as p_risky_250ms. detectors: which classical detectors fire.
     arm, act: the decision's debounced request. degraded: some sensor is missing, yet enough are left.
     """

@@ -14,7 +14,7 @@ from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample, State
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 from edge_runtime.errors import BrokenSeal, ChannelError, TimeError
 from edge_runtime.golden import check_golden, golden_answers, golden_from_json
-from edge_runtime.graph import Outputs, StepGraph, open_session
+from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.memory import give_back
 from edge_runtime.model_file import GOLDEN_KEY, ModelCard, check_runtime, read_card, read_sealed
 
@@ -62,6 +62,11 @@ class GripMonitor:
         Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a gap of
         more than 20 ms makes the state unknown until the history is whole again. Raises ChannelError, and
         TimeError where time runs backwards.
+
+        A hand that has read the same numbers to the last bit for as long as the model looks back is no live hand, and
+        no model was trained on one: the state is unknown. (One finger that repeats itself is for the driver to find, by
+        the chip's own counter.) A sample that comes twice, with the same time and the same sequence, is answered again
+        and counts once.
         """
         if sample.values.shape != (self.card.n_channels,) or sample.valid.shape != (self.card.n_channels // 3,):
             raise ChannelError(
@@ -69,18 +74,23 @@ class GripMonitor:
                 f"the model wants {self.card.n_channels} channels of {self.card.n_channels // 3} sensors",
                 next_step="use a model made for this source",
             )
-        self._bridge_gap(sample.t_ns)
-        np.copyto(self._graph.sample[0], sample.values)
-        np.copyto(self._graph.valid[0], sample.valid)
-        out = self._graph.step()
+        came_before = (sample.t_ns, sample.sequence) == (self._last_t_ns, self._last_sequence)
+        if not came_before:
+            self._bridge_gap(sample.t_ns)
+            self._remember(sample)
+            np.copyto(self._graph.sample[0], sample.values)
+            np.copyto(self._graph.valid[0], sample.valid)
+            self._graph.step()
         self.stepped_ns = self._clock_ns()
-        return self._predict(sample, out, opening, override)
+        return self._predict(sample, came_before, opening, override)
 
     def reset(self) -> None:
         """Forget the stream; the next sample starts afresh and unsettled."""
         self._graph.reset()
         self._decision = DecisionState()
         self._last_t_ns: int | None = None
+        self._last_sequence: int | None = None
+        self._last_reading, self._repeated = b"", 0
 
     def _bridge_gap(self, t_ns: int) -> None:
         """Step over the samples that are missing since the last one, as invalid ones."""
@@ -97,16 +107,25 @@ class GripMonitor:
         for _ in range(min(missing, self.card.gap_samples + 1)):  # one more than is bridged, and it is all the same
             self._graph.step()
 
+    def _remember(self, sample: Sample) -> None:
+        """Remember the sample, and count those in a row of which every valid sensor reads the same bits."""
+        self._last_sequence = sample.sequence
+        reading = sample.values.reshape(-1, 3)[sample.valid].tobytes()
+        self._repeated = self._repeated + 1 if reading == self._last_reading else 1
+        self._last_reading = reading
+
     def _outputs(self) -> list[str]:
         weight = ["p_class", "weight"] if self.card.has_weight else []
         flags = ["detectors", "settled", "unknown", "usable_sensors"]
         return ["votes", "situation", "p_situation", *weight, *self.card.heads, *flags]
 
-    def _predict(self, sample: Sample, out: Outputs, opening: bool, override: bool) -> Prediction:
-        unknown = bool(out["unknown"][0])
+    def _predict(self, sample: Sample, came_before: bool, opening: bool, override: bool) -> Prediction:
+        out = self._graph.out
+        unknown = bool(out["unknown"][0]) or self._repeated >= self.card.settle_samples
         label = UNKNOWN if unknown else int(out["situation"][0])
         permille = _risky_permille(out["votes"][0])
-        self._decision = decide(self._rules, self._decision, label, permille, opening=opening, override=override)
+        counted = UNKNOWN if came_before else label
+        self._decision = decide(self._rules, self._decision, counted, permille, opening=opening, override=override)
         state: State = "unknown" if unknown else _STATES[label]
         weighs = self.card.has_weight and state not in ("unknown", "nothing")
         p_situation = _named(SITUATIONS, out["p_situation"][0])

@@ -21,6 +21,8 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from export.builder import GraphBuilder
 
 EXACT_FLOAT32 = 2**24
+REMAINDER_DIGITS = 6
+"""Equal fractions differ by less as float64; unequal ones by more, in a leaf of less than a million rows."""
 NODE_ATTRIBUTES = (
     "nodes_treeids",
     "nodes_nodeids",
@@ -57,11 +59,12 @@ def leaf_votes(forest: Forest, n_classes: int) -> list[IntArray]:
 
 
 def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
-    """Rows of non-negative weights -> integers that sum to `scale`, by the largest remainders."""
+    """Rows of non-negative weights -> integers that sum to `scale`, by the largest remainders; the riskier of equal."""
     share = values / values.sum(axis=1, keepdims=True) * scale
     whole = np.floor(share).astype(np.int64)
     missing = scale - whole.sum(axis=1)
-    rank = np.argsort(np.argsort(-(share - whole), axis=1, kind="stable"), axis=1, kind="stable")
+    by_risk = np.round(whole - share, REMAINDER_DIGITS)[:, ::-1]
+    rank = np.argsort(np.argsort(by_risk, axis=1, kind="stable"), axis=1, kind="stable")[:, ::-1]
     return whole + (rank < missing[:, None])
 
 

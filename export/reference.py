@@ -16,7 +16,9 @@ FloatRows = npt.NDArray[np.float32]
 
 
 def reference_votes(forest: Forest, features: FloatRows, n_classes: int) -> IntArray:
-    """Exact integer votes [N, n_classes] of float32 rows [N, F]."""
+    """Exact integer votes [N, n_classes] of float32 rows [N, F]; of no rows, none."""
+    if not len(features):
+        return np.zeros((0, n_classes), dtype=np.int64)
     with np.errstate(over="ignore", invalid="ignore"):  # scikit-learn sums the rows to look for NaN
         leaves = forest.apply(features)
     total = np.zeros((len(features), n_classes), dtype=np.int64)

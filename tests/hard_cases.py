@@ -6,7 +6,7 @@
     )
     def test_a_slip_on_an_offset_of_ten_thousand_is_seen(record_property): ...
 
-`pytest -m hard_case --hard-cases FILE` writes area, case, both sentences, test, outcome and what the test recorded with
+`pytest -m hard_case --hard-cases=FILE` writes area, case, both sentences, test, outcome and what the test recorded with
 `record_property` as JSON; tests/hard_cases_page.py makes docs/hard-cases.md of it. A test that shows what happens
 without a guard carries the same mark and `unguarded=True`.
 """

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hard_marks import OFFSET, POLE, RATES, SILENCE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto
@@ -70,6 +71,7 @@ def assert_equal_to(expected: FloatArray, got: FloatArray) -> None:
     assert (np.abs(got - expected) / scale).max() <= RELATIVE
 
 
+@RATES.mark
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_the_graphs_bank_is_scipys_filter_from_rest_on_every_shear_signal(rate_hz: float) -> None:
     spec = spec_at(rate_hz)
@@ -115,6 +117,7 @@ def test_a_tone_is_loudest_in_the_band_that_bears_its_name(rate_hz: float) -> No
         np.testing.assert_array_equal(loudness.argmax(axis=-1), place)
 
 
+@RATES.mark
 @pytest.mark.parametrize(
     ("rate_hz", "carried"), [(50.0, (10, 15, 20)), (50.1, (10, 15, 20)), (58.9, (10, 15, 20, 25)), (1000.0, BANDS_HZ)]
 )
@@ -140,6 +143,7 @@ def test_the_sealed_card_lists_the_bands_and_the_bands_left_out(eight_classes: B
     assert card["bands_left_out_hz"] == [25, 30, 35, 40, 45, 50, 55]
 
 
+@RATES.mark
 @pytest.mark.parametrize("rate_hz", [20.0, 12.5, 1.0])
 def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
     for refused in (spec_at(rate_hz).carried_bands, spec_at(rate_hz).warn_of_lost_bands):
@@ -149,12 +153,7 @@ def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
         feature_graph(spec_at(rate_hz))
 
 
-@pytest.mark.hard_case(
-    "Filter and features",
-    "the differentiator's pole at -1",
-    elsewhere="the bilinear differentiator rings for ever at half the rate",
-    here="differentiator and low-pass are one stable section",
-)
+@POLE.mark
 @given(rate_hz=st.floats(21.75, 20_000.0))
 @settings(max_examples=60, deadline=None)
 def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(rate_hz: float) -> None:
@@ -165,6 +164,7 @@ def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(rate
     assert np.abs(eigenvalues).max() < 1.0
 
 
+@RATES.mark
 @given(rate_hz=st.floats(21.75, 1000.0))
 @settings(max_examples=60, deadline=None)
 def test_no_band_rings_for_more_than_a_second_after_it_was_named_at_any_rate(rate_hz: float) -> None:
@@ -175,6 +175,7 @@ def test_no_band_rings_for_more_than_a_second_after_it_was_named_at_any_rate(rat
     assert -1.0 / (np.log(slowest) * rate_hz) < max(1.0, 40.0 / rate_hz)
 
 
+@SILENCE.mark
 @pytest.mark.parametrize("rate_hz", [50.0, 150.0])
 def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: float) -> None:
     spec = spec_at(rate_hz)
@@ -192,6 +193,7 @@ def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: flo
     assert not graph.out["rectified"].any()
 
 
+@OFFSET.mark
 @given(offset=st.integers(-(2**18), 2**18), numbers=st.lists(st.integers(-(2**10), 2**10), min_size=12, max_size=60))
 @settings(max_examples=20, deadline=None)
 def test_a_constant_offset_however_large_changes_nothing(offset: int, numbers: list[int]) -> None:

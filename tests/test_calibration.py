@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hard_marks import SINGULAR
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -157,6 +158,7 @@ def test_the_held_out_error_is_the_noise_of_the_loads() -> None:
     assert fitted.calibration.meta.residual_n[0, 2] == pytest.approx(0.2, rel=0.2)
 
 
+@SINGULAR.mark
 def test_loads_one_way_give_no_matrix_for_three() -> None:
     field, matrix, blocks = pressed(1)
     field[:, :, :2] = 0.0
@@ -194,12 +196,14 @@ def test_a_fit_says_what_it_lacks() -> None:
 
 @st.composite
 def calibrations(draw: st.DrawFn) -> Calibration:
+    """Any numbers at all, as long as no matrix is singular: each leads with a diagonal of its own size."""
     n = draw(st.integers(1, 6))
-    numbers = {size: arrays(np.float64, size, elements=ANY) for size in ((n, 3, 3), (n, 3))}
     residual = draw(arrays(np.float64, (n, 3), elements=st.floats(0.0, 1e3) | st.just(float("nan"))))
     meta = Meta(draw(st.text()), draw(st.text()), draw(st.text()), draw(st.integers(0, 10**9)), residual)
-    rest = draw(st.none() | numbers[n, 3])
-    return Calibration(draw(numbers[n, 3, 3]), rest, draw(arrays(np.bool_, n)), meta)
+    rest = draw(st.none() | arrays(np.float64, (n, 3), elements=ANY))
+    size = draw(st.floats(1e-300, 1e300))
+    matrix = size * (np.eye(3) + 0.1 * draw(arrays(np.float64, (n, 3, 3), elements=st.floats(-1.0, 1.0))))
+    return Calibration(matrix, rest, draw(arrays(np.bool_, n)), meta)
 
 
 def same_bits(a: FloatArray, b: FloatArray) -> bool:
@@ -231,6 +235,8 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, NotANumber, "'3', which is no number"),
     ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, NotANumber, "None, which is no number"),
     ({"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2}, NotANumber, "True, which is no number"),
+    ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, DataError, "sensor 1 is singular"),
+    ({"matrix_n_per_ut": [np.eye(3).tolist(), [[1.0, 2.0, 3.0], [0.0] * 3, [2.0, 4.0, 6.0]]]}, DataError, "sensor 2"),
     ({"rest_ut": [[0.0, 0.0, 0.0]]}, ChannelError, r"rest_ut has shape \[1, 3\], not \[2, 3\]"),
     ({"reversed": [False]}, ChannelError, "reversed is not 2 times"),
     ({"reversed": [0, 1]}, ChannelError, "reversed is not 2 times"),
@@ -240,6 +246,7 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
 ]
 
 
+@SINGULAR.mark
 @pytest.mark.parametrize(("change", "error", "says"), BROKEN, ids=[f"{k}" for k in range(len(BROKEN))])
 def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
     tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str

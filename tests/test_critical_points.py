@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hard_marks import BAD_SAMPLE, COLLAR, DEGENERATE, NORMAL, SIGN
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -128,6 +129,7 @@ def test_the_order_of_the_sensors_changes_nothing(order: list[int], seed: int) -
     assert rows(shuffled) == rows(samples)
 
 
+@SIGN.mark
 @given(mirror=st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4), seed=st.integers(0, 50))
 @settings(max_examples=20, deadline=None)
 def test_the_sign_of_a_shear_axis_changes_nothing(mirror: list[float], seed: int) -> None:
@@ -145,6 +147,7 @@ def test_points_keep_off_both_ends_and_apart_from_each_other(seed: int, rate_hz:
     assert np.all(np.diff(times) > 0.5)
 
 
+@COLLAR.mark
 def test_excursions_that_follow_within_three_tenths_of_a_second_are_one() -> None:
     t_s = np.arange(1500) / 150.0
     samples = np.random.default_rng(0).normal(0.0, 0.002, (1500, 3))
@@ -155,6 +158,7 @@ def test_excursions_that_follow_within_three_tenths_of_a_second_are_one() -> Non
     assert band_pass_rows(samples, 150.0) == pytest.approx([600, 1140], abs=15)
 
 
+@NORMAL.mark
 def test_a_normal_force_that_crosses_zero_makes_no_friction_point() -> None:
     rng = np.random.default_rng(0)
     t_s = np.arange(500) / 50.0
@@ -168,6 +172,7 @@ def test_a_friction_mark_sits_on_the_jump_and_not_where_it_was_foreseen() -> Non
     assert friction_rows(held_object(), 50.0) == pytest.approx([50 * GRASP_S, 50 * SLIP_S], abs=6)
 
 
+@COLLAR.mark
 def test_of_two_jumps_within_half_a_second_the_larger_is_kept() -> None:
     t_s = np.arange(500) / 50.0
     samples = np.random.default_rng(0).normal(0.0, 0.002, (500, 3))
@@ -185,11 +190,13 @@ def test_a_sudden_loss_of_grip_under_steady_shear_is_a_friction_point() -> None:
     assert friction_rows(samples, 50.0)[-1] == pytest.approx(300, abs=1)
 
 
+@DEGENERATE.mark
 def test_a_dead_or_silent_recording_has_no_points() -> None:
     assert rows(np.zeros((500, 6))) == []
     assert rows(np.full((500, 6), np.nan)) == []
 
 
+@BAD_SAMPLE.mark
 def test_lost_values_poison_nothing() -> None:
     samples = held_object()
     expected = rows(samples)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import onnxruntime as ort
 import pytest
+from hard_marks import COLLAR, EVENTS, NORMAL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -91,6 +92,7 @@ def test_vibration_along_the_normal_is_not_shear() -> None:
     assert not detect(burst(quiet(5.0), 3.0, 0.5, 2.0, channel=2))["band_pass"].any()
 
 
+@EVENTS.mark
 def test_lasting_noise_cannot_lock_the_alarm_on_for_ever() -> None:
     values = quiet(100.0)
     values[at(5.0) :, 3] *= 100.0
@@ -99,6 +101,7 @@ def test_lasting_noise_cannot_lock_the_alarm_on_for_ever() -> None:
     assert not fired[at(80.0) :].any()
 
 
+@EVENTS.mark
 def test_neither_can_a_lasting_tone() -> None:
     fired = detect(burst(quiet(100.0), 5.0, 95.0, 2.0))["band_pass"]
     assert fired[at(5.5) : at(10.0)].all()
@@ -156,6 +159,7 @@ def test_quiet_that_is_exactly_long_enough_is_enough_and_one_sample_less_is_not(
     np.testing.assert_array_equal(points[begins], lasted >= 5)
 
 
+@COLLAR.mark
 def test_one_burst_is_one_critical_point_and_the_next_needs_quiet_before_it() -> None:
     once = burst(quiet(8.0), 3.0, 0.4, 1.0)
     assert detect(once)["band_pass_point"].sum() == 1
@@ -188,6 +192,7 @@ def test_the_cone_is_more_shear_than_friction_holds_at_some_finger_pressed_hard_
     np.testing.assert_array_equal(said[~on_the_edge], outside.any(axis=1)[~on_the_edge])
 
 
+@NORMAL.mark
 @pytest.mark.parametrize("normal", [0.0, -0.0, 1e-300, -5.0, 0.5])
 def test_a_finger_that_presses_nothing_is_never_outside_the_cone(normal: float) -> None:
     forces = np.tile([100.0, -100.0, normal], (40, SENSORS))

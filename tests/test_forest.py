@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 import pytest
+from hard_marks import EXACT, MILLION, SMALL, TIES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx.utils import Extractor
@@ -82,6 +83,7 @@ FORESTS: dict[str, tuple[tuple[str, ...], tuple[int, ...], int, int | None]] = {
 }
 
 
+@SMALL.mark
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", FORESTS)
 def test_the_exported_file_answers_what_the_reference_does(kind: str, name: str) -> None:
@@ -114,6 +116,7 @@ def test_the_reference_is_the_forests_own_probability_within_the_quantisation(ki
     np.testing.assert_allclose(votes[:, [0, 1, 3]] / full, forest.predict_proba(rows), atol=7 / full)
 
 
+@EXACT.mark
 @given(trees=st.integers(1, 5000))
 @settings(max_examples=200, deadline=None)
 def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would_be(trees: int) -> None:
@@ -122,6 +125,7 @@ def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would
     assert k == 16 or trees << (k + 1) >= 2**24
 
 
+@EXACT.mark
 @given(seed=st.integers(0, 2**16), trees=st.integers(1, 9), depth=st.sampled_from([1, 2, 4, None]), spare=st.booleans())
 @settings(max_examples=15, deadline=None)
 def test_every_leaf_sums_to_its_full_vote_and_is_its_tree_within_one(
@@ -154,6 +158,7 @@ def tied(present: tuple[int, ...], kind: str = "extra") -> tuple[Forest, Rows]:
     return KINDS[kind](3, bootstrap=False, random_state=0).fit(x, np.tile(present, 4)), x[:1]
 
 
+@TIES.mark
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("present", [(0, 1), (1, 3), (0, 2), (0, 1, 2, 3), (2, 3)])
 def test_on_an_exact_tie_the_riskier_situation_wins_where_plain_predict_says_the_safer(
@@ -166,6 +171,7 @@ def test_on_an_exact_tie_the_riskier_situation_wins_where_plain_predict_says_the
     assert forest.predict(row)[0] == min(present)
 
 
+@TIES.mark
 def test_a_tie_of_trees_that_disagree_goes_to_the_riskier_one_too() -> None:
     """Two trees, each sure of another class; which one came first does not matter."""
     rng = np.random.default_rng(0)
@@ -261,6 +267,7 @@ def test_a_file_that_is_wrong_in_one_place_is_not_verified(classes: tuple[str, .
         verify(model, SPEC, heads, rows)
 
 
+@MILLION.mark
 @given(kind=st.sampled_from(sorted(KINDS)), place=st.integers(0, 2**16), what=st.sampled_from(["leaf", "threshold"]))
 @settings(max_examples=8, deadline=None)
 def test_it_does_not_matter_which_leaf_or_which_threshold_is_wrong(kind: str, place: int, what: str) -> None:
@@ -273,6 +280,7 @@ def test_it_does_not_matter_which_leaf_or_which_threshold_is_wrong(kind: str, pl
         verify(model, SPEC, heads, rows)
 
 
+@MILLION.mark
 def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_of_it() -> None:
     forest, rows = fitted("random", (0, 1, 2, 3), 4)
     hard = threshold_rows(forest, rows[:1], 0)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnxruntime as ort
 import pytest
+from hard_marks import BAD_SAMPLE, GAPS, MISSING
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto
@@ -89,6 +90,7 @@ def bits(array: FloatArray) -> bytes:
     return np.ascontiguousarray(array).tobytes()
 
 
+@BAD_SAMPLE.mark
 @pytest.mark.parametrize("how", BAD, ids=str)
 @pytest.mark.parametrize("axis", range(3))
 def test_a_bad_reading_is_replaced_by_that_sensors_last_good_one_and_no_other_is_touched(
@@ -111,6 +113,7 @@ def test_a_reading_in_range_is_taken_as_it_is(value: float) -> None:
     np.testing.assert_array_equal(out[3], values[3].astype(np.float32))
 
 
+@BAD_SAMPLE.mark
 @pytest.mark.parametrize("how", BAD, ids=str)
 def test_a_sensors_bank_is_held_bit_for_bit_while_it_is_bad(how: float | str) -> None:
     spec = spec_of(rate_hz=150.0)
@@ -130,6 +133,7 @@ def test_a_sensors_bank_is_held_bit_for_bit_while_it_is_bad(how: float | str) ->
         assert bits(held["rectified"][..., of(other)]) == bits(whole["rectified"][..., of(other)])
 
 
+@BAD_SAMPLE.mark
 @pytest.mark.parametrize("how", BAD, ids=str)
 def test_one_sample_after_a_bad_one_the_filter_is_clean_as_if_its_clock_had_stood_still(how: float | str) -> None:
     spec = spec_of(rate_hz=150.0)
@@ -168,6 +172,7 @@ def corrupted(draw: st.DrawFn, sensors: int, length: int = 70) -> tuple[FloatArr
     return values, valid
 
 
+@BAD_SAMPLE.mark
 @given(stream=corrupted(SENSORS))
 @settings(max_examples=40, deadline=None)
 def test_no_pattern_of_corruption_lets_a_number_that_is_not_finite_into_features_or_state(
@@ -178,6 +183,7 @@ def test_no_pattern_of_corruption_lets_a_number_that_is_not_finite_into_features
     assert np.isfinite(out["state"]).all()
 
 
+@MISSING.mark
 @given(stream=corrupted(6))
 @settings(max_examples=15, deadline=None)
 def test_no_pattern_of_corruption_reaches_votes_or_probabilities(
@@ -224,6 +230,7 @@ def gaps(draw: st.DrawFn, length: int = 260) -> BoolArray:
     return good
 
 
+@BAD_SAMPLE.mark
 @pytest.mark.parametrize("rate_hz", [50.0, 58.9, 100.0, 150.0])
 @pytest.mark.parametrize("needed", [0, 2])
 @given(good=gaps())
@@ -240,6 +247,7 @@ def test_settled_and_unknown_follow_the_stated_rule_at_every_sample(
     np.testing.assert_array_equal(out["unknown"], usable.sum(axis=1) < (needed or SENSORS))
 
 
+@GAPS.mark
 @pytest.mark.parametrize(("rate_hz", "bridged"), [(50.0, 1), (58.9, 1), (100.0, 2), (150.0, 3), (1000.0, 20)])
 def test_a_gap_of_20_ms_blinds_the_hand_while_it_lasts_and_a_longer_one_until_the_history_is_its_own(
     rate_hz: float, bridged: int
@@ -265,6 +273,7 @@ def test_a_fresh_hand_settles_when_its_half_second_of_history_is_its_own() -> No
         np.testing.assert_array_equal(out["unknown"], ~out["settled"])
 
 
+@GAPS.mark
 def test_a_sensor_that_comes_back_after_a_long_gap_starts_its_filter_afresh() -> None:
     spec = spec_of(rate_hz=100.0)
     values, valid = clean(80)
@@ -281,6 +290,7 @@ def test_a_number_of_sensors_that_would_never_or_always_be_unknown_is_refused(ne
         spec_of("now", min_valid_sensors=needed)
 
 
+@MISSING.mark
 def test_a_model_that_needs_fewer_sensors_answers_degraded_and_then_not_at_all(
     eight_classes: Built, tmp_path: Path
 ) -> None:

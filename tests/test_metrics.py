@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hard_marks import ABSENT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
@@ -118,6 +119,7 @@ def test_one_group_has_no_intervals() -> None:
     assert all((value is None) == ("_ci" in name) for name, value in values.items())
 
 
+@ABSENT.mark
 def test_an_absent_class_has_no_f1_and_does_not_count() -> None:
     truth, groups = np.array([1, 1, 3, 3]), list("abab")
     values = situation_scores(truth, np.array([1, 1, 3, 3]), groups, n_draws=10)
@@ -129,6 +131,7 @@ def test_an_absent_class_has_no_f1_and_does_not_count() -> None:
     assert values["macro_f1"] == pytest.approx((2 / 3 + 1.0) / 2)
 
 
+@ABSENT.mark
 def test_one_class_only_has_no_auc() -> None:
     values = prediction_scores(np.zeros(4, int), np.arange(4.0), list("abab"), n_draws=10)
     assert set(values.values()) == {None}

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import onnx
 import pytest
+from hard_marks import GOLDEN, VERSIONS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -190,6 +191,7 @@ def test_a_folder_and_nothing_at_all_are_no_model_either(tmp_path: Path) -> None
         assert str(caught.value).startswith(f"{path}: ")
 
 
+@VERSIONS.mark
 @pytest.mark.parametrize("version", WRONG_RUNTIMES)
 def test_a_runtime_known_to_be_wrong_is_refused_by_name(version: str) -> None:
     with pytest.raises(RuntimeRefused, match=re.escape(version)):
@@ -201,6 +203,7 @@ def test_other_runtimes_are_not(version: str) -> None:
     check_runtime(version)
 
 
+@VERSIONS.mark
 def test_the_runtimes_refused_are_the_runtimes_that_are_never_installed() -> None:
     requirements = tomllib.loads(PYPROJECT.read_text("utf-8"))["project"]["dependencies"]
     (onnxruntime,) = [line for line in requirements if line.startswith("onnxruntime")]
@@ -213,6 +216,7 @@ def test_a_file_sealed_by_the_rule_alone_is_accepted(eight_classes: Built, tmp_p
     assert Model(again).card == Model(eight_classes.model).card
 
 
+@GOLDEN.mark
 @pytest.mark.parametrize("built", ["eight_classes", "four_situations"])
 def test_every_golden_answer_is_compared(built: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     """One stored number of one output is altered: by one, by a flag, or by ten times its tolerance."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hard_marks import GAPS
 
 from drivers.replay import open_replay
 from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample
@@ -108,14 +109,17 @@ def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
     assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(range(100, 135))
 
 
+@GAPS.mark
 @pytest.mark.parametrize(("missing", "blind"), [(1, False), (2, True), (500, True)])
 def test_samples_that_never_came_are_lost_samples(eight_classes: Built, missing: int, blind: bool) -> None:
     """At 50 Hz, 20 ms are one sample: a longer gap leaves half a second of history that is not the hand's own."""
     monitor = GripMonitor(Model(eight_classes.model))
-    step_ns, still = 20_000_000, (np.zeros(18), np.ones(6, dtype=np.bool_))
-    before = [monitor.feed(Sample(k * step_ns, *still, k)) for k in range(40)]
+    step_ns, fine = 20_000_000, np.ones(6, dtype=np.bool_)
+    noise = np.random.default_rng(0).normal(0.0, 0.02, (60, 18))
+    before = [monitor.feed(Sample(k * step_ns, noise[k], fine, k)) for k in range(40)]
     assert before[-1].state != "unknown"
-    after = [monitor.feed(Sample((40 + missing + k) * step_ns, *still, 40 + missing + k)) for k in range(20)]
+    late = [40 + missing + k for k in range(20)]
+    after = [monitor.feed(Sample(k * step_ns, row, fine, k)) for k, row in zip(late, noise[40:], strict=True)]
     assert {answer.state == "unknown" for answer in after} == {blind}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hard_marks import EMPTY
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,6 +14,7 @@ from training.splits import assign_groups, folds_of, grouped_folds, leaky_folds
 GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
 
 
+@EMPTY.mark
 @given(groups=GROUPS, n_folds=st.integers(2, 6), seed=st.integers(0, 9))
 def test_no_group_is_on_both_sides_and_every_window_is_tested_once(groups: list[str], n_folds: int, seed: int) -> None:
     if len(set(groups)) < n_folds:
@@ -53,6 +55,7 @@ def test_two_tasks_hold_out_the_same_people() -> None:
         assert set(first[one]) == set(second[other])
 
 
+@EMPTY.mark
 def test_one_person_only_says_what_to_do() -> None:
     with pytest.raises(TooFewGroups, match=r"1 groups .* next: add recordings of other people"):
         grouped_folds(["a"] * 10, 2)

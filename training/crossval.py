@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.linear_model import LogisticRegression
 
+from edge_runtime.errors import ClassMissing
 from export.exporting import whole_graph
 from export.forest import Forest
 from export.heads import Calibration, Head
@@ -63,10 +64,10 @@ def cross_validate(
     """Held-out votes for every window of every task; folds of people are shared by all tasks.
 
     features: task -> [M, F]. verify_spec: export every fold's forests and compare them on all held-out rows.
-    Raises TooFewGroups.
+    A fold may hold out no window of a task; one that leaves none to train on is a ClassMissing. Raises TooFewGroups.
     """
     main = main_task(data)
-    folds = assign_groups(data.group_of(main), plan.folds, seed=seed)
+    folds = assign_groups(_groups_of_all(data, main), plan.folds, seed=seed)
     splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
     votes = {task: np.zeros((len(rows), len(rows.classes)), np.int64) for task, rows in data.tasks.items()}
     reports = []
@@ -82,6 +83,13 @@ def cross_validate(
     return HeldOut(votes, reports)
 
 
+def _groups_of_all(data: DataSet, main: str) -> npt.NDArray[np.str_]:
+    """Groups of the main task's windows, and of those windows of other tasks whose people have none of the main."""
+    known = data.group_of(main)
+    others = [data.group_of(task) for task in data.tasks if task != main]
+    return np.concatenate([known, *(groups[~np.isin(groups, known)] for groups in others)])
+
+
 def main_task(data: DataSet) -> str:
     """The task the main head learns: eight classes where there are any, else the four situations."""
     return "classes" if "classes" in data.tasks else "situations"
@@ -90,7 +98,14 @@ def main_task(data: DataSet) -> str:
 def fit_forest(
     data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, rows: npt.NDArray[np.int64], seed: int
 ) -> Forest:
-    """The plan's forest for a task, fitted on some of its windows."""
+    """The plan's forest for a task, fitted on some of its windows. Raises ClassMissing where there is none."""
+    if not len(rows):
+        raise ClassMissing(
+            f"task {task}: no window to train on",
+            where=data.name,
+            cause="all of its windows are in recordings that are held out",
+            next_step="add recordings of other people, or leave the task out",
+        )
     return plan.forest_for(task).build(seed).fit(features[rows], data.tasks[task].label[rows])
 
 

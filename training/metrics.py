@@ -7,7 +7,7 @@ B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "An Introd
 What is absent is said, not guessed: the F1 of a class found neither in truth nor in prediction is None;
 the macro F1 averages the classes present in truth (for a class that is predicted but absent the mistakes
 already cost precision elsewhere); AUC and average precision are None with one class only. Draws in which
-a figure is undefined do not count towards its interval.
+a figure is undefined do not count towards its interval. Without a single window every figure is None.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy.typing as npt
 from sklearn.metrics import average_precision_score, roc_auc_score
 
 from edge_runtime.contract import SITUATIONS, FloatArray
+from edge_runtime.errors import LabelError, NotANumber
 from training.recording import DataSet
 
 N_DRAWS = 1000
@@ -60,11 +61,15 @@ def situation_scores(
 ) -> dict[str, Any]:
     """macro_f1, f1 by class and their intervals, from labels [M], [M] and groups [M].
 
-    A prediction of len(classes) means "unknown": an answer withheld, which misses what was there.
+    A prediction of len(classes) means "unknown": an answer withheld, which misses what was there. Raises LabelError
+    for any other number: -1, the decision's own "unknown", would silently count as another class' answer.
     """
     n, code = len(classes), _codes(groups)
+    _require_labels(truth, n, "truth")
+    _require_labels(predicted, n + 1, "prediction")
     cells = (code * n + np.asarray(truth)) * (n + 1) + np.asarray(predicted)
-    by_group = np.bincount(cells, minlength=(code.max() + 1) * n * (n + 1)).reshape(-1, n, n + 1)
+    n_groups = int(code.max(initial=-1)) + 1
+    by_group = np.bincount(cells, minlength=n_groups * n * (n + 1)).reshape(-1, n, n + 1)
     total = by_group.sum(axis=0)[None]
     draws = np.einsum("bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group)
     f1, f1_draws = _f1(total)[0], _f1(draws)
@@ -79,8 +84,20 @@ def situation_scores(
 def prediction_scores(
     truth: Labels, score: FloatArray, groups: npt.ArrayLike, *, n_draws: int = N_DRAWS, seed: int = 0
 ) -> dict[str, Any]:
-    """auc, average_precision and their intervals, from labels 0/1 [M], scores [M] and groups [M]."""
+    """auc, average_precision and their intervals, from labels 0/1 [M], scores [M] and groups [M].
+
+    Raises LabelError for another label, and NotANumber for a score that is not finite.
+    """
     truth, code = np.asarray(truth), _codes(groups)
+    _require_labels(truth, 2, "truth")
+    if not np.isfinite(score).all():
+        raise NotANumber(
+            f"{int((~np.isfinite(score)).sum())} of {len(score)} scores are not finite",
+            cause="windows without an answer",
+            next_step="score an answer withheld as 0",
+        )
+    if not len(truth):
+        return dict.fromkeys(("auc", "auc_ci", "average_precision", "average_precision_ci"))
     both = len(np.unique(truth)) == 2
     ranking = rank(truth, score)
     draws = draw_groups(int(code.max()) + 1, n_draws, seed)
@@ -148,10 +165,18 @@ def rank(truth: Labels, score: FloatArray) -> Ranking:
 
 
 def draw_groups(n_groups: int, n_draws: int, seed: int) -> FloatArray:
-    """[B, G] how often each group is drawn, G draws with replacement a row; no rows for one group."""
+    """[B, G] how often each group is drawn, G draws with replacement a row; no rows for fewer than two."""
+    if n_groups < 2:
+        return np.zeros((0, n_groups))
     rng = np.random.default_rng(seed)
-    even = np.full(n_groups, 1.0 / n_groups)
-    return rng.multinomial(n_groups, even, size=n_draws if n_groups > 1 else 0).astype(np.float64)
+    return rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws).astype(np.float64)
+
+
+def _require_labels(labels: npt.ArrayLike, n: int, what: str) -> None:
+    """Raise LabelError where a label is not one of 0 .. n - 1."""
+    foreign = np.setdiff1d(np.asarray(labels), np.arange(n))
+    if foreign.size:
+        raise LabelError(f"a {what} of {foreign.tolist()[0]}, not of 0..{n - 1}", next_step="use the task's own labels")
 
 
 def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
@@ -166,9 +191,11 @@ def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
 
 
 def _macro(confusion: npt.NDArray[Any], f1: FloatArray) -> FloatArray:
-    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth."""
+    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth; nan without any."""
     present = confusion.sum(axis=-1) > 0
-    return np.where(present, f1, 0.0).sum(axis=-1) / present.sum(axis=-1)
+    count = present.sum(axis=-1)
+    total = np.where(present, f1, 0.0).sum(axis=-1)
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
 
 
 def _value(figure: float) -> float | None:
