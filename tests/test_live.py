@@ -171,6 +171,16 @@ def test_a_finger_that_comes_late_is_tared_late_and_believed_only_then():
     assert values.tolist() == [0.0] * 6
 
 
+def test_a_finger_that_is_called_valid_and_reads_nothing_is_not_tared_with_nothing():
+    tare, valid = Tare(Preparation(2, "median"), 3), np.array([True])
+    for value in (np.nan, np.inf, 4.0):
+        _, good = tare.prepare(np.full(3, value), valid)
+        assert not good.any()
+    values, good = tare.prepare(np.full(3, 4.0), valid)
+    assert good.all()
+    assert values.tolist() == [0.0] * 3
+
+
 # -- a virtual hand, end to end
 
 
