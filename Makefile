@@ -21,7 +21,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak real scenes models ablation bench peers lint lock clean docs hard-cases
+.PHONY: help setup demo test soak fuzz real scenes models ablation bench peers lint lock clean docs hard-cases
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -49,6 +49,9 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	$(BIN)/holdfast simulate broad --rate $(RATE) --out build/models/$(RATE)hz/broad
 	$(BIN)/holdfast train --data build/models/$(RATE)hz/thesis build/models/$(RATE)hz/broad --out build/models/$(RATE)hz
 	$(BIN)/holdfast export build/models/$(RATE)hz --out models/holdfast-$(RATE)hz.onnx
+
+fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
+	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
 
 soak: setup  ## the long tests: a million steps, and the like
 	$(BIN)/python -m pytest -m soak $(ARGS)
