@@ -175,7 +175,9 @@ def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
     told = np.abs(time_s) < LATEST_S
     if not told.all():
         line = int(np.flatnonzero(~told)[0]) + 2
-        raise TimeError(f"line {line}: time is not finite, or beyond any clock", where=path, next_step="remove that line")
+        raise TimeError(
+            f"line {line}: time is not finite, or beyond any clock", where=path, next_step="remove that line"
+        )
     steps = np.diff(time_s)
     if np.any(steps <= 0.0):
         at = int(np.flatnonzero(steps <= 0.0)[0])

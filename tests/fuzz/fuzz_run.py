@@ -42,7 +42,7 @@ def main() -> int:
             _fuzz(atheris, name, args)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         broken += code != 0
-        print(f"{name}: {'holds' if code == 0 else f'broken, exit code {code}'}")
+        sys.stdout.write(f"{name}: {'holds' if code == 0 else f'broken, exit code {code}'}\n")
     return int(broken > 0)
 
 
@@ -58,11 +58,16 @@ def _fuzz(atheris: Any, name: str, args: argparse.Namespace) -> None:
         (seeds / f"seed-{k}").write_bytes(seed)
     os.chdir(folder())
     known = [str(CORPUS / name)] if (CORPUS / name).is_dir() else []
+    runs = -1 if args.seconds else TARGETS[name].runs
     options = [
-        f"-runs={-1 if args.seconds else TARGETS[name].runs}", f"-max_total_time={args.seconds}", f"-seed={args.seed}", f"-timeout={LONGEST_S}",
+        f"-runs={runs}", f"-max_total_time={args.seconds}", f"-seed={args.seed}", f"-timeout={LONGEST_S}",
         f"-rss_limit_mb={MOST_MB}", f"-max_len={LONGEST_BYTES}", f"-artifact_prefix={found}/", "-print_final_stats=1",
     ]  # fmt: skip
-    atheris.Setup([sys.argv[0], *options, str(seeds), *known], lambda data: bool(refused(TARGETS[name], data)) and None)
+
+    def feed(data: bytes) -> None:
+        refused(TARGETS[name], data)
+
+    atheris.Setup([sys.argv[0], *options, str(seeds), *known], feed)
     atheris.Fuzz()
 
 

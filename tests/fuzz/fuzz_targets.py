@@ -79,9 +79,11 @@ def refused(target: Target, data: bytes) -> HoldfastError | None:
     try:
         target.feed(data)
     except HoldfastError as error:
-        assert "\n" not in str(error)
-        return error
-    return None
+        answer = error
+    else:
+        return None
+    assert "\n" not in str(answer)
+    return answer
 
 
 @cache
