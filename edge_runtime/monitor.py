@@ -101,6 +101,11 @@ class GripMonitor:
         self._decision = DecisionState()
         self._last_t_ns: int | None = None
 
+    def lose_track(self) -> None:
+        """Forget the stream, not what is requested: unknown until settled again, and who holds goes on holding."""
+        self._graph.reset()
+        self._last_t_ns = None
+
     def _bridge_gap(self, t_ns: int) -> None:
         """Step over the samples that are missing since the last one, as invalid ones."""
         passed_ns = 0 if self._last_t_ns is None else t_ns - self._last_t_ns

@@ -108,6 +108,10 @@ def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
     assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(range(100, 135))
 
 
+@pytest.mark.hard_case(
+    "Time and schedule", "gaps in the stream", elsewhere="the samples before and after a gap are taken for neighbours",
+    here="samples that never came are stepped over as lost ones; more than 20 ms of them blind until settled",
+)  # fmt: skip
 @pytest.mark.parametrize(("missing", "blind"), [(1, False), (2, True), (500, True)])
 def test_samples_that_never_came_are_lost_samples(eight_classes: Built, missing: int, blind: bool) -> None:
     """At 50 Hz, 20 ms are one sample: a longer gap leaves half a second of history that is not the hand's own."""

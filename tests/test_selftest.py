@@ -91,7 +91,7 @@ def samples_in_half_precision(graph: Graph) -> None:
 
 
 def a_vote_too_many(graph: Graph) -> None:
-    graph.initializer.append(onnx.numpy_helper.from_array(np.float32(1.0), "one_more"))
+    graph.initializer.append(onnx.numpy_helper.from_array(np.array(1.0, np.float32), "one_more"))
     for node in graph.node:
         node.output[:] = ["counted" if name == "votes" else name for name in node.output]
     graph.node.append(onnx.helper.make_node("Add", ["counted", "one_more"], ["votes"]))
