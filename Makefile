@@ -22,7 +22,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak real scenes models ablation bench peers lint lock clean docs hard-cases
+.PHONY: help setup demo test soak fuzz real scenes models ablation bench peers lint lock clean docs hard-cases
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -51,6 +51,9 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	$(BIN)/holdfast train --data build/models/$(RATE)hz-$(SIZE)/thesis build/models/$(RATE)hz-$(SIZE)/broad \
 	    --windows dense --size $(SIZE) --out build/models/$(RATE)hz-$(SIZE)
 	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
+
+fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
+	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
 
 soak: setup  ## the long tests: a million steps, and the like
 	$(BIN)/python -m pytest -m soak $(ARGS)

@@ -44,7 +44,7 @@ def ids_of(name: str) -> Any:
 
 def open_native(name: str) -> Bus:
     """The board's own bus, by its number. Raises a DeviceError, UsageError."""
-    if not name.isdecimal():
+    if not name.isdecimal() or len(name) > 9:
         raise UsageError(f"i2c://{name}: no number of a bus", next_step="i2c://1 for /dev/i2c-1")
     bus: Bus = _load("drivers.native_i2c:NativeI2C")(int(name))
     return bus

@@ -26,6 +26,7 @@ from edge_runtime.errors import (
     TooFewGroups,
     UnitError,
 )
+from edge_runtime.reading import json_of, require_file
 from edge_runtime.writing import write_whole
 
 FORMAT = 1
@@ -429,12 +430,13 @@ class _File:
 
     def _content(self) -> Any:
         try:
-            return json.loads(self._path.read_text(encoding="utf-8"))
+            require_file(self._path)
+            return json_of(self._path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             raise DataNotFound("no such file", where=self._path, next_step=NEXT[self._kind]) from None
         except OSError as error:
             raise DataNotFound(f"cannot be read ({error.strerror})", where=self._path, next_step="check it") from None
-        except (ValueError, RecursionError):
+        except ValueError:
             raise self.wrong(DataError, "not JSON") from None
 
 

@@ -9,7 +9,7 @@ on (the recovery ladder):
     a finger      does not acknowledge twice in a row, or lost its power: it is brought up anew
     the bus       is held low: nine clocks
     the bridge    fails three times in a row: it is opened anew
-                  is gone from USB: it is looked for, until it is there
+                  is gone from USB, or no longer ours: it is looked for, until it is there
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import (
     BusStuck,
     DeviceError,
-    DeviceLost,
     DeviceNotFound,
     TransferFailed,
     WrongDevice,
@@ -129,14 +128,14 @@ class Hand:
             replies = self._scan(bus)
         except BusStuck as error:
             return self._free(bus, t_ns, error)
-        except DeviceLost as error:
-            return self._give_up(t_ns, error)
         except TransferFailed as error:
             self._failures += 1
             if self._failures >= FAILURES_TO_REOPEN:
                 return self._give_up(t_ns, error)
             self._joined = None
             return self._nothing(t_ns, "bridge")
+        except DeviceError as error:  # gone, or taken by another program
+            return self._give_up(t_ns, error)
         self._failures = 0
         reading = self._judge(t_ns, replies)
         self._repair(reading)

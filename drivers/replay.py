@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from edge_runtime.contract import UNITS, BoolArray, FloatArray, Sample, Unit
 from edge_runtime.errors import DataNotFound, UnitError
 from edge_runtime.preparation import Preparation
+from edge_runtime.reading import json_of, require_file
 from edge_runtime.trial_file import read_trial
 
 TACTILE = "tactile.csv"
@@ -44,6 +44,7 @@ class Replay:
 def open_replay(path: str | Path) -> Replay:
     """Open a trial's CSV file, or a trial folder that holds tactile.csv. Raises a DataError."""
     path = Path(path)
+    require_file(path)
     file = path / TACTILE if path.is_dir() else path
     if path.is_dir() and not file.is_file():
         raise DataNotFound(f"no {TACTILE} in this folder", where=path, next_step="name a trial's CSV file")
@@ -58,7 +59,7 @@ def _unit(file: Path) -> Unit:
         meta = folder / META
         if meta.is_file():
             try:
-                unit = json.loads(meta.read_text(encoding="utf-8")).get("unit")
+                unit = json_of(meta.read_text(encoding="utf-8")).get("unit")
             except (ValueError, AttributeError):
                 raise UnitError("not a JSON object", where=meta, next_step='write {"unit": "N"}') from None
             if unit is not None and unit not in UNITS:

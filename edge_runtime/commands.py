@@ -1,19 +1,21 @@
 """What the user's own control says, as datagrams: {"opening": true}, {"override": true}. A log of its own.
 
 opening lasts until it is taken back; override holds for one sample, ends whatever is requested, and always wins.
+At most MOST_A_SAMPLE datagrams are read at one sample: whoever floods the port delays commands, and no sample.
 """
 
 from __future__ import annotations
 
-import json
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Command
+from edge_runtime.reading import json_of
 
 LONGEST = 1024
+MOST_A_SAMPLE = 32
 KEYS = {"opening", "override"}
 
 
@@ -29,7 +31,7 @@ def command_port(address: str, log: Callable[[str], None]) -> Iterator[Callable[
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         try:
             receiver.bind((host, int(port)))
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, ValueError) as error:
             raise UsageError(f"{address!r}: {error}", next_step="another port") from None
         receiver.setblocking(False)
         opening = False
@@ -39,7 +41,7 @@ def command_port(address: str, log: Callable[[str], None]) -> Iterator[Callable[
             override = False
             for told in _waiting(receiver):
                 command = _read(told)
-                log(f"command: {told.decode(errors='replace')}" + ("" if command else " (not understood)"))
+                log(f"command: {_printable(told)}" + ("" if command else " (not understood)"))
                 opening = command.get("opening", opening)
                 override = override or command.get("override", False)
             return Command(opening, override)
@@ -48,17 +50,22 @@ def command_port(address: str, log: Callable[[str], None]) -> Iterator[Callable[
 
 
 def _waiting(receiver: socket.socket) -> Iterator[bytes]:
-    while True:
+    for _ in range(MOST_A_SAMPLE):
         try:
             yield receiver.recv(LONGEST)
         except BlockingIOError:
             return
 
 
+def _printable(told: bytes) -> str:
+    """As text that leaves a terminal as it is."""
+    return "".join(c if c.isprintable() else "?" for c in told.decode(errors="replace"))
+
+
 def _read(told: bytes) -> dict[str, bool]:
     """The known keys with true or false; nothing where it is not understood."""
     try:
-        found = json.loads(told)
+        found = json_of(told)
     except ValueError:
         return {}
     if not isinstance(found, dict) or not set(found) <= KEYS or not all(isinstance(v, bool) for v in found.values()):

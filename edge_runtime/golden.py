@@ -8,7 +8,6 @@ from a zero state. Labels and flags must be equal; float64 within 1e-9, float32 
 from __future__ import annotations
 
 import base64
-import json
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,11 @@ import onnxruntime as ort
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import GoldenMismatch, NotAModel
 from edge_runtime.graph import Outputs, run_recording
+from edge_runtime.reading import json_of
 
 TOLERANCE = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-6}
 AMPLITUDE = {"N": 1.0 / 64.0, "uT": 2.0, "count": 8.0}
+DTYPES = ("float64", "float32", "int64", "int32", "bool")
 SKIPPED = ("features", "state_out")
 """Not stored: labels, votes and probabilities depend on every one of them already."""
 
@@ -74,13 +75,20 @@ def golden_from_json(text: str, where: str = "") -> Outputs:
     """The inverse of `golden_to_json`, from the metadata's text; NotAModel where it is missing or garbled."""
     try:
         return {
-            name: np.frombuffer(base64.b64decode(entry["data"]), dtype=entry["dtype"]).reshape(entry["shape"])
-            for name, entry in json.loads(text).items()
+            name: np.frombuffer(base64.b64decode(entry["data"]), _dtype(entry["dtype"])).reshape(entry["shape"])
+            for name, entry in json_of(text).items()
         }
-    except (AttributeError, KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise NotAModel(
             "its golden sequences are missing or garbled", where=where, next_step="export the model again"
         ) from None
+
+
+def _dtype(name: object) -> np.dtype[Any]:
+    """One of those a graph has; numpy knows many more words."""
+    if name not in DTYPES:
+        raise ValueError(name)
+    return np.dtype(str(name))
 
 
 def check_golden(stored: Outputs, answers: Outputs, where: str = "") -> None:

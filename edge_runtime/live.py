@@ -4,7 +4,12 @@
 
 The k-th sample is due at start + k periods, so a late one delays no other. A sample that would be due in the past
 is not read: it counts as an overrun, and the monitor takes it as lost (a stalled machine loses samples, it is
-never silently late).
+never silently late). A recording is due at its own rate, so that every row of it is met once.
+
+A reading is used once. One with the stamp of the last is the same again (repeated); one a little older came late
+(late): both count, and the sample is lost. Stamps more than a second back are another clock's: the stream begins anew
+(restarts), unknown until it has settled, while a request goes on. A line that its consumer does not take is dropped
+(edge_runtime/sinks.py) and counts: nobody who reads too slowly delays an answer to anybody else.
 """
 
 from __future__ import annotations
@@ -24,6 +29,8 @@ STAGES = ("read", "convert", "step", "decide", "emit")
 REMEMBERED = 1 << 16
 """Latencies of so many last samples are kept for the summary."""
 PERCENTS = (50.0, 99.0, 99.9)
+ANOTHER_CLOCK_NS = 1_000_000_000
+"""No reading is under way for so long: stamps further back come from a clock that was set, or that wrapped."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +74,16 @@ class Clock(Protocol):
 
 @dataclass
 class Summary:
-    """What a run did: samples by state, overruns, acts, and microseconds by stage of the last samples."""
+    """What a run did: samples by state, what was lost and why, acts, and microseconds by stage of the last samples."""
 
     samples: int = 0
     overruns: int = 0
     acts: int = 0
+    repeated: int = 0
+    late: int = 0
+    restarts: int = 0
+    dropped: int = 0
+    """Lines that a consumer did not take."""
     states: dict[str, int] = field(default_factory=dict)
     stage_us: npt.NDArray[np.float32] = field(
         default_factory=lambda: np.zeros((REMEMBERED, len(STAGES)), dtype=np.float32)
@@ -98,7 +110,32 @@ class Summary:
     def to_json(self) -> dict[str, Any]:
         """As a JSON object."""
         told = {"samples": self.samples, "overruns": self.overruns, "acts": self.acts, "states": self.states}
-        return {**told, "latency_us": self.latency_us()}
+        return {**told, **self.lost(), "latency_us": self.latency_us()}
+
+    def lost(self) -> dict[str, int]:
+        """What else went wrong, by its name above."""
+        return {name: getattr(self, name) for name in ("repeated", "late", "restarts", "dropped")}
+
+
+class _Stamps:
+    """Whether a reading is a new one, by its source's stamps, and what time its sample is given."""
+
+    def __init__(self, period_ns: float) -> None:
+        self._period_ns = round(period_ns)
+        self._newest_ns: int | None = None
+        self._given_ns = 0
+
+    def judge(self, t_ns: int) -> tuple[str, int]:
+        """("", "repeated", "late" or "restarts"; time of the sample, which never runs backwards but at a restart)."""
+        newest_ns = self._newest_ns
+        if newest_ns is None or t_ns < newest_ns - ANOTHER_CLOCK_NS:
+            self._newest_ns = self._given_ns = t_ns
+            return ("" if newest_ns is None else "restarts"), t_ns
+        if t_ns <= newest_ns:
+            self._given_ns += self._period_ns
+            return ("repeated" if t_ns == newest_ns else "late"), self._given_ns
+        self._newest_ns, self._given_ns = t_ns, max(t_ns, self._given_ns + 1)
+        return "", self._given_ns
 
 
 @dataclass(frozen=True)
@@ -114,14 +151,17 @@ def run_live(
     monitor: GripMonitor,
     tare: Tare,
     clock: Clock,
-    emit: Callable[[Prediction, Sample, Measured], None],
+    emit: Callable[[Prediction, Sample, Measured], int | None],
     *,
     stopped: Callable[[], bool],
     command: Callable[[], Command] = Command,
 ) -> Summary:
-    """Read, answer and emit until stopped, or until the source ends. Raises what the source and emit raise."""
-    summary, period_ns = Summary(), 1e9 / monitor.card.rate_hz
-    start_ns, turn, acted = clock.now_ns(), 0, False
+    """Read, answer and emit until stopped, or until the source ends. Raises what the source and emit raise.
+
+    emit returns how many lines were dropped, where it counts them.
+    """
+    summary, period_ns = Summary(), 1e9 / (source.rate_hz or monitor.card.rate_hz)
+    stamps, start_ns, turn, acted = _Stamps(period_ns), clock.now_ns(), 0, False
     while not stopped():
         clock.wait_until(start_ns + round(turn * period_ns))
         began_ns = clock.now_ns()
@@ -129,12 +169,18 @@ def run_live(
         if measured is None:
             break
         read_ns = clock.now_ns()
-        values, valid = tare.prepare(measured.values, measured.valid)
-        sample = Sample(measured.t_ns, values, valid, turn)
+        trouble, t_ns = stamps.judge(measured.t_ns)
+        if trouble == "restarts":
+            monitor.lose_track()
+        if trouble:
+            setattr(summary, trouble, getattr(summary, trouble) + 1)
+        lost = trouble in ("repeated", "late")
+        values, valid = tare.prepare(measured.values, np.zeros_like(measured.valid) if lost else measured.valid)
+        sample = Sample(t_ns, values, valid, turn)
         converted_ns = clock.now_ns()
         told = command()
         prediction = monitor.feed(sample, opening=told.opening, override=told.override)
-        emit(prediction, sample, measured)
+        summary.dropped += emit(prediction, sample, measured) or 0
         times = [began_ns, read_ns, converted_ns, monitor.stepped_ns, prediction.t_decided_ns, clock.now_ns()]
         summary.note(prediction, acted, times)
         acted = prediction.act

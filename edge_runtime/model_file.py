@@ -7,16 +7,17 @@ bytes alone, before any parser sees them.
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import onnxruntime as ort
 
-from edge_runtime.contract import CLASSES, Unit
+from edge_runtime.contract import CLASSES, SITUATIONS, UNITS, Unit
+from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from edge_runtime.preparation import Preparation, preparation_from_json
+from edge_runtime.reading import json_of, require_file
 
 SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"
@@ -57,6 +58,7 @@ class ModelCard:
 def read_sealed(path: str | Path) -> bytes:
     """The bytes of a model file whose seal holds; NotAModel or BrokenSeal otherwise."""
     path = Path(path)
+    require_file(path)
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -110,9 +112,9 @@ def check_runtime(version: str = ort.__version__) -> None:
 
 
 def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
-    """The model card out of an opened file's metadata; NotAModel where something is missing."""
+    """The model card out of an opened file's metadata; NotAModel where something is missing or cannot be."""
     try:
-        raw = json.loads(metadata[CARD_KEY])
+        raw = json_of(metadata[CARD_KEY])
         if raw["format"] != FORMAT:
             raise NotAModel(
                 f"format {raw['format']} of a model file, this version reads {FORMAT}",
@@ -121,20 +123,56 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
             )
         return ModelCard(
             model_id=metadata[SEAL_KEY][:12],
-            rate_hz=float(raw["spec"]["rate_hz"]),
-            unit=raw["spec"]["unit"],
-            n_channels=3 * int(raw["spec"]["n_sensors"]),
-            settle_samples=int(raw["settle_samples"]),
-            gap_samples=int(raw["gap_samples"]),
-            classes=tuple(raw["heads"]["situation"]["classes"]),
+            rate_hz=_rate_hz(raw["spec"]["rate_hz"]),
+            unit=UNITS[UNITS.index(raw["spec"]["unit"])],
+            n_channels=3 * _count(raw["spec"]["n_sensors"], least=1),
+            settle_samples=_count(raw["settle_samples"]),
+            gap_samples=_count(raw["gap_samples"]),
+            classes=_classes(raw["heads"]["situation"]["classes"]),
             heads=tuple(name for name in raw["heads"] if name != "situation"),
-            detectors=tuple(raw["detectors"]),
+            detectors=_words(raw["detectors"]),
             preparation=preparation_from_json(raw["preparation"]),
-            decision={key: int(value) for key, value in raw["decision"].items()},
-            min_valid_sensors=int(raw["spec"]["min_valid_sensors"]),
+            decision=_decision(raw["decision"]),
+            min_valid_sensors=_count(raw["spec"]["min_valid_sensors"]),
             raw=raw,
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise NotAModel(
             f"its metadata lack or garble {error}", where=path, next_step="export the model again"
         ) from None
+
+
+MOST = 10_000
+"""Of sensors, or samples to settle: more than any model has, and few enough for loading to end."""
+
+
+def _count(value: object, least: int = 0, most: int = MOST) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+        raise ValueError(f"{value!r:.40}, which is no number from {least} to {most}")
+    return value
+
+
+def _rate_hz(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= 1e5:
+        raise ValueError(f"{value!r:.40}, which is no rate")
+    return float(value)
+
+
+def _words(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+        raise ValueError(f"{value!r:.40}, which is no list of names")
+    return tuple(value)
+
+
+def _classes(value: object) -> tuple[str, ...]:
+    classes = _words(value)
+    if classes not in (CLASSES, SITUATIONS):
+        raise ValueError(f"{value!r:.40}, which are not the classes of this version")
+    return classes
+
+
+def _decision(value: object) -> dict[str, int]:
+    """Whole numbers by the names of DecisionRules; none stands for its default."""
+    if not isinstance(value, dict) or not set(value) <= set(DecisionRules().to_json()):
+        raise ValueError(f"{value!r:.40}, which are no rules of a decision")
+    return {key: _count(number, most=10**9) for key, number in value.items()}

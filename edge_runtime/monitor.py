@@ -12,11 +12,15 @@ import onnxruntime as ort
 
 from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample, State
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
-from edge_runtime.errors import BrokenSeal, ChannelError, TimeError
+from edge_runtime.errors import BrokenSeal, ChannelError, NotAModel, TimeError
 from edge_runtime.golden import check_golden, golden_answers, golden_from_json
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.memory import give_back
 from edge_runtime.model_file import GOLDEN_KEY, ModelCard, check_runtime, read_card, read_sealed
+
+ANSWERS = ("votes", "situation", "p_situation", "detectors", "settled", "unknown", "usable_sensors")
+WEIGHS = ("p_class", "weight")
+"""Outputs that are taken from a graph: always, and where it knows light and heavy."""
 
 
 class Model:
@@ -32,6 +36,7 @@ class Model:
             raise BrokenSeal(f"onnxruntime cannot open it ({error})", where=path) from None
         metadata = self.session.get_modelmeta().custom_metadata_map
         self.card: ModelCard = read_card(metadata, path)
+        _require_one_voice(self.session, self.card, path)
         self._replay_golden(metadata.get(GOLDEN_KEY, ""))
         give_back()
 
@@ -39,6 +44,20 @@ class Model:
         card = self.card
         answers = golden_answers(self.session, card.n_channels, card.unit, card.settle_samples)
         check_golden(golden_from_json(stored, str(self.path)), answers, str(self.path))
+
+
+def _require_one_voice(session: ort.InferenceSession, card: ModelCard, path: str | Path) -> None:
+    """Raise NotAModel where the graph is not the one its card speaks of."""
+    inputs = {one.name: one.shape for one in session.get_inputs()}
+    outputs = {one.name: one.shape for one in session.get_outputs()}
+    channels = {"sample": card.n_channels, "valid": card.n_channels // 3}
+    named = {*ANSWERS, *card.heads, *(WEIGHS if card.has_weight else ())}
+    fits = {name: inputs.get(name, [None])[-1] for name in channels} == channels and named <= set(outputs)
+    if not fits or {*inputs} != {*channels, "reset", "state"} or outputs["detectors"][-1] != len(card.detectors):
+        raise NotAModel(
+            "its graph has not the inputs and outputs that its card names", where=path,
+            cause="a card of another model", next_step="export the model again",
+        )  # fmt: skip
 
 
 class GripMonitor:
@@ -92,6 +111,11 @@ class GripMonitor:
         self._last_sequence: int | None = None
         self._last_reading, self._repeated = b"", 0
 
+    def lose_track(self) -> None:
+        """Forget the stream, not what is requested: unknown until settled again, and who holds goes on holding."""
+        self._graph.reset()
+        self._last_t_ns = None
+
     def _bridge_gap(self, t_ns: int) -> None:
         """Step over the samples that are missing since the last one, as invalid ones."""
         passed_ns = 0 if self._last_t_ns is None else t_ns - self._last_t_ns
@@ -115,9 +139,7 @@ class GripMonitor:
         self._last_reading = reading
 
     def _outputs(self) -> list[str]:
-        weight = ["p_class", "weight"] if self.card.has_weight else []
-        flags = ["detectors", "settled", "unknown", "usable_sensors"]
-        return ["votes", "situation", "p_situation", *weight, *self.card.heads, *flags]
+        return [*ANSWERS, *(WEIGHS if self.card.has_weight else ()), *self.card.heads]
 
     def _predict(self, sample: Sample, came_before: bool, opening: bool, override: bool) -> Prediction:
         out = self._graph.out

@@ -13,6 +13,9 @@ import numpy as np
 
 from edge_runtime.contract import NORMAL_AXIS, FloatArray
 
+MOST_ROWS = 100_000
+"""A bias is taken from fewer: a hand would have to rest for ten minutes."""
+
 
 @dataclass(frozen=True)
 class Preparation:
@@ -62,5 +65,11 @@ class Preparation:
 
 
 def preparation_from_json(value: dict[str, Any]) -> Preparation:
-    """The inverse of `to_json`."""
-    return Preparation(**value)
+    """The inverse of `to_json`. Raises TypeError or ValueError for what is none."""
+    made = Preparation(**value)
+    whole = isinstance(made.bias_rows, int) and not isinstance(made.bias_rows, bool)
+    if not whole or not 0 <= made.bias_rows <= MOST_ROWS or made.statistic not in ("mean", "median"):
+        raise ValueError(f"bias_rows {made.bias_rows!r:.40} or statistic {made.statistic!r:.40}")
+    if not isinstance(made.flip_negative_normal, bool) or not 0.0 <= made.flip_beyond < 1e9:
+        raise ValueError(f"flip_negative_normal {made.flip_negative_normal!r:.9}, flip_beyond {made.flip_beyond!r:.40}")
+    return made

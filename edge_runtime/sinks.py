@@ -1,8 +1,13 @@
-"""Where predictions go: a text stream, a file, a UDP port; one JSON line each."""
+"""Where predictions go: a text stream, a file, a UDP port; one JSON line each.
+
+Nobody is waited for. Who does not take a line in time (a full pipe, a stopped terminal, a full socket) misses
+it, whole: the next one is newer. Whoever calls a sink counts what it did not take.
+"""
 
 from __future__ import annotations
 
-import contextlib
+import io
+import select
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,17 +18,35 @@ from edge_runtime.contract import Prediction
 from edge_runtime.errors import OutputError, UsageError
 from edge_runtime.output import to_json_line
 
-Sink = Callable[[str], None]
+Sink = Callable[[str], bool]
+"""Hands a line on; whether it was taken."""
 
 
 def stream_sink(stream: TextIO) -> Sink:
-    """Every line at once: a controller that reads the pipe must not wait for a buffer."""
+    """Every line at once: a controller that reads the pipe must not wait for a buffer.
 
-    def write(line: str) -> None:
+    A pipe that can be written to takes 4096 bytes without waiting, more than a line has, and takes them in one piece.
+    """
+    ready = _readiness(stream)
+
+    def write(line: str) -> bool:
+        if not ready():
+            return False
         stream.write(line + "\n")
         stream.flush()
+        return True
 
     return write
+
+
+def _readiness(stream: TextIO) -> Callable[[], bool]:
+    """Whether a write would not wait; always true of what is no file of the system's."""
+    poll = select.poll()
+    try:
+        poll.register(stream.fileno(), select.POLLOUT)
+    except (io.UnsupportedOperation, AttributeError, ValueError):
+        return lambda: True
+    return lambda: bool(poll.poll(0))
 
 
 @contextmanager
@@ -50,19 +73,21 @@ def udp_sink(address: str) -> Iterator[Sink]:
     with socket.socket(family, kind, proto) as sender:
         sender.setblocking(False)
 
-        def send(line: str) -> None:
-            with contextlib.suppress(OSError):  # a full buffer or a closed port: the next line is newer
+        def send(line: str) -> bool:
+            try:
                 sender.sendto(line.encode(), target)
+            except OSError:  # a full buffer or a closed port
+                return False
+            return True
 
         yield send
 
 
-def emit_to(sinks: Sequence[Sink]) -> Callable[[Prediction], None]:
-    """One prediction to all of them."""
+def emit_to(sinks: Sequence[Sink]) -> Callable[[Prediction], int]:
+    """One prediction to all of them; how many did not take it."""
 
-    def emit(prediction: Prediction) -> None:
+    def emit(prediction: Prediction) -> int:
         line = to_json_line(prediction)
-        for sink in sinks:
-            sink(line)
+        return sum([not sink(line) for sink in sinks])
 
     return emit

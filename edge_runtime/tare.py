@@ -15,8 +15,8 @@ from edge_runtime.preparation import Preparation
 class Tare:
     """Prepares samples one by one. values [C] in, [C] out, and which sensors [S] can be believed.
 
-    A sensor's bias is taken from its own first valid rows, so one that comes late is tared late. What comes out for a
-    whole recording without invalid rows is what Preparation.apply gives.
+    A sensor's bias is taken from its own first valid, finite rows, so one that comes late is tared late. What comes
+    out for a whole recording without invalid rows is what Preparation.apply gives.
 
     resting [C]: what the unloaded hand reads, where that is known (`holdfast bias`); then the first rows may be loaded.
     """
@@ -38,7 +38,8 @@ class Tare:
     def prepare(self, values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
         """One sample; where a bias is not known yet the sensor is invalid."""
         if not self._known.all():
-            for sensor in np.flatnonzero(valid & ~self._known):
+            finite = np.isfinite(values).reshape(-1, 3).all(axis=1)
+            for sensor in np.flatnonzero(valid & finite & ~self._known):
                 self._learn(int(sensor), values[3 * sensor : 3 * sensor + 3])
         return values * self._sign - self._bias, valid & self._known
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from edge_runtime.contract import BoolArray, FloatArray, channel_names
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, TimeError
+from edge_runtime.reading import require_file
 
 TIME_COLUMN = "Time"
 RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
@@ -23,7 +24,7 @@ MIN_ROWS = 2
 GAP_STEPS = 5.0
 """A step longer than this many median steps is a gap that splits the trial; rows lost in a shorter one are filled
 in as invalid, so that nobody downstream takes their neighbours for neighbours in time."""
-LONGEST_S = 1e6
+LONGEST_S, LATEST_S = 1e6, 1e12
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def read_trial(path: str | Path) -> Trial:
     Raises DataNotFound, EmptyRecording, ColumnError, NotANumber or TimeError; each names the place.
     """
     path = Path(path)
+    require_file(path)
     header = _header(path)
     n_sensors = _check_columns(header, path)
     table = _table(path, header)
@@ -170,9 +172,12 @@ def _is_number(cell: str) -> bool:
 
 def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
     """Time from zero, or a TimeError that names the line."""
-    if not np.all(np.isfinite(time_s)):
-        line = int(np.flatnonzero(~np.isfinite(time_s))[0]) + 2
-        raise TimeError(f"line {line}: time is not finite", where=path, next_step="remove that line")
+    told = np.abs(time_s) < LATEST_S
+    if not told.all():
+        line = int(np.flatnonzero(~told)[0]) + 2
+        raise TimeError(
+            f"line {line}: time is not finite, or beyond any clock", where=path, next_step="remove that line"
+        )
     steps = np.diff(time_s)
     if np.any(steps <= 0.0):
         at = int(np.flatnonzero(steps <= 0.0)[0])

@@ -24,6 +24,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -54,6 +55,8 @@ LARGEST_PLAUSIBLE_N = 200.0
 NO_LOAD = -1.0
 KINDS = {"normal_force": NORMAL_AXIS, "shear_force": 0}
 """Folder, and the axis its load is on. Which way the pad was sheared is not told; it is called x here."""
+MOST = 1e12
+"""Neither a field nor a force, nor a time."""
 FORCES = ("Fx", "Fy", "Fz")
 UNLOADED_N, LOADED_N = 0.3, 1.0
 MIN_UNLOADED = 5
@@ -341,7 +344,7 @@ def probing_starts(load_n: FloatArray) -> list[int]:
     """
     pauses = [(a, b) for a, b in _runs(load_n < UNLOADED_N) if b - a >= MIN_UNLOADED]
     ends = [a for a, _ in pauses[1:]] + [len(load_n)]
-    return [a for (a, b), end in zip(pauses, ends, strict=True) if (load_n[b:end] > LOADED_N).any()]
+    return [a for (a, b), end in zip(pauses, ends[: len(pauses)], strict=True) if (load_n[b:end] > LOADED_N).any()]
 
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:
@@ -361,11 +364,19 @@ def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
             f"columns missing, doubled or unknown: {', '.join(odd)}", where=path, next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz"
         )
     try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, encoding="utf-8-sig")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # no rows: said below
+            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, encoding="utf-8-sig")
     except ValueError as error:
         raise NotANumber(str(error), where=path, next_step="write nan for a value that was lost") from None
     if not table.size:
         raise EmptyRecording("no rows", where=path, next_step="record it again")
+    if table.shape[1] != len(header):
+        raise ColumnError(
+            f"{table.shape[1]} columns under a header of {len(header)}", where=path, next_step="write a name for each"
+        )
+    if (np.abs(table[np.isfinite(table)]) > MOST).any():
+        raise NotANumber(f"a number beyond {MOST:g}", where=path, next_step="write fields in uT and forces in N")
     columns = {name: table[:, index] for index, name in enumerate(header)}
     values = np.column_stack([columns[name] for name in channel_names(n_sensors)])
     return values, np.column_stack([columns[name] for name in FORCES])

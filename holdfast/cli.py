@@ -25,6 +25,7 @@ VERBS = {
     "calibrate": ("holdfast.calibrate", "known loads -> field to force, judged on probings it never saw"),
     "bias": ("holdfast.bias", "what the unloaded hand reads, with a look at how good that is"),
     "run": ("holdfast.run", "read a hand live and answer every sample"),
+    "selftest": ("holdfast.selftest", "the hard cases in short, with the very file that is deployed"),
     "replay": ("holdfast.replay", "a model's answers on a recorded trial, one JSON line a sample"),
 }
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from drivers.tmag5273 import Setup
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Source
-from holdfast.sources import open_source
+from holdfast.sources import MOST_DIGITS, open_source, taken_apart
 
 HANDS = ("usb", "i2c", "virtual")
 HAND_KEYS = ("layout", "averages", "burst", "together", "bus_hz", "number")
@@ -59,8 +59,8 @@ class Told:
     def number(self, key: str, default: int) -> int:
         """The same, a whole number. Raises UsageError."""
         text = self.text(key, str(default))
-        if not text.isdecimal():
-            raise UsageError(f"{key}={text!r} is no whole number", next_step=f"{key}={default}")
+        if not text.isdecimal() or len(text) > MOST_DIGITS:
+            raise UsageError(f"{key}={text[:40]!r} is no whole number", next_step=f"{key}={default}")
         return int(text)
 
 
@@ -99,7 +99,7 @@ def _opener(told: Told, clock: Any) -> Callable[[], Bus]:
 
 
 def _taken_apart(url: str) -> Told:
-    parts = urlsplit(url)
+    parts = taken_apart(url)
     name = parts.netloc + parts.path
     if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
         raise UsageError(f"{url!r}: no bridge {name!r}", next_step=f"one of {', '.join(BRIDGES)}")

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 PACE_READS = 3
-Emit = Callable[[Prediction, Sample, Measured], None]
+Emit = Callable[[Prediction, Sample, Measured], int | None]
 
 
 class RunClock(MonotonicClock):
@@ -56,6 +56,11 @@ class RunClock(MonotonicClock):
 def run(args: argparse.Namespace) -> int:
     """Run until stopped; JSON lines on stdout, what happens and the summary on stderr."""
     clock, model = RunClock(), Model(args.model)
+    beside = stream_sink(sys.stderr)
+
+    def tell(line: str) -> None:
+        beside(line)
+
     with ExitStack() as open_until_the_end:
         enter = open_until_the_end.enter_context
         sinks = [] if args.quiet else [stream_sink(sys.stdout)]
@@ -63,15 +68,16 @@ def run(args: argparse.Namespace) -> int:
         sinks += [enter(udp_sink(args.udp))] if args.udp else []
         stopped, keep = enter(stop_signals()), enter(kept_samples(args.samples, model))
         show = enter(_view(model)) if args.view else _no_view
-        command = enter(command_port(args.commands, say)) if args.commands else Command
+        command = enter(command_port(args.commands, tell)) if args.commands else Command
         emit = emit_to(sinks)
 
-        def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> None:
-            emit(prediction)
+        def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> int:
+            dropped = emit(prediction)
             keep(sample)
             show(prediction, sample, measured)
+            return dropped
 
-        source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
+        source = open_live(args.source, clock=clock, say=tell, to_force=force_of(args.calibration))
         try:
             resting = resting_of(args.bias, source)
             stop = until(stopped, clock, args.seconds)
@@ -208,6 +214,7 @@ def say(line: str) -> None:
 def say_summary(summary: Summary, model: Model) -> None:
     """Counts, and where the time of a sample went."""
     states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
-    say(f"\n{summary.samples} samples, {summary.overruns} overruns, {summary.acts} acts; {states}")
+    lost = "".join(f", {count} {name}" for name, count in summary.lost().items() if count)
+    say(f"\n{summary.samples} samples, {summary.overruns} overruns{lost}, {summary.acts} acts; {states}")
     for stage, figures in summary.latency_us().items():
         say(f"{stage:<14}" + "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items()))

@@ -8,16 +8,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 import numpy as np
 
 from drivers.replay import Replay, open_replay
 from edge_runtime.errors import DataNotFound, UsageError
 from edge_runtime.preparation import Preparation
+from edge_runtime.reading import require_file
 
 REPLAY, SIM = "replay://", "sim://"
 SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
+MOST_DIGITS = 18
 
 
 def open_source(url: str, *, channels: int | None = None, preparation: Preparation | None = None) -> Replay:
@@ -30,6 +32,7 @@ def open_source(url: str, *, channels: int | None = None, preparation: Preparati
         )
     else:
         name = url.removeprefix(REPLAY)
+        require_file(Path(name))
         if "#" in name and not Path(name).exists():
             return _from_set(name, channels)
         source = open_replay(name)
@@ -41,8 +44,8 @@ def _simulated(url: str) -> Replay:
     from simulation.card import read_card
     from simulation.scene import Scene
 
-    told = _numbers(url)
-    scene = Scene(read_card(urlsplit(url).netloc + urlsplit(url).path, rate_hz=told.get("rate_hz")), int(told["seed"]))
+    parts, told = taken_apart(url), _numbers(url)
+    scene = Scene(read_card(parts.netloc + parts.path, rate_hz=told.get("rate_hz")), int(told["seed"]))
     trials, first, count = scene.trials(), int(told["trial"]), int(told["trials"])
     if not 0 <= first < first + count <= len(trials):
         raise UsageError(
@@ -54,16 +57,36 @@ def _simulated(url: str) -> Replay:
 
 
 def _numbers(url: str) -> dict[str, float]:
-    told = parse_qs(urlsplit(url).query, keep_blank_values=True)
+    told = parse_qs(taken_apart(url).query, keep_blank_values=True)
     numbers: dict[str, float] = {"seed": 0, "trial": 0, "trials": 1}
     for key, values in told.items():
         if key not in SIM_KEYS:
             raise UsageError(f"{url!r}: {key!r} is not known", next_step=f"allowed: {', '.join(SIM_KEYS)}")
         try:
-            numbers[key] = float(values[-1]) if key == "rate_hz" else int(values[-1])
+            numbers[key] = float(values[-1]) if key == "rate_hz" else _whole(values[-1])
         except ValueError:
-            raise UsageError(f"{url!r}: {key}={values[-1]!r} is no number", next_step=f"{key}=1") from None
+            raise UsageError(f"{url[:80]!r}: {key}={values[-1][:40]!r} is no number", next_step=f"{key}=1") from None
     return numbers
+
+
+def _whole(text: str) -> int:
+    """A whole number that is not negative. Raises ValueError."""
+    if not text.isdecimal() or len(text) > MOST_DIGITS:
+        raise ValueError(text)
+    return int(text)
+
+
+def taken_apart(url: str) -> SplitResult:
+    """The parts of a URL. Raises UsageError."""
+    try:
+        return urlsplit(url)
+    except ValueError as error:
+        raise UsageError(f"{url[:80]!r} is no URL ({error})", next_step="SCHEME://NAME?key=value") from None
+
+
+def _index(chosen: str, count: int) -> int:
+    """A number of a trial, or the count where there is no such."""
+    return int(chosen) if chosen.isdecimal() and len(chosen) <= MOST_DIGITS else count
 
 
 def _from_set(name: str, channels: int | None) -> Replay:
@@ -73,7 +96,7 @@ def _from_set(name: str, channels: int | None) -> Replay:
     folder, _, chosen = name.rpartition("#")
     data = load(folder, channels=channels, windows="natural")
     names = [recording.trial_id for recording in data.recordings]
-    index = names.index(chosen) if chosen in names else int(chosen) if chosen.isdecimal() else len(names)
+    index = names.index(chosen) if chosen in names else _index(chosen, len(names))
     if index >= len(names):
         raise DataNotFound(
             f"no trial {chosen!r} among {len(names)}",

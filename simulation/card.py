@@ -46,6 +46,8 @@ from simulation.values import Parameter
 CARDS = Path(__file__).resolve().parent / "cards"
 STYLES = CARDS / "styles.toml"
 LONGEST_STEP_S = {"texture": 1e-3}
+CONSTANTS = {"averaging": "averages", "brush": "count"}
+"""What all trials of a card have in common, so that they can be stepped together."""
 MAX_GRIP_N = 70.0
 """The Michelangelo hand's greatest opposition grip."""
 SECTIONS = ("title", "about", "record", "physics", "trials", "effects", "objects", "camera")
@@ -101,11 +103,19 @@ def find_card(name: str) -> Path:
     path = CARDS / f"{name}.toml"
     if name in shipped():
         return path
-    if Path(name).is_file():
+    if _is_file(Path(name)):
         return Path(name)
     raise CardError(
         f"no card {name!r}", cause="neither a shipped card nor a file", next_step=f"choose from {', '.join(shipped())}"
     )
+
+
+def _is_file(path: Path) -> bool:
+    """Also of names that no file can have."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def read_card(name: str, *, rate_hz: float | None = None) -> Card:
@@ -116,7 +126,9 @@ def read_card(name: str, *, rate_hz: float | None = None) -> Card:
         raw = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         raise CardError("cannot be read as text", where=path, cause=type(error).__name__) from None
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise CardError("no TOML: nested too deep", where=path, next_step="take the brackets away") from None
+    except ValueError as error:  # TOMLDecodeError, and what Python says of a number of 5000 digits
         raise CardError(f"no TOML: {error}", where=path, next_step="mend that line") from None
     return _Reader(path).card(raw, text, rate_hz)
 
@@ -149,6 +161,9 @@ class _Reader:
     def rows(self, told: Any, objects: Mapping[str, Thing]) -> list[Row]:
         if not isinstance(told, list) or not told:
             self.refuse("trials", told, "at least one [[trials]] with an action")
+        for k, row in enumerate(told):
+            if not isinstance(row, dict):
+                self.refuse(f"trials[{k}]", row, "a table: [[trials]]")
         return [self.row(f"trials[{k}]", row, objects) for k, row in enumerate(told)]
 
     def row(self, key: str, told: dict[str, Any], objects: Mapping[str, Thing]) -> Row:
@@ -159,10 +174,10 @@ class _Reader:
         if style not in styles:
             self.refuse(f"{key}.style", style, ", ".join(styles))
         names = told.get("objects", [])
-        if action != "nothing" and (not isinstance(names, list) or not names):
+        if not isinstance(names, list) or (action != "nothing" and not names):
             self.refuse(f"{key}.objects", names, f"a list of {', '.join(objects)}")
         for name in names:
-            if name not in objects:
+            if not isinstance(name, str) or name not in objects:
                 self.refuse(f"{key}.objects", name, ", ".join(objects))
         table = COMMON | ACTIONS[action]
         values = {name: value for name, value in told.items() if name not in ROW_KEYS}
@@ -181,6 +196,9 @@ class _Reader:
                 self.refuse(f"effects.{name}", values, f"a table: [effects.{name}]")
             self.known(values, EFFECTS[name].parameters, f"effects.{name}")
             self.check(f"effects.{name}", values, EFFECTS[name].parameters)
+            constant = CONSTANTS.get(name, "")
+            if isinstance(values.get(constant), dict):
+                self.refuse(f"effects.{name}.{constant}", values[constant], "a number, the same for every trial")
         return {name: told[name] for name in EFFECTS if name in told}
 
     def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:

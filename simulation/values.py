@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -77,7 +78,8 @@ class Parameter:
         if not isinstance(numbers, list) or len(numbers) != LENGTHS.get(kind, len(numbers)) or not numbers:
             return f"{kind} = [{'mean, standard deviation' if kind == 'normal' else 'low, high'}]"
         if kind == "normal":
-            fits = self._inside(numbers[0]) and isinstance(numbers[1], (int, float)) and 0 <= numbers[1] < math.inf
+            spread = isinstance(numbers[1], (int, float)) and 0 <= numbers[1] <= sys.float_info.max
+            fits = self._inside(numbers[0]) and spread
             return None if fits else f"a mean within {self.allowed()} and a standard deviation that is not negative"
         if not all(self._inside(number) for number in numbers):
             return f"limits within {self.allowed()}"

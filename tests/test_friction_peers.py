@@ -30,6 +30,13 @@ from benchmarks.mujoco_peer import VARIANTS, Scene, mjcf
 ROOT = Path(__file__).resolve().parent.parent
 
 
+holding = {
+    "elsewhere": "friction that is a smooth function of velocity creeps, for ever",
+    "here": "set-valued friction: nothing moves at all below the limit",
+}
+
+
+@pytest.mark.hard_case("Simulation", "a million steps of holding", **holding, unguarded=True)
 def test_regularised_friction_creeps_in_proportion_to_time() -> None:
     start, later, latest = path(Regularised(), Task.of(SHARES), np.array([1.0, 3.0, 7.0]))
     assert np.allclose((latest - start) / (later - start), 3.0, rtol=1e-9)
@@ -76,6 +83,7 @@ def test_the_step_of_lugre_is_small_enough_for_its_drift() -> None:
     assert creep(LuGre(), task, 3.0) == pytest.approx(creep(LuGre(), task, 3.0, step_s=5e-5), rel=4e-3)
 
 
+@pytest.mark.hard_case("Simulation", "a million steps of holding", **holding, unguarded=True)
 def test_lugre_gets_away_below_its_static_limit_where_set_valued_friction_holds() -> None:
     task = Task.of(0.9, VIBRATION)
     assert creep(LuGre(), task, 6.0) > 0.1

@@ -177,6 +177,10 @@ def test_a_finger_that_is_not_acknowledged_costs_only_itself_and_comes_back():
     assert bench.said[-1] == "finger 3: good again"
 
 
+@pytest.mark.hard_case(
+    "Time and schedule", "a sensor that stands still", elsewhere="equal readings are taken for a quiet hand",
+    here="the chip's own counter says whether it has converted; stale within 20 ms and one sample",
+)  # fmt: skip
 def test_a_chip_that_converts_no_more_is_stale_within_twenty_milliseconds_and_one_sample():
     bench = started("frozen:2@1+0.3")
     found = bad(bench.read_for(2.0), finger=2)
@@ -205,6 +209,11 @@ def test_a_chip_that_lost_itself_is_brought_up_while_the_others_are_read(fault, 
     assert found[-1].t_ns < 1.1e9 + 0.1e9
 
 
+@pytest.mark.hard_case(
+    "What comes from outside", "a bridge that stalls, falls short, is late or is pulled out",
+    elsewhere="the last values stay, and look like a hand at rest",
+    here="every finger is invalid at once, the bridge is brought back",
+)  # fmt: skip
 @pytest.mark.parametrize("fault", ["stuck@1", "stall@1+0.05", "short@1+0.05", "late@1+0.05", "unplug@1+0.3"])
 def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_back(fault):
     bench = started(fault)
@@ -216,6 +225,10 @@ def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_b
     assert bench.said[-1].endswith("good again")
 
 
+@pytest.mark.hard_case(
+    "What comes from outside", "a reply that comes late", elsewhere="it is taken for the answer to the next question",
+    here="marks take turns, and a bridge that failed is drained first",
+)  # fmt: skip
 def test_a_late_reply_never_answers_the_next_question():
     field_ut = np.array([[[0, 0, 1000.0]] * 6, [[0, 0, 30000.0]] * 6])
     bench = started("late@1+0.02", track=Track(np.array([0.9, 1.1]), field_ut))

@@ -38,6 +38,7 @@ from holdfast.run import answer
 if TYPE_CHECKING:
     from conftest import Built
 
+AREA = "Time and schedule"
 ROOT = Path(__file__).resolve().parent.parent
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
 
@@ -91,6 +92,10 @@ def test_samples_are_due_at_whole_periods_from_the_start(model):
     assert (summary.samples, summary.overruns) == (301, 0)
 
 
+@pytest.mark.hard_case(
+    AREA, "a late sample", elsewhere="a sleep of a period after every sample: each delay moves all that come after",
+    here="the k-th sample is due at start + k periods",
+)  # fmt: skip
 def test_a_late_sample_delays_no_other(model):
     clock = VirtualClock()
     source = Steady(clock, 20, {5: 0.005})
@@ -99,6 +104,10 @@ def test_a_late_sample_delays_no_other(model):
     assert source.times[6] == round(6e9 / 150)
 
 
+@pytest.mark.hard_case(
+    AREA, "a machine that sleeps for a second", elsewhere="the missed samples are caught up with, all of them late",
+    here="they are lost, counted as overruns; unknown until the history is whole again",
+)  # fmt: skip
 def test_a_machine_that_sleeps_for_a_second_loses_samples_counted_and_is_unknown_until_it_has_settled(model):
     clock = VirtualClock()
     source = Steady(clock, 400, {200: 1.003})
@@ -169,6 +178,16 @@ def test_a_finger_that_comes_late_is_tared_late_and_believed_only_then():
     values, good = tare.prepare(np.full(6, 4.0), both)
     assert good.all()
     assert values.tolist() == [0.0] * 6
+
+
+def test_a_finger_that_is_called_valid_and_reads_nothing_is_not_tared_with_nothing():
+    tare, valid = Tare(Preparation(2, "median"), 3), np.array([True])
+    for value in (np.nan, np.inf, 4.0):
+        _, good = tare.prepare(np.full(3, value), valid)
+        assert not good.any()
+    values, good = tare.prepare(np.full(3, 4.0), valid)
+    assert good.all()
+    assert values.tolist() == [0.0] * 3
 
 
 # -- a virtual hand, end to end
@@ -245,6 +264,11 @@ def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Bui
     assert [a.state for a in answers[settle:]] == [a.state for a in offline[settle:]]
 
 
+@pytest.mark.hard_case(
+    AREA, "a step slower than the source",
+    elsewhere="samples queue, and every answer is later than the one before",
+    here="the newest reading is taken, those that would be past are not read, counted as overruns",
+)  # fmt: skip
 def test_a_reader_that_comes_late_finds_the_newest_row():
     clock = VirtualClock()
     values = np.arange(30.0).reshape(10, 3)

@@ -265,6 +265,46 @@ GARBLED: dict[str, dict[str, str | None]] = {
 }  # fmt: skip
 
 
+def spoken_of(**changed: object) -> Callable[[bytes], dict[str, str | None]]:
+    """A card with other values, by their path (spec__rate_hz)."""
+
+    def change(data: bytes) -> dict[str, str | None]:
+        card = json.loads(metadata_of(data)[CARD_KEY])
+        for path, value in changed.items():
+            *places, last = path.split("__")
+            inner = card
+            for place in places:
+                inner = inner[place]
+            inner[last] = value
+        return {CARD_KEY: json.dumps(card)}
+
+    return change
+
+
+CONTRADICTED = {
+    "other channels": spoken_of(spec__n_sensors=16),
+    "a head that is not there": spoken_of(heads__p_doom={"classes": ["no", "yes"]}),
+    "more detectors than there are": spoken_of(detectors=[f"d{k}" for k in range(9)]),
+    "a unit nobody knows": spoken_of(spec__unit="lb"),
+    "an endless time to settle": spoken_of(settle_samples=10**12),
+    "a rate that is none": spoken_of(spec__rate_hz=float("nan")),
+    "rules nobody knows": spoken_of(decision={"dither": 1}),
+    "a bias of text": spoken_of(preparation__bias_rows="many"),
+}
+
+
+@pytest.mark.hard_case(
+    "What comes from outside", "a sealed file whose card lies about its graph",
+    elsewhere="the seal holds, for anybody can make one, and the process ends in the first sample",
+    here="card and graph are compared when the file is opened, and every value of the card has its range",
+)  # fmt: skip
+@pytest.mark.parametrize("fault", CONTRADICTED)
+def test_a_card_is_refused_that_speaks_of(four_situations: Built, tmp_path: Path, fault: str) -> None:
+    data = content(four_situations.model)
+    error = refused(tmp_path / "m.onnx", resealed(data, **CONTRADICTED[fault](data)))
+    assert isinstance(error, NotAModel)
+
+
 @pytest.mark.parametrize("fault", GARBLED)
 def test_a_file_whose_seal_holds_is_still_no_model_if_it(eight_classes: Built, tmp_path: Path, fault: str) -> None:
     error = refused(tmp_path / "m.onnx", resealed(content(eight_classes.model), **GARBLED[fault]))

@@ -84,6 +84,10 @@ def test_a_new_card_needs_no_code(tmp_path):
         ("[[trials]\n", ["no TOML"]),
     ],
 )
+@pytest.mark.hard_case(
+    "What comes from outside", "a scene card that says what cannot be",
+    elsewhere="an unknown key is ignored, and the default runs", here="refused: key, value, and what is allowed",
+)  # fmt: skip
 def test_a_card_that_cannot_be_is_refused_in_one_line(tmp_path, text, named):
     with pytest.raises(CardError) as error:
         read_card(card(tmp_path, text))

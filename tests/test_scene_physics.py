@@ -73,6 +73,7 @@ def thrown(held: Body, closure_m: np.ndarray, rng: np.random.Generator, speed: f
     return state
 
 
+AREA = "Simulation"
 hard = st.fixed_dictionaries(
     {
         "mass_kg": st.sampled_from([1e-4, 0.0151, 0.5173]),
@@ -85,6 +86,13 @@ hard = st.fixed_dictionaries(
 steps_s = st.floats(-6.0, 0.0).map(lambda power: 10.0**power)
 
 
+any_step = {
+    "elsewhere": "a long step throws the object away, a short one drowns in rounding",
+    "here": "from a microsecond to a second no step gains energy or leaves the numbers",
+}
+
+
+@pytest.mark.hard_case(AREA, "any step", **any_step)
 @settings(max_examples=60, deadline=None)
 @given(hard, steps_s, st.sampled_from([0.0, 0.5, 20.0]), st.sampled_from([0.0, 0.3, 10.0]), st.integers(0, 99))
 def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_leaves_the_numbers(kind, dt_s, grip_n, speed, seed):
@@ -104,6 +112,7 @@ def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_leaves_the_numbe
         before = after
 
 
+@pytest.mark.hard_case(AREA, "any step", **any_step, unguarded=True)
 def test_without_the_balance_a_long_step_on_a_ball_gains_energy(monkeypatch):
     def gained() -> float:
         rng = np.random.default_rng(0)
@@ -137,6 +146,13 @@ def held_still(share: float, steps: int) -> tuple[Body, State, np.ndarray]:
     return held, state, closure
 
 
+holding = {
+    "elsewhere": "friction that is a smooth function of velocity creeps, for ever",
+    "here": "set-valued friction: nothing moves at all below the limit",
+}
+
+
+@pytest.mark.hard_case(AREA, "a million steps of holding", **holding)
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.65])
 def test_a_held_object_does_not_creep(share):
     held, state, closure = held_still(share, 4000)
@@ -146,6 +162,7 @@ def test_a_held_object_does_not_creep(share):
     assert not state.slip_m_s.any()
 
 
+@pytest.mark.hard_case(AREA, "a million steps of holding", **holding)
 @pytest.mark.soak
 def test_a_held_object_does_not_creep_in_a_million_steps():
     held, state, closure = held_still(0.65, 4000)
@@ -154,6 +171,10 @@ def test_a_held_object_does_not_creep_in_a_million_steps():
     assert np.abs(state.position_m - before).max() < 1e-12
 
 
+@pytest.mark.hard_case(
+    AREA, "balance of weight", elsewhere="forces are reported that do not add up to what is held",
+    here="shear, squeeze and normals of all contacts are the weight",
+)  # fmt: skip
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -G), (3.0, 2.0, -9.0)])
 def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     held = body(gravity=gravity)
@@ -203,6 +224,10 @@ def test_a_slow_load_slips_at_the_static_limit_and_not_before():
     assert moving.position_m[2].min() > 0.05
 
 
+@pytest.mark.hard_case(
+    AREA, "a curved object", elsewhere="the normal falls with the way, and the push that belongs to it is left out",
+    here="both are there, and energy is kept",
+)  # fmt: skip
 def test_on_a_ball_the_normal_falls_and_squeezes_and_on_a_cylinder_it_does_not():
     moved = np.array([[0.0, 0.0], [0.004, 0.004]])
     for ball in (True, False):
@@ -263,6 +288,10 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
     return found
 
 
+@pytest.mark.hard_case(
+    AREA, "accuracy of the step", elsewhere="a step is called fine because nothing explodes",
+    here="the error of the slip time is known: of first order in the step",
+)  # fmt: skip
 def test_slip_time_is_first_order_in_the_step():
     grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 40)
     reference = slip_time_s(2e-5, grips_n)

@@ -193,7 +193,7 @@ def test_the_same_card_and_seed_write_the_same_bytes(tmp_path):
 
 def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
     write_set(make(tmp_path, CORE.replace("hold", "put-down").replace("load_n = 1.0", "")), tmp_path / "set")
-    data = load(tmp_path / "set", balanced=False)
+    data = load(tmp_path / "set", windows="natural")
     assert data.kind == "simulated"
     assert {recording.action for recording in data.recordings} == {"pass", "pull", "fall", "put-down", None}
     trial = tmp_path / "set/soft-ball/pull/trial_1.csv"

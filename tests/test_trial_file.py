@@ -96,6 +96,10 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.hard_case(
+    "What comes from outside", "a trial file that is damaged", elsewhere="rows are dropped or filled in silently",
+    here="refused in one line that names the file, the line and the column",
+)  # fmt: skip
 @pytest.mark.parametrize("fault", REFUSED)
 def test_a_file_is_refused_where(tmp_path: Path, fault: str) -> None:
     header, lines, error, names = REFUSED[fault]

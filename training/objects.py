@@ -6,12 +6,13 @@ window of it: the mass comes from the table below or from `meta.json` beside the
 
 from __future__ import annotations
 
-import json
+import sys
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.contract import LIGHT_BELOW_G
 from edge_runtime.errors import LabelError
+from edge_runtime.reading import json_of
 
 MASSES_G = {
     "soft-ball": 15.1,
@@ -57,7 +58,7 @@ def mass_g(folder: Path) -> float:
             cause="an object that is not in the table of training/objects.py",
             next_step=f'weigh it and write {{"mass_g": ..}} to {folder.name}/meta.json',
         )
-    if isinstance(told, bool) or not isinstance(told, int | float) or not 0.0 < told < float("inf"):
+    if isinstance(told, bool) or not isinstance(told, int | float) or not 0.0 < told <= sys.float_info.max:
         raise LabelError(f"mass_g is {told!r}", where=folder / "meta.json", next_step="write the mass in gram")
     return float(told)
 
@@ -65,10 +66,10 @@ def mass_g(folder: Path) -> float:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object from a file beside the recordings, empty without such a file. Raises LabelError."""
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
+        value = json_of(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise LabelError(
             f"cannot be read as JSON ({type(error).__name__})", where=path, next_step="mend or remove it"
         ) from None

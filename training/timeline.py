@@ -155,7 +155,7 @@ def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:
             raise ValueError("a phase that ends before it begins")
         first, stop = np.searchsorted(t_s, [t0_s, t1_s])
         return Phase(int(first), int(stop), SITUATIONS.index(entry["label"]))
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, OverflowError, TypeError, ValueError):
         raise LabelError(
             f"{entry!r} is no phase",
             where=path,

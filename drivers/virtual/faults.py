@@ -30,7 +30,7 @@ OF_THE_BRIDGE = {
 KINDS = {**OF_A_SENSOR, **OF_THE_BUS, **OF_THE_BRIDGE}
 AT_ONCE = ("por", "sleep", "stuck")
 """Happen once, at their time; the others last."""
-FORM = re.compile(r"(?P<kind>[a-z]+)(:(?P<sensor>[1-9]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?")
+FORM = re.compile(r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?")
 DEFAULT_LASTS_S = 0.1
 
 

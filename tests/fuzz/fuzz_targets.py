@@ -1,0 +1,378 @@
+"""What comes from outside, and what takes it: a table of targets, each fed with bytes.
+
+One law for all: any input is taken, or refused with one of our errors (edge_runtime/errors.py), which is one line.
+Nothing else, no warning either, comes out; nothing hangs, nothing eats the memory.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import usb.core
+
+from drivers.bus import Bus
+from drivers.calibration import read_bias, read_calibration
+from drivers.ft232h import Ft232h
+from drivers.hand import Hand
+from drivers.layout import read_layout
+from drivers.mcp2221 import Mcp2221
+from drivers.replay import open_replay
+from drivers.tiny_usb import TinyUsb
+from drivers.virtual.clock import VirtualClock
+from drivers.virtual.faults import read_fault
+from drivers.virtual.ft232h import VirtualFt232h
+from drivers.virtual.hand import VirtualHand
+from drivers.virtual.mcp2221 import VirtualMcp2221
+from drivers.virtual.tiny_usb import VirtualTinyUsb
+from drivers.virtual.usb_backend import Device, VirtualBackend
+from edge_runtime.commands import command_port
+from edge_runtime.decision import DecisionRules
+from edge_runtime.errors import HoldfastError
+from edge_runtime.golden import golden_from_json
+from edge_runtime.live import Command
+from edge_runtime.model_file import CARD_KEY, SEAL_KEY, read_card, read_sealed
+from edge_runtime.tare import Tare
+from edge_runtime.trial_file import read_trial
+from holdfast.calibrate import read_studies
+from holdfast.live_sources import open_live
+from simulation import card as scene_card
+from simulation.scene import Scene
+from training.objects import mass_g as told_mass_g
+from training.timeline import read_truth
+
+ROOT = Path(__file__).resolve().parents[2]
+MODEL_CARD = ROOT / "models" / "holdfast-150hz.json"
+READS = 6
+LEFT_ALONE = 450
+"""Answers: 45 bring up a hand on an FT232H and read it, 261 on an i2c-tiny-usb, 446 on an MCP2221A."""
+BOARD = ("usb", "i2c")
+"""Sources on this very machine: their URLs are taken apart as the others are, but nothing of a stranger is opened."""
+ERRNOS = (5, 13, 16, 19, 32, 75, 110)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What takes bytes from outside: `feed` raises a HoldfastError or nothing.
+
+    seeds: inputs to begin with, the first of which is taken; runs: of a bounded run, a second or two.
+    """
+
+    feed: Callable[[bytes], object]
+    seeds: tuple[bytes, ...]
+    runs: int = 1500
+
+
+def refused(target: Target, data: bytes) -> HoldfastError | None:
+    """Feed a target: our error where it refuses, None where it takes it; anything else comes out."""
+    try:
+        target.feed(data)
+    except HoldfastError as error:
+        answer = error
+    else:
+        return None
+    assert "\n" not in str(answer)
+    return answer
+
+
+@cache
+def folder() -> Path:
+    """A place for files, this process's own."""
+    return Path(_kept().enter_context(tempfile.TemporaryDirectory(prefix="fuzz-")))
+
+
+@cache
+def _kept() -> ExitStack:
+    return ExitStack()
+
+
+def written(name: str, data: bytes) -> Path:
+    """The bytes as a file."""
+    path = folder() / name
+    path.write_bytes(data)
+    return path
+
+
+def text_of(data: bytes) -> str:
+    """As the command line hands bytes over."""
+    return os.fsdecode(data)
+
+
+# -- files
+
+
+def trial(data: bytes) -> None:
+    """A trial's CSV, read, prepared and walked through."""
+    read_trial(written("trial_1.csv", data))
+
+
+def meta(data: bytes) -> None:
+    """The recorded JSON beside a trial: its unit, and its object's mass."""
+    place = folder() / "stone" / "hold"
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "trial_1.csv").write_text("Time,X1,Y1,Z1\n0,1,2,3\n0.01,1,2,3\n", encoding="utf-8")
+    (place.parent / "meta.json").write_bytes(data)
+    refused(Target(lambda _: open_replay(place / "trial_1.csv"), ()), b"")  # either may refuse what the other takes
+    told_mass_g(place.parent)
+
+
+def truth(data: bytes) -> None:
+    """The phases beside a trial."""
+    read_truth(written("trial_1.truth.json", data), np.arange(5) / 50.0)
+
+
+def scene(data: bytes) -> None:
+    """A scene's card, and two trials drawn from it."""
+    Scene(scene_card.read_card(str(written("mine.toml", data))), 0).trials(2)
+
+
+def calibration(data: bytes) -> None:
+    """A calibration, and what it makes of a field."""
+    found = read_calibration(written("calibration.json", data))
+    with np.errstate(all="ignore"):
+        found.apply(np.zeros((len(found.matrix), 3)))
+
+
+def bias(data: bytes) -> None:
+    """What an unloaded hand reads."""
+    read_bias(written("bias.json", data))
+
+
+def loads(data: bytes) -> None:
+    """Loads and fields to calibrate by."""
+    read_studies(written("loads.csv", data))
+
+
+def model(data: bytes) -> None:
+    """A model file's own bytes, up to the seal."""
+    read_sealed(written("model.onnx", data))
+
+
+def sealed_card(data: bytes) -> None:
+    """The card in a model file's metadata, and the parts that are made of it alone."""
+    card = read_card({CARD_KEY: data.decode(errors="replace"), SEAL_KEY: "0" * 64}, "model.onnx")
+    DecisionRules(**card.decision)
+    Tare(card.preparation, card.n_channels).prepare(np.zeros(card.n_channels), np.ones(card.n_channels // 3, bool))
+    assert card.rate_hz > 0.0
+    assert 0 < card.settle_samples < 1e6
+
+
+def golden(data: bytes) -> None:
+    """The golden sequences in a model file's metadata."""
+    golden_from_json(data.decode(errors="replace"), "model.onnx")
+
+
+# -- words
+
+
+def fault(data: bytes) -> None:
+    """A scripted fault."""
+    read_fault(text_of(data))
+
+
+def layout(data: bytes) -> None:
+    """Where the fingers are."""
+    read_layout(text_of(data))
+
+
+def source(data: bytes) -> None:
+    """A source's URL, opened where that takes no hardware; one reading of it."""
+    url = text_of(data)
+    try:
+        scheme = urlsplit(url).scheme
+    except ValueError:
+        scheme = ""
+    if scheme in BOARD:
+        url = url.lstrip().replace(scheme, "virtual", 1)
+    os.chdir(folder())
+    opened = open_live(url, clock=VirtualClock(), say=lambda line: None)
+    opened.read()
+    opened.close()
+
+
+def commands(data: bytes) -> None:
+    """The user's commands, a datagram a line; the port goes on listening whatever comes."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = probe.getsockname()
+    said: list[str] = []
+    with (
+        command_port(f"{address[0]}:{address[1]}", said.append) as ask,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
+    ):
+        user.connect(address)
+        for told in data[:8192].split(b"\n"):
+            user.send(told)
+            assert isinstance(ask(), Command)
+        user.send(b'{"override": true}')
+        assert ask().override
+    assert all(line.isprintable() for line in said)
+
+
+# -- replies of a bridge
+
+
+class Spoilt(Device):
+    """An emulated bridge whose answers are spoilt as the bytes say; honest again when they are at an end.
+
+    Two bytes say how many answers are left alone first. Then a byte an answer: its lowest three bits say how it is
+    spoilt, with what the next bytes hold.
+    """
+
+    def __init__(self, device: Any, script: bytes) -> None:
+        self._device, self._script = device, script[2:]
+        self._left_alone = int.from_bytes(script[:2], "little") % LEFT_ALONE
+        self.vendor, self.product, self.speed = device.vendor, device.product, device.speed
+        self.interfaces, self.kernel_driver = device.interfaces, device.kernel_driver
+
+    def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
+        self._device.control_out(request_type, request, value, index, data)
+
+    def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+        return self._spoil(self._device.control_in(request_type, request, value, index, length), length)
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        self._device.write(endpoint, data)
+
+    def read(self, endpoint: int, length: int) -> bytes:
+        return self._spoil(self._device.read(endpoint, length), length)
+
+    def reset(self) -> None:
+        self._device.reset()
+
+    def _take(self, count: int) -> bytes:
+        taken, self._script = self._script[:count], self._script[count:]
+        return taken
+
+    def _spoil(self, answer: bytes, length: int) -> bytes:
+        if self._left_alone:
+            self._left_alone -= 1
+            return answer
+        how = (self._take(1) or b"\0")[0]
+        more = self._take(1)[0] if how & 7 > 3 and self._script else 0
+        if how & 7 == 4:
+            return answer[: more % (len(answer) + 1)]
+        if how & 7 == 5:
+            return (answer[:more] + self._take(how >> 3) + answer[more + (how >> 3) :])[:length]
+        if how & 7 == 6:
+            return self._take(more)[:length]
+        if how & 7 == 7:
+            number = ERRNOS[more % len(ERRNOS)]
+            raise usb.core.USBError(os.strerror(number), number, number)
+        return answer
+
+
+def bridge(device: Callable[[VirtualHand], Device], driver: Callable[[Any], Bus]) -> Callable[[bytes], None]:
+    """A driver whose bridge answers what the bytes say: a hand on it starts or does not, and then never raises."""
+
+    def feed(data: bytes) -> None:
+        clock = VirtualClock()
+        virtual = VirtualHand(clock)
+        backend = VirtualBackend(Spoilt(device(virtual), data), clock, virtual.faults, virtual.power_off)
+        hand = Hand(
+            lambda: driver(backend), now_ns=clock.now_ns, pause=lambda seconds: clock.spend(round(1e9 * seconds))
+        )
+        try:
+            hand.start()
+            for _ in range(READS):
+                _fits(hand)
+                clock.spend(25_000_000)
+        finally:
+            hand.close()
+
+    return feed
+
+
+def _fits(hand: Hand) -> None:
+    """A reading that holds together; a hand that has started says what is wrong, and raises nothing."""
+    try:
+        reading = hand.read()
+    except HoldfastError as error:
+        raise AssertionError(f"a hand that has started raised {error!r}") from error
+    assert reading.field_ut.shape == (6, 3)
+    assert np.isfinite(reading.field_ut[reading.valid]).all()
+    assert [not why for why in reading.why] == reading.valid.tolist()
+
+
+HEAD = b"Time,X1,Y1,Z1\n"
+ROWS = b"".join(b"%.3f,1,2.5,-3e1\n" % (0.02 * k) for k in range(4))
+RECORDED = HEAD.replace(b"\n", b",host_ns,device_us,sequence,valid1\n") + ROWS.replace(b"\n", b",1,2,3,1\n")
+LOADS = b"Time,X1,Y1,Z1,Fx,Fy,Fz\n" + b"".join(
+    b"%d,%d,2,%d,0,0,%d\n" % (k, k % 3, 100 * (k % 20 > 9), 3 * (k % 20 > 9)) for k in range(80)
+)
+CARD = b'title="a"\n[record]\nrate_hz=150\n[physics]\nstep_s=1e-3\n[[trials]]\nobjects=["soft-ball"]\naction="pull"\n'
+MORE_OF_A_CARD = (
+    b'count=2\nhold_s={uniform=[2,3]}\ngrip_n={choice=[4,8]}\nspare={normal=[2,1]}\n'
+    b'[objects.pear]\nmass_g=180\n[effects.brush]\ncount=5\n[effects.dipole]\n[effects.hall_noise]\n'
+)
+PHASES = json.dumps({"phases": [{"t0_s": 0.0, "t1_s": 0.05, "label": "grasp", "provenance": "x"}]}).encode()
+CALIBRATION = json.dumps(
+    {"format": 1, "kind": "calibration", "matrix_n_per_ut": [[[1, 0, 0], [0, 1, 0], [0, 0, 1e-3]]], "rest_ut": None,
+     "reversed": [False], "source": "", "date": "", "load_unit": "N", "n": 9, "residual_n": [[None, 0.1, 0.2]]}
+).encode()  # fmt: skip
+BIAS = json.dumps(
+    {"format": 1, "kind": "bias", "values": [0.0, 1.5, -2e3], "spread": [1, 1, 1], "n": 30, "unit": "uT",
+     "reversed": [False]}
+).encode()  # fmt: skip
+GOLDEN = (
+    b'{"votes":{"dtype":"int32","shape":[1,2],"data":"AQAAAAIAAAA="},'
+    b'"settled":{"dtype":"bool","shape":[1],"data":"AQ=="}}'
+)
+
+
+def spoilings() -> tuple[bytes, ...]:
+    """Scripts that spoil early and late, one answer in four, in every way."""
+    rng = np.random.default_rng(0)
+    made = [b""]
+    for begins in (0, 5, 20, 35, 42, 120, 200, 240, 300, 400, 430):
+        answers = np.where(rng.random(40) < 0.25, rng.integers(256, size=40), 0).astype(np.uint8)
+        made.append(begins.to_bytes(2, "little") + answers.tobytes())
+    return tuple(made)
+
+
+def sealed() -> bytes:
+    """The least that a seal holds on."""
+    head = b"\x08\x08holdfast.sha256\x12\x40"
+    return head + hashlib.sha256(head + b"0" * 64).hexdigest().encode()
+
+
+def small_card() -> bytes:
+    """The default model's card without what only people read."""
+    told = json.loads(MODEL_CARD.read_text("utf-8"))
+    for head in told["heads"].values():
+        head.pop("calibration")
+    return json.dumps({key: value for key, value in told.items() if key not in ("file", "training")}).encode()
+
+
+TARGETS = {
+    "trial": Target(trial, (HEAD + ROWS, RECORDED, b"\xef\xbb\xbf" + HEAD + ROWS.replace(b"2.5", b"nan"))),
+    "meta": Target(meta, (b'{"unit": "uT", "mass_g": 20}', b"{}")),
+    "truth": Target(truth, (PHASES,)),
+    "scene": Target(scene, (CARD, CARD + MORE_OF_A_CARD)),
+    "calibration": Target(calibration, (CALIBRATION,)),
+    "bias": Target(bias, (BIAS,)),
+    "loads": Target(loads, (LOADS,)),
+    "model": Target(model, (sealed(), b"\x08\x08holdfast", b"holdfast.sha256\x12\x40" + b"0" * 64)),
+    "sealed_card": Target(sealed_card, (small_card(),)),
+    "golden": Target(golden, (GOLDEN,)),
+    "fault": Target(fault, (b"nack:3@1.5+0.2", b"unplug@2+1")),
+    "layout": Target(layout, (b"mux", b"1:35,22,0:35>50")),
+    "source": Target(source, (b"virtual://ft232h?averages=32&burst=1&fault=nack:3@1.5%2B0.2&layout=mux6&seed=1",
+                              b"sim://nobody?seed=1&trial=2&rate_hz=50", b"replay://a.csv", b"a#0", b"i2c://1",
+                              b"usb://tiny-usb?number=2")),
+    "commands": Target(commands, (b'{"opening": true}\n{"override": true}', b'{"opening": false, "override": false}')),
+    "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 120),
+    "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 200),
+    "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 200),
+}  # fmt: skip

@@ -1,0 +1,360 @@
+"""Time and schedule: catch up or drop by a declared rule, counted, never silently late."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_live import DEFAULT, Steady, go
+
+from drivers.paced import Paced
+from drivers.replay import Replay
+from drivers.virtual.clock import VirtualClock
+from edge_runtime import clock as clock_module
+from edge_runtime.clock import MonotonicClock
+from edge_runtime.commands import MOST_A_SAMPLE, command_port
+from edge_runtime.contract import Prediction, Sample
+from edge_runtime.decision import DecisionState
+from edge_runtime.errors import TimeError
+from edge_runtime.live import Measured, run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.sinks import emit_to, stream_sink, udp_sink
+from edge_runtime.tare import Tare
+from edge_runtime.trial_file import read_trial
+
+AREA = "Time and schedule"
+PERIOD_NS = round(1e9 / 150)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(DEFAULT)
+
+
+@pytest.fixture
+def stalled() -> Iterator[tuple[int, int]]:
+    """The ends of a pipe that nobody reads: (read, write)."""
+    ends = os.pipe()
+    yield ends
+    for end in ends:
+        os.close(end)
+
+
+def lines_of(read_end: int) -> list[str]:
+    os.set_blocking(read_end, False)
+    taken = b""
+    while True:
+        try:
+            taken += os.read(read_end, 1 << 16)
+        except BlockingIOError:
+            return taken.decode().splitlines()
+
+
+# -- consumers that stall
+
+stalled_consumer = pytest.mark.hard_case(
+    AREA, "a stalled consumer",
+    elsewhere="a log that nobody reads fills its pipe, the next print waits, and the hand waits with it",
+    here="a line that is not taken at once is dropped whole and counted; nobody else's answer is late",
+)  # fmt: skip
+
+
+@stalled_consumer
+def test_a_pipe_that_nobody_reads_loses_whole_lines_counted_and_delays_no_sample(model, stalled, record_property):
+    clock, heard = VirtualClock(), []
+    with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
+        emit = emit_to([stream_sink(stream), lambda line: bool(heard.append(line)) or True])
+        summary = run_live(
+            Steady(clock, 400), GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
+            lambda prediction, sample, measured: emit(prediction), stopped=lambda: False,
+        )  # fmt: skip
+    taken = lines_of(stalled[0])
+    record_property("dropped of 400", summary.dropped)
+    assert summary.overruns == 0
+    assert len(heard) == 400
+    assert 0 < summary.dropped == 400 - len(taken)
+    assert taken == heard[: len(taken)]
+    assert f"{summary.to_json()['dropped']}" == f"{summary.dropped}"
+
+
+@stalled_consumer
+def test_a_consumer_that_comes_back_gets_the_newest_line_whole(stalled):
+    with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
+        sink = stream_sink(stream)
+        sent = [sink("x" * 1500) for _ in range(100)]
+        lines_of(stalled[0])
+        assert sink("the newest")
+    assert not all(sent)
+    assert lines_of(stalled[0]) == ["the newest"]
+
+
+@pytest.mark.hard_case(
+    AREA, "a stalled consumer",
+    elsewhere="a log that nobody reads fills its pipe, the next print waits, and the hand waits with it",
+    here="a line that is not taken at once is dropped whole and counted; nobody else's answer is late",
+    unguarded=True,
+)  # fmt: skip
+def test_a_plain_print_into_a_pipe_that_nobody_reads_would_wait_for_ever(stalled):
+    os.set_blocking(stalled[1], False)  # what would wait raises instead
+    with pytest.raises(BlockingIOError):
+        os.writev(stalled[1], [b"x" * 1000 + b"\n"] * 400) and os.write(stalled[1], b"x" * (1 << 16))
+
+
+@stalled_consumer
+def test_a_datagram_that_the_machine_does_not_let_out_is_a_line_not_taken():
+    with udp_sink("255.255.255.255:9") as to_everybody, udp_sink("127.0.0.1:9") as to_nobody:
+        assert not to_everybody("a line")  # without permission to
+        assert to_nobody("a line")  # nobody says that nobody listens
+
+
+# -- the machine and the source fall behind
+
+
+@pytest.mark.hard_case(
+    AREA, "a step slower than the source",
+    elsewhere="samples queue, and every answer is later than the one before",
+    here="the newest reading is taken, those that would be past are not read, counted as overruns",
+)  # fmt: skip
+def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_lag(model, record_property):
+    clock, late_ns = VirtualClock(), []
+
+    class Slow(Steady):
+        def read(self) -> Measured | None:
+            measured = super().read()
+            clock.spend(round(2.5 * PERIOD_NS))
+            return measured
+
+    source = Slow(clock, 200)
+    summary, _, samples = go(model, source, clock)
+    for sample in samples:
+        late_ns.append(sample.t_ns - sample.sequence * 1e9 / 150)
+    record_property("latest_ms", max(late_ns) / 1e6)
+    assert summary.samples + summary.overruns == pytest.approx(2.5 * 200, abs=2)  # every period is one or the other
+    assert max(late_ns) < PERIOD_NS
+
+
+@pytest.mark.hard_case(
+    AREA, "jitter", elsewhere="a sample that comes early or late is taken for two, or for none",
+    here="up to half a period either way every sample is one sample",
+)  # fmt: skip
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.floats(0.0, 0.45), min_size=120, max_size=120))
+def test_jitter_below_half_a_period_loses_nothing(late):
+    model = _loaded()
+    monitor = GripMonitor(model, VirtualClock().now_ns)
+    for k, share in enumerate(late):
+        answer = monitor.feed(still(k, round((k + share) * 1e9 / 150)))
+        assert answer.settled == (k >= model.card.settle_samples - 1)
+
+
+_models: list[Model] = []
+
+
+def _loaded() -> Model:
+    """The default model, read once: hypothesis takes no fixture of a function's."""
+    _models.extend([] if _models else [Model(DEFAULT)])
+    return _models[0]
+
+
+def still(sequence: int, t_ns: int) -> Sample:
+    return Sample(t_ns, np.zeros(18), np.ones(6, dtype=np.bool_), sequence)
+
+
+@pytest.mark.hard_case(
+    AREA, "a recording a few per cent off the model's rate",
+    elsewhere="read on the model's schedule, rows are met twice or never, and nobody says so",
+    here="a recording is due at its own rate, so that every row is met once",
+)  # fmt: skip
+@pytest.mark.parametrize("rate_hz", [137.0, 150.0, 164.0])
+def test_a_recording_within_the_tolerance_is_met_row_by_row(model, rate_hz):
+    clock, rows = VirtualClock(), np.arange(300.0)
+    replay = Replay(np.arange(300), np.repeat(rows[:, None], 18, axis=1), np.ones((300, 6), bool), rate_hz, "N")
+    met: list[float] = []
+    run_live(
+        Paced(replay, clock.now_ns), GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
+        lambda prediction, sample, measured: met.append(measured.values[0]), stopped=lambda: False,
+    )  # fmt: skip
+    assert met == rows.tolist()
+
+
+# -- stamps that are not what they should be
+
+
+class Stamped(Steady):
+    """A source with stamps of its own making: reading -> ns."""
+
+    def __init__(self, clock: VirtualClock, stamps: list[int]) -> None:
+        super().__init__(clock, len(stamps))
+        self._stamps = stamps
+
+    def read(self) -> Measured | None:
+        measured = super().read()
+        return measured and Measured(self._stamps[self.k - 1], measured.values, measured.valid)
+
+
+def on_time(count: int, start_ns: int = 0) -> list[int]:
+    return [start_ns + round(k * 1e9 / 150) for k in range(count)]
+
+
+@pytest.mark.hard_case(
+    AREA, "a duplicated sample", elsewhere="the same reading twice is a change of nothing: the hand looks at rest",
+    here="a reading is used once; the second is a lost sample, counted, and more than 20 ms of them are unknown",
+)  # fmt: skip
+def test_a_source_that_repeats_itself_is_lost_and_then_unknown(model):
+    stamps = on_time(200) + [on_time(200)[-1]] * 20 + on_time(120, round(220e9 / 150))
+    summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
+    assert summary.repeated == 20
+    assert {p.state for p in predictions[150:200]} == {"nothing"}
+    assert {p.state for p in predictions[200:220]} == {"unknown"}
+    assert predictions[-1].state == "nothing"
+
+
+@pytest.mark.hard_case(
+    AREA, "a sample that comes late", elsewhere="it is taken for a new one, and the past comes after the present",
+    here="what is older than the newest is not used; it counts, and its place is a lost sample",
+)  # fmt: skip
+def test_two_readings_in_the_wrong_order_cost_one_sample_and_no_error(model):
+    stamps = on_time(300)
+    stamps[200], stamps[201] = stamps[201], stamps[200]
+    summary, predictions, samples = go(model, Stamped(clock := VirtualClock(), stamps), clock)
+    assert (summary.late, summary.repeated, summary.restarts) == (1, 0, 0)
+    assert not samples[201].valid.any()
+    assert predictions[201].state == "unknown"
+    assert predictions[202].state == "nothing"
+    assert np.diff([sample.t_ns for sample in samples]).min() > 0
+
+
+@pytest.mark.hard_case(
+    AREA, "a clock that jumps back, and 32-bit microseconds that wrap",
+    elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in the middle of a grip",
+    here="the stream begins anew: counted, unknown until settled; a request that runs goes on",
+)  # fmt: skip
+@pytest.mark.parametrize("back_ns", [2**32 * 1000, 3_600_000_000_000, 2_000_000_000])
+def test_stamps_that_jump_back_begin_anew_and_are_unknown_until_settled(model, back_ns, record_property):
+    stamps = on_time(200, back_ns) + on_time(200, round(200e9 / 150))
+    summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
+    settle = model.card.settle_samples
+    record_property("unknown_samples", sum(p.state == "unknown" for p in predictions[200:]))
+    assert summary.restarts == 1
+    assert {p.state for p in predictions[200 : 200 + settle - 1]} == {"unknown"}
+    assert {p.state for p in predictions[200 + settle :]} == {"nothing"}
+
+
+def test_a_restart_forgets_the_stream_and_keeps_the_request(model):
+    monitor = GripMonitor(model, VirtualClock().now_ns)
+    monitor._decision = DecisionState(arm=True, act=True)
+    monitor.lose_track()
+    answer = monitor.feed(still(0, 0))
+    assert (answer.state, answer.act) == ("unknown", True)
+
+
+@pytest.mark.hard_case(
+    AREA, "a clock that jumps back, and 32-bit microseconds that wrap",
+    elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in the middle of a grip",
+    here="the stream begins anew: counted, unknown until settled; a request that runs goes on",
+    unguarded=True,
+)  # fmt: skip
+def test_the_monitor_alone_refuses_time_that_runs_backwards(model):
+    monitor = GripMonitor(model, VirtualClock().now_ns)
+    monitor.feed(still(0, 2**32 * 1000))
+    with pytest.raises(TimeError, match="older"):
+        monitor.feed(still(1, 0))
+
+
+@pytest.mark.hard_case(
+    AREA, "a clock that jumps forwards", elsewhere="an hour of lost samples is filled in, one by one, before the next",
+    here="one more than a gap that blinds is enough; then unknown until settled",
+)  # fmt: skip
+@pytest.mark.parametrize("ahead_s", [0.1, 3600.0, 1e9])
+def test_a_jump_ahead_takes_no_more_steps_than_a_gap(model, ahead_s, monkeypatch):
+    monitor, steps = GripMonitor(model, VirtualClock().now_ns), []
+    graph = monitor._graph
+    real = graph.step
+    monkeypatch.setattr(graph, "step", lambda: steps.append(1) or real())
+    for k in range(100):
+        monitor.feed(still(k, k * PERIOD_NS))
+    before = len(steps)
+    answer = monitor.feed(still(100, 100 * PERIOD_NS + round(1e9 * ahead_s)))
+    assert len(steps) - before <= model.card.gap_samples + 2
+    assert answer.state == "unknown"
+
+
+@pytest.mark.hard_case(
+    AREA, "the recorder's device clock wraps", elsewhere="32-bit microseconds run out after 71 minutes",
+    here="time is the host's alone; the device's own column may wrap",
+)  # fmt: skip
+def test_a_recording_whose_device_clock_wraps_reads_as_any_other(tmp_path: Path):
+    table = ["Time,X1,Y1,Z1,host_ns,device_us,sequence,valid1"]
+    table += [f"{k / 50},1,2,3,{k * 20_000_000},{(2**32 - 40_000 + 20_000 * k) % 2**32},{k},1" for k in range(6)]
+    (tmp_path / "trial_1.csv").write_text("\n".join(table) + "\n")
+    trial = read_trial(tmp_path / "trial_1.csv")
+    np.testing.assert_allclose(trial.t_s, np.arange(6) / 50)
+    assert trial.valid.all()
+
+
+# -- the clock, and who floods
+
+
+@pytest.mark.hard_case(
+    AREA, "a machine that is suspended", elsewhere="CLOCK_MONOTONIC stands still: before and after seem neighbours",
+    here="the schedule runs by the time since boot, which goes on; what was missed is lost samples",
+)  # fmt: skip
+def test_the_schedule_s_clock_goes_on_while_the_machine_is_suspended(monkeypatch):
+    asked = []
+    real = time.clock_gettime_ns
+
+    def suspended_for_an_hour(which: int) -> int:
+        asked.append(which)
+        return real(which) + (3_600_000_000_000 if which == time.CLOCK_BOOTTIME else 0)
+
+    before_ns = MonotonicClock().now_ns()
+    monkeypatch.setattr(clock_module.time, "clock_gettime_ns", suspended_for_an_hour)
+    assert MonotonicClock().now_ns() - before_ns > 3_599_000_000_000
+    MonotonicClock().wait_until(before_ns)  # long past: at once
+    assert set(asked) == {time.CLOCK_BOOTTIME}
+
+
+@pytest.mark.hard_case(
+    AREA, "a flood of commands", elsewhere="whoever sends faster than it is read keeps the loop for himself",
+    here="at most 32 datagrams are read at a sample; the others wait",
+)  # fmt: skip
+def test_a_flooded_port_delays_commands_and_no_sample(record_property):
+    import socket
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        host, port = probe.getsockname()
+    log: list[str] = []
+    with (
+        command_port(f"{host}:{port}", log.append) as ask,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
+    ):
+        user.connect((host, port))
+        for _ in range(100):
+            user.send(b'{"opening": true}')
+        user.send(b'{"override": true}')
+        heard = []
+        while True:
+            before = len(log)
+            command = ask()
+            heard.append(len(log) - before)
+            if command.override:
+                break
+    record_property("samples until the override is heard", len(heard))
+    assert heard == [MOST_A_SAMPLE] * 3 + [101 - 3 * MOST_A_SAMPLE]
+
+
+def test_what_was_lost_is_told_in_the_summary(model, capsys):
+    from holdfast.run import say_summary
+
+    stamps = on_time(20) + [on_time(20)[-1]] * 3
+    summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
+    assert all(isinstance(one, Prediction) for one in predictions)
+    say_summary(summary, model)
+    assert "0 overruns, 3 repeated, 0 acts" in capsys.readouterr().err

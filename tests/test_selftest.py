@@ -1,0 +1,165 @@
+"""`holdfast selftest`: says line by line what holds, and fails on a model that only its seal speaks for."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnx
+import pytest
+
+from edge_runtime.model_file import CARD_KEY
+from edge_runtime.monitor import Model
+from edge_runtime.self_checks import CHECKS, self_checks
+from export.artifact import read_artifact
+from export.seal import seal
+from holdfast.cli import main
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+DEFAULT = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+EVERY = [
+    "seal, card and golden rows", "one sample against a batch", "corrupted samples", "silence", "memory",
+    "reset forgets", "votes", "unknown when it must be", "a large offset", "clock",
+]  # fmt: skip
+
+
+@pytest.mark.hard_case(
+    "Forest and ONNX", "the board answers otherwise than the machine it was verified on",
+    elsewhere="nobody looks, for the tests ran somewhere else",
+    here="`holdfast selftest` runs the hard cases in short on the board, with the very file that is deployed",
+)  # fmt: skip
+def test_the_default_model_holds_line_by_line(capsys, record_property):
+    assert main(["selftest", str(DEFAULT)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[8:36].strip() for line in lines] == EVERY
+    assert {line[:8] for line in lines} == {"ok      "}
+    record_property("checks", len(lines))
+
+
+def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situations: Built, capsys):
+    assert main(["selftest", str(four_situations.model), "--json"]) == 0
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [one["what"] for one in told] == EVERY
+    assert all(one["ok"] is True and one["figure"] for one in told)
+
+
+def test_it_needs_what_is_on_the_hand_and_nothing_else():
+    program = (
+        "import sys; from holdfast.cli import main; code = main(['selftest', sys.argv[1]])\n"
+        "heavy = {'scipy', 'sklearn', 'pandas', 'onnx', 'usb', 'rich', 'training', 'export', 'simulation'}\n"
+        "print(sorted(heavy & {name.split('.')[0] for name in sys.modules})); sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(DEFAULT)], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+# -- models that are damaged and sealed again, with golden rows of their own
+
+Graph = onnx.GraphProto
+
+
+def rewired(graph: Graph, name: str, *nodes: onnx.NodeProto) -> None:
+    """Whoever reads `name` reads the last of these nodes' output instead."""
+    for node in graph.node:
+        for k, wanted in enumerate(node.input):
+            if wanted == name:
+                node.input[k] = nodes[-1].output[0]
+    after = list(graph.node)
+    del graph.node[:]
+    graph.node.extend([*nodes, *after])
+
+
+def a_reset_that_is_ignored(graph: Graph) -> None:
+    rewired(graph, "reset", onnx.helper.make_node("Xor", ["reset", "reset"], ["never"]))
+
+
+def a_driver_that_is_not_listened_to(graph: Graph) -> None:
+    no = onnx.helper.make_node("Not", ["valid"], ["not_valid"])
+    rewired(graph, "valid", no, onnx.helper.make_node("Or", ["valid", "not_valid"], ["always"]))
+
+
+def samples_in_half_precision(graph: Graph) -> None:
+    half = onnx.helper.make_node("Cast", ["sample"], ["half"], to=onnx.TensorProto.FLOAT16)
+    rewired(graph, "sample", half, onnx.helper.make_node("Cast", ["half"], ["rounded"], to=onnx.TensorProto.DOUBLE))
+
+
+def a_vote_too_many(graph: Graph) -> None:
+    graph.initializer.append(onnx.numpy_helper.from_array(np.array(1.0, np.float32), "one_more"))
+    for node in graph.node:
+        node.output[:] = ["counted" if name == "votes" else name for name in node.output]
+    graph.node.append(onnx.helper.make_node("Add", ["counted", "one_more"], ["votes"]))
+
+
+def constants(graph: Graph, before: float, after: float) -> None:
+    """One number for another wherever it stands alone."""
+    changed = 0
+    for tensor in graph.initializer:
+        value = onnx.numpy_helper.to_array(tensor)
+        if value.size == 1 and value.dtype == np.float64 and float(value.reshape(())) == before:
+            tensor.CopyFrom(onnx.numpy_helper.from_array(np.full_like(value, after), tensor.name))
+            changed += 1
+    assert changed
+
+
+def a_range_without_an_end(graph: Graph) -> None:
+    constants(graph, 500.0, 1e300)
+
+
+def states_that_fade_for_ever(graph: Graph) -> None:
+    constants(graph, 1e-30, 0.0)
+
+
+def damaged(built: Built, damage: Callable[[Graph], None], path: Path) -> Path:
+    model = onnx.load_from_string(built.model.read_bytes())
+    card = json.loads({entry.key: entry.value for entry in model.metadata_props}[CARD_KEY])
+    damage(model.graph)
+    path.write_bytes(seal(model, card, read_artifact(built.artifact).spec))
+    Model(path)
+    return path
+
+
+DAMAGES = {
+    a_reset_that_is_ignored: "reset forgets",
+    a_driver_that_is_not_listened_to: "unknown when it must be",
+    samples_in_half_precision: "a large offset",
+    a_vote_too_many: "votes",
+    a_range_without_an_end: "corrupted samples",
+    states_that_fade_for_ever: "silence",
+}
+
+
+@pytest.mark.hard_case(
+    "Forest and ONNX", "a model that is wrong and properly sealed",
+    elsewhere="its hash is right, its golden rows are its own, and so it is trusted",
+    here="laws that no golden row can vouch for are checked on the file itself",
+)  # fmt: skip
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
+def test_the_selftest_fails_on(four_situations: Built, tmp_path: Path, capsys, damage):
+    path = damaged(four_situations, damage, tmp_path / "m.onnx")
+    assert main(["selftest", str(path), "--json"]) == 1
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert DAMAGES[damage] in [one["what"] for one in told if not one["ok"]]
+
+
+def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, capsys):
+    (tmp_path / "m.onnx").write_bytes(DEFAULT.read_bytes()[:-1])
+    assert main(["selftest", str(tmp_path / "m.onnx")]) == 1
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("failed  seal, card and golden rows  BrokenSeal")
+
+
+def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(monkeypatch):
+    def _broken(model: Model) -> None:
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr("edge_runtime.self_checks.CHECKS", (_broken, CHECKS[-1]))
+    told = list(self_checks(DEFAULT))
+    assert [(one.what, one.ok) for one in told[1:]] == [("broken", False), ("clock", True)]
+    assert "on purpose" in told[1].figure
