@@ -22,14 +22,14 @@ from edge_runtime.contract import FloatArray
 from simulation.camera.frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
 from simulation.card import read_card
 from simulation.scene import Scene
-from training.onset import GROSS_MM, Motion, Slip, find_slip, gross_distance_mm, largest_move_mm, motion
+from training.onset import GROSS_MM, Hidden, Motion, Slip, find_slip, gross_distance_mm, largest_move_mm, motion
 
 ACCELERATIONS_MM_S2 = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 EACH = 10
 REST_S, SLIDES_MM = 0.7, 25.0
 """A ramp begins after so long, within one frame, and runs over so far."""
 FPS = (60.0, 120.0)
-SMALL = {"width_px": 320.0, "height_px": 240.0, "noise_levels": 2.0}
+SMALL = {"width_px": 360.0, "height_px": 360.0, "noise_levels": 2.0}
 FROM_S, TO_S = 1.0, 0.3
 """Of a simulated trial so much before the load and after the gross distance is filmed."""
 CARD = """
@@ -105,10 +105,10 @@ def ramps(accelerations: Sequence[float] = ACCELERATIONS_MM_S2, each: int = EACH
     return rows
 
 
-def pulls(total: int | None = None) -> list[dict[str, Any]]:
-    """Author pulls of the simulator; their start is the first element that slides."""
+def pulls(total: int | None = None, rates: Sequence[float] = FPS) -> list[dict[str, Any]]:
+    """Author pulls of the simulator, a row for every frame rate; their start is the first element that slides."""
     cases = _simulated(CARD, total)
-    return [{"fps": fps} | _row(cases, small_camera(fps)) for fps in FPS]
+    return [{"fps": fps} | _row(cases, small_camera(fps)) for fps in rates]
 
 
 def held(total: int | None = None) -> list[dict[str, Any]]:
@@ -148,16 +148,21 @@ def _simulated(card: str, total: int | None) -> list[Case]:
 
 
 def _row(cases: Sequence[Case], camera: Camera) -> dict[str, Any]:
-    """Errors in ms of the fitted start, of the first frame beyond the threshold, and of the gross distance."""
+    """Errors in ms of the fitted start, of the first frame beyond the threshold, and of the gross distance.
+
+    hidden: the object was out of the picture, or blurred, before three frames had seen it leave.
+    """
     found = [(case, find_slip(seen(case, camera, k))) for k, case in enumerate(cases)]
     slips = [(case, slip) for case, slip in found if isinstance(slip, Slip)]
     off = 1e3 * np.array([[s.start_s - c.start_s, s.seen_s - c.start_s, s.gross_s - c.gross_s] for c, s in slips])
-    row: dict[str, Any] = {"n": len(cases), "found": len(slips)}
+    hidden = sum(isinstance(slip, Hidden) for _, slip in found)
+    row: dict[str, Any] = {"n": len(cases), "found": len(slips), "hidden": hidden}
     for name, column in zip(("start", "seen", "gross"), off.T if len(slips) else (), strict=False):
         row |= {f"{name}_p{q}_ms": round(float(np.percentile(column, q)), 2) for q in (5, 50, 95)}
     if slips:
         row["start_worst_ms"] = round(float(np.abs(off[:, 0]).max()), 2)
         row["sd_p50_ms"] = round(1e3 * float(np.median([slip.uncertainty_s for _, slip in slips])), 2)
         within = [abs(s.start_s - c.start_s) <= 2.0 * s.uncertainty_s for c, s in slips]
+        row["within_10_ms"] = round(float(np.mean(np.abs(off[:, 0]) < 10.0)), 3)
         row["within_two_sd"] = round(float(np.mean(within)), 3)
     return row

@@ -113,13 +113,14 @@ def motion(
         )
     _require_one_size(object_px[both], hand_px[both], tag_mm)
     square = tag_mm * np.array([-0.5 - 0.5j, 0.5 - 0.5j, 0.5 + 0.5j, -0.5 + 0.5j])
-    hand, thing = (corners[..., 0] + 1j * corners[..., 1] for corners in (hand_px, object_px))
+    hand, thing = (corners[both, :, 0] + 1j * corners[both, :, 1] for corners in (hand_px, object_px))
     about = hand - hand.mean(axis=1, keepdims=True)
     turn = (about.conj() * square).sum(axis=1) / (np.abs(about) ** 2).sum(axis=1)
     place = turn * (thing.mean(axis=1) - hand.mean(axis=1))
-    _require_apart(np.abs(place[both][:REST_FRAMES]), apart_mm, tag_mm)
-    place_mm = np.where(both[:, None], np.stack([place.real, place.imag], axis=1), np.nan)
-    return Motion(t_s, place_mm, float(np.median(np.abs(turn[both]))))
+    _require_apart(np.abs(place[:REST_FRAMES]), apart_mm, tag_mm)
+    place_mm = np.full((len(t_s), 2), np.nan)
+    place_mm[both] = np.stack([place.real, place.imag], axis=1)
+    return Motion(t_s, place_mm, float(np.median(np.abs(turn))))
 
 
 def sides_px(corners_px: FloatArray) -> FloatArray:
@@ -232,8 +233,9 @@ class _Track:
         return away
 
     def _departs(self, first: int, level_mm: FloatArray) -> int | None:
-        away = self._away(first, level_mm).astype(int)
-        found = np.flatnonzero(np.convolve(away, np.ones(IN_A_ROW, dtype=int))[IN_A_ROW - 1 :] == IN_A_ROW)
+        away = self._away(first, level_mm)
+        rows = len(away) - IN_A_ROW + 1
+        found = np.flatnonzero(np.all([away[k : k + rows] for k in range(IN_A_ROW)], axis=0)) if rows > 0 else away[:0]
         return first + int(found[0]) if found.size else None
 
     def lost_after(self, row: int) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -27,10 +28,12 @@ DENIED = ("no udev rule for the vendor 03e7", "add the rule of docs/camera.md, t
 
 
 def load_depthai(say: Callable[[str], None]) -> Any:
-    """depthai, after QUIET has been put into the environment; says so in one line. Raises LibraryMissing.
+    """depthai, after QUIET has been put into the environment, which is said in one line once. Raises LibraryMissing.
 
     It reads its environment once, when it is imported: setting it later is too late.
     """
+    if there := sys.modules.get("depthai"):
+        return there
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     differs = [f"{name}={os.environ[name]}" for name, value in QUIET.items() if os.environ[name] != value]

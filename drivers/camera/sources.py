@@ -177,7 +177,7 @@ def read_frames(path: Path) -> Stored:
     Raises DataNotFound, EmptyRecording, ColumnError, TimeError.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             missing = [name for name in ("frames", "time_s", *LENS) if name not in file.files]
             if missing:
                 raise ColumnError(f"no {', '.join(missing)}", where=path, next_step="docs/camera.md says what is in it")
