@@ -16,12 +16,14 @@ import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from test_house import MAY_IMPORT, imports_by_file
 
+from benchmarks import camera_page
 from drivers.camera import sources
 from drivers.camera.library import QUIET
 from drivers.camera.recording import TagFile, Tracks, read_about, read_tracks, write_about
@@ -29,6 +31,7 @@ from drivers.camera.sources import LENS, read_frames
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, HoldfastError, NotANumber, TimeError
 from holdfast.cli import main
+from simulation.camera.apriltag import cells
 from simulation.camera.frames import CAMERA, GREY, HAND_TAG, OBJECT_TAG, Camera, Frames
 from training.timeline import read_truth
 
@@ -212,6 +215,27 @@ def test_nothing_recorded_is_written_over(drawn, recorded):
     assert {path.name: path.read_bytes() for path in recorded.iterdir()} == before
 
 
+def test_a_tag_smeared_over_one_cell_is_seen_and_over_two_is_lost(tmp_path):
+    told = program(
+        """
+from simulation.camera.frames import CAMERA, Camera
+one = Camera(**{name: told.default for name, told in CAMERA.items()} | {"width_px": 240.0, "height_px": 160.0})
+seen = []
+for smear_mm in (1.25, 2.5):
+    at = [np.array([0.1 * k, smear_mm * s]) for k in range(9) for s in np.arange(0.0, 1.0, 0.05)]
+    drawn = [one.draw(one_mm, np.zeros(2)) for one_mm in at]
+    images = np.rint(np.reshape(drawn, (9, 20, 160, 240)).mean(axis=1)).astype(np.uint8)
+    out = Path(sys.argv[1]) / str(smear_mm)
+    frames = [Frame(k, k / 60, image) for k, image in enumerate(images)]
+    watch(Stored("smeared", Lens(60.0, 2.0, 10.0, "trial"), frames), out, say=quiet)
+    seen.append(int(np.isfinite(read_tracks(out).of(0)[:, 0, 0]).sum()))
+print(json.dumps({"seen": seen}))
+""",
+        tmp_path,
+    )
+    assert told == {"seen": [9, 0]}
+
+
 def test_frames_that_never_came_are_counted(drawn, tmp_path):
     told = program(
         """
@@ -230,7 +254,8 @@ print(json.dumps(vars(watch(Stored("some", source.lens, kept), Path(sys.argv[2])
 
 def test_the_fitted_onset_of_author_pulls_is_within_ten_ms_of_the_first_sliding():
     told = program("from benchmarks.onset import pulls; print(json.dumps(pulls(6, [60.0])[0]))")
-    assert told["n"] == told["found"] == 6
+    assert told["n"] == told["found"] + told["hidden"] == 6
+    assert told["found"] >= 5, "one of them is out of the picture two frames after it begins to slide"
     assert told["start_worst_ms"] < 10.0
     assert abs(told["gross_p50_ms"]) < 3.0
 
@@ -582,6 +607,23 @@ between = before - 2e-6 <= middle <= after + 2e-6
 print(json.dumps({"between": between, "lacks": [name for one, name in names if not hasattr(one, name)]}))
 """)
     assert told == {"between": True, "lacks": []}
+
+
+def test_the_printed_sheet_holds_both_tags_at_their_size():
+    sheet = ElementTree.fromstring(camera_page.sheet())
+    assert (sheet.get("width"), sheet.get("viewBox")) == ("120mm", "0 0 120 50")
+    black = [{key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")} for shape in sheet][1:]
+    left = [shape for shape in black if shape["width"] == 1.25]
+    assert len(left) == sum(int((cells(tag) == 0).sum()) for tag in (OBJECT_TAG, HAND_TAG))
+    assert max(shape["x"] for shape in left if shape["x"] < 30) + 1.25 - min(shape["x"] for shape in left) == 10.0
+
+
+def test_the_page_of_the_camera_is_made_of_what_was_measured():
+    numbers = {f"{name}_p{q}_ms": 1.25 for name in ("start", "seen", "gross") for q in (5, 50, 95)}
+    row = {"fps": 60.0, "mm_per_s2": 42.0, "n": 3, "found": 2, "hidden": 1, "start_worst_ms": 7.7, "within_10_ms": 1.0}
+    page = camera_page.page({"ramps": [row | numbers], "pulls": [row | numbers], "held": [{"n": 5, "onsets": 0}]})
+    assert "| 60 | 42 | 3 | 2 | 1 | 1.2 / 1.2 / 1.2 |" in page
+    assert "simulated" in page
 
 
 def test_depthai_is_imported_in_one_file_and_by_no_help():
