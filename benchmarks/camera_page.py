@@ -66,7 +66,7 @@ A folder: `camera.mkv` (FFV1, lossless), `camera.mcap` (stamps), `tags.csv` (seq
 """
 LIMITS = """## Limits, to be stated with every lead time
 
-1. **A threshold sees late**: sqrt(2 x threshold / acceleration) after the start, below 3 to 90 ms, which makes lead
+1. **A threshold sees late**: sqrt(2 x threshold / acceleration) after the start, 5 to 100 ms below, which makes lead
    times look longer. Give the lead to the fitted start and to the gross distance, with the frame period and the
    fit's spread.
 2. **Elastic shear**: the object moves before anything slips. Between load and first sliding the start is of that
@@ -80,7 +80,8 @@ LIMITS = """## Limits, to be stated with every lead time
 FIGURES = """## Figures (simulated)
 
 `holdfast bench onset`: drawn tags (40 px, blur 0.7 px, 2 ms, noise 2 of 255) through depthai's own graph. Errors in ms,
-5th, 50th and 95th percentile; "hidden": the object was gone or blurred before three frames had seen it leave.
+5th, 50th and 95th percentile; "hidden": the object was gone or blurred before three frames had seen it leave. What is
+neither found nor hidden moved along the camera's line of sight.
 
 """
 RAMPS = """A constant acceleration from rest, start to start:
