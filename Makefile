@@ -67,6 +67,8 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
 	$(BIN)/python -m benchmarks.cost.page build/bench docs
+	$(BIN)/python -m benchmarks.camera_page --tags > docs/tags.svg
+	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json > docs/camera.md
 
 hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how they went
 	$(BIN)/python -m pytest -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)

@@ -38,6 +38,14 @@ def place(word: str) -> Path:
     return Path(word)
 
 
+def positive(word: str) -> float:
+    """A number above zero from the command line."""
+    number = float(word)
+    if not 0.0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number above 0")
+    return number
+
+
 def run_script(
     prog: str,
     about: str,

@@ -23,14 +23,15 @@
     |   `-- VerificationFailed        the exported file and the reference disagree
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
     |-- OutputError               5   a result cannot be written
-    `-- DeviceError               6   the hand cannot be read
+    `-- DeviceError               6   the hand, or the camera beside it, cannot be read
         |-- DeviceNotFound            no such bridge, or no finger answers
         |-- AccessDenied              the bridge is there and this user may not open it
         |-- LibraryMissing            no libusb, or a driver's library is not installed
         |-- DeviceLost                unplugged, or it fell off the bus
         |-- TransferFailed            a time-out, a stall, or an answer that does not fit the question
         |-- BusStuck                  SDA or SCL is held low
-        `-- WrongDevice               another chip, or one that does not take its configuration
+        |-- WrongDevice               another chip, or one that does not take its configuration
+        `-- CameraUnavailable         no camera, or one that cannot be opened
 
 Each message is one line that says what, where, the likely cause and the next step.
 """
@@ -160,7 +161,7 @@ class OutputError(HoldfastError):
 
 
 class DeviceError(HoldfastError):
-    """The hand cannot be read."""
+    """The hand, or the camera beside it, cannot be read."""
 
     exit_code = 6
 
@@ -191,3 +192,7 @@ class BusStuck(DeviceError):
 
 class WrongDevice(DeviceError):
     """Another chip at the address, or one that does not take its configuration."""
+
+
+class CameraUnavailable(DeviceError):
+    """No camera, or one that cannot be opened."""

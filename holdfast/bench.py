@@ -6,6 +6,7 @@
     training     CPU seconds of simulating, features and training against the number of trials
     instructions a step and a forest counted by callgrind, and a projection to a small board
     hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
+    onset        error of the slip's start as a camera sees it, over accelerations and on pulls (needs the extra camera)
     simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
                  laws of friction and, after `make peers`, MuJoCo on the same hold and pull
 """
@@ -102,9 +103,15 @@ def _hand(out: Path) -> dict[str, Any]:
     return figures | {"memory": memory(MODEL)}
 
 
+def _onset(out: Path) -> dict[str, Any]:
+    from benchmarks.onset import held, pulls, ramps
+
+    return {"ramps": ramps(), "pulls": pulls(), "held": held()}
+
+
 MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "latency": _latency, "cost": _cost, "training": _training, "instructions": _instructions, "effects": _effects,
-    "hand": _hand, "simulator": _simulator,
+    "hand": _hand, "onset": _onset, "simulator": _simulator,
 }  # fmt: skip
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0

@@ -18,6 +18,7 @@ EXTRAS = {
     "live path": ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
     "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
     "viz": ("matplotlib",),
+    "camera": ("depthai",),
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hard_marks import COLLAR, EVENTS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -74,6 +75,7 @@ def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
     assert heard(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040).outcomes[0].alarm_s is not None
 
 
+@EVENTS.mark
 def test_an_alarm_that_was_on_before_finds_nothing_and_is_false():
     told = heard(recording(EVENT), asked((0.5, 2.0)))
     assert told.outcomes[0].alarm_s is None
@@ -81,18 +83,28 @@ def test_an_alarm_that_was_on_before_finds_nothing_and_is_false():
     assert told.false_s == (0.5,)
 
 
+@EVENTS.unguarded
+def test_counted_sample_by_sample_an_alarm_that_never_ends_finds_every_event():
+    always = asked((0.0, 3.0))
+    assert always[round(EVENT.onset_s * RATE_HZ) : round(EVENT.end_s * RATE_HZ)].all()
+    assert heard(recording(EVENT), always).outcomes[0].alarm_s is None
+
+
+@EVENTS.mark
 def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_finds_it():
     told = heard(recording(EVENT), asked((0.5, 0.97), (1.03, 1.2)))
     assert told.outcomes[0].delay_s == pytest.approx(0.03)
     assert told.false_s == (0.5,)
 
 
+@COLLAR.mark
 def test_an_event_is_found_once_and_a_second_alarm_in_it_is_neither_found_nor_false():
     told = heard(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
     assert told.outcomes[0].delay_s == pytest.approx(0.01)
     assert told.false_s == ()
 
 
+@COLLAR.mark
 def test_two_events_inside_one_collar_share_an_alarm_that_begins_in_both():
     second = RiskyEvent(1.11, 1.15, 1.20)
     told = heard(recording(EVENT, second), asked((1.10, 1.3)))
@@ -138,12 +150,14 @@ def test_gross_slip_that_nobody_knows_gives_a_delay_and_no_lead():
     assert (told["lead_ms"], told["lead_used"], told["in_time"]) == (None, None, 0.0)
 
 
+@EVENTS.mark
 def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
     told = event_scores([stream("a", (1.0, 1.1), events=())])
     assert (told["recall"], told["recall_ci"], told["false_per_min_ci"]) == (None, None, None)
     assert told["false_per_min"] == pytest.approx(20.0)
 
 
+@EVENTS.mark
 def test_no_streams_at_all_are_no_figures():
     told = event_scores([])
     assert (told["events"], told["recall"], told["false_per_min"]) == (0, None, None)

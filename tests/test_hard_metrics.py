@@ -14,16 +14,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hard_marks import ABSENT, CERTAIN, COLLAR, EMPTY, EVENTS, FOREIGN, SINGULAR
+from hard_marks import ABSENT, CERTAIN, COLLAR, EMPTY, FOREIGN, SINGULAR
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import f1_score, log_loss, roc_auc_score
 
-from benchmarks.cost import Point, Stream, acts_at, choose_threshold, score
 from drivers.calibration import Calibration as FieldCalibration
 from drivers.calibration import Meta, read_calibration, write_calibration
 from edge_runtime.contract import SITUATIONS, FloatArray
 from edge_runtime.decision import UNKNOWN
-from edge_runtime.errors import ClassMissing, DataError, EmptyRecording, LabelError, NotANumber
+from edge_runtime.errors import ClassMissing, DataError, LabelError, NotANumber
 from edge_runtime.graph import open_session
 from edge_runtime.preparation import Preparation
 from export.exporting import whole_graph
@@ -221,80 +220,7 @@ def test_counted_in_cells_an_answer_of_minus_one_is_an_answer_withheld_from_anot
     assert cells[1].sum() == 1
 
 
-# Events
-
-
-def stream(share: npt.ArrayLike, *, onset_s: float | None = 1.0, lost_s: float | None = 2.0) -> Stream:
-    """Three seconds at 100 Hz with a risky share in thousandths; the object slides half a second after the load."""
-    gross_s = None if onset_s is None else onset_s + 0.5
-    return Stream(np.broadcast_to(share, 300).astype(np.int64), RATE_HZ, onset_s, gross_s, lost_s, onset_s is not None)
-
-
-def alarm(*spans: tuple[int, int]) -> npt.NDArray[np.int64]:
-    share = np.zeros(300, dtype=np.int64)
-    for first, stop in spans:
-        share[first:stop] = 900
-    return share
-
-
-def scored(*streams: Stream) -> dict[str, Any]:
-    return score(list(streams), Point(debounce=2), 500)
-
-
-@EVENTS.mark
-def test_one_event_that_is_caught_is_a_recall_of_one_and_one_that_is_missed_of_none() -> None:
-    caught, missed = scored(stream(alarm((120, 140)))), scored(stream(alarm()))
-    assert (caught["recall"], caught["events"], caught["false_per_min"]) == (1.0, 1, 0.0)
-    assert caught["delay_ms"] == pytest.approx(210.0)
-    assert caught["lead_used"] == pytest.approx(0.42)
-    assert (missed["recall"], missed["delay_ms"], missed["lead_used"]) == (0.0, None, None)
-
-
-@EVENTS.mark
-def test_without_an_event_there_is_no_recall_and_without_a_sample_no_rate() -> None:
-    quiet, nothing = scored(stream(alarm((10, 20)), onset_s=None)), scored()
-    assert (quiet["recall"], quiet["events"], quiet["false_per_min"]) == (None, 0, 20.0)
-    assert (nothing["recall"], nothing["false_per_min"]) == (None, None)
-    empty = replace(stream(0), permille=NO_ROWS)
-    assert scored(empty)["false_per_min"] is None
-    assert not acts_at(empty, 500, 2).size
-    for streams in ([], [empty]):
-        with pytest.raises(EmptyRecording, match="no streams"):
-            choose_threshold(streams, Point())
-
-
-@pytest.mark.parametrize("first", [0, 1, 98])
-@EVENTS.mark
-def test_an_alarm_that_is_on_before_the_load_comes_is_false_and_catches_nothing(first: int) -> None:
-    figures = scored(stream(alarm((first, 300))))
-    assert (figures["recall"], figures["false_per_min"]) == (0.0, 20.0)
-
-
-@EVENTS.mark
-def test_an_alarm_that_was_on_and_begins_again_in_the_event_is_both() -> None:
-    figures = scored(stream(alarm((50, 90), (110, 150))))
-    assert (figures["recall"], figures["false_per_min"]) == (1.0, 20.0)
-
-
-@EVENTS.mark
-def test_an_object_that_was_lost_in_the_first_instant_ends_its_event_then() -> None:
-    """A loss at 0 s is a time, not a missing one."""
-    assert scored(stream(alarm((120, 140)), onset_s=0.0, lost_s=0.0))["recall"] == 0.0
-    assert scored(stream(alarm((120, 140)), onset_s=0.0, lost_s=None))["recall"] == 1.0
-
-
-@EVENTS.unguarded
-def test_counted_sample_by_sample_an_alarm_that_never_ends_catches_every_event() -> None:
-    always = stream(alarm((0, 300)))
-    t_s = np.arange(300) / RATE_HZ
-    assert (always.permille[(t_s >= 1.0) & (t_s <= 2.0)] > 500).all()
-    assert scored(always)["recall"] == 0.0
-
-
-@COLLAR.mark
-def test_a_second_alarm_in_the_same_event_is_neither_false_nor_another_catch() -> None:
-    once, twice = scored(stream(alarm((120, 140)))), scored(stream(alarm((120, 140), (150, 170), (180, 199))))
-    assert once == twice
+# A slip that sticks and slides
 
 
 def shaking() -> FloatArray:

@@ -1,0 +1,229 @@
+"""The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source of the frames differs.
+
+Traps of depthai that its form comes from: no Python runs in depthai's threads (an error there ends the interpreter), so
+answers are pulled; the inputs block, because by default they drop frames; what is queued when a pipeline stops is
+lost, so the queues are emptied first; and a video that could not be written says nothing, so it is read again.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import timedelta
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from drivers.camera.library import load_depthai
+from drivers.camera.recording import (
+    ABOUT,
+    STAMPS,
+    TAGS,
+    VIDEO,
+    Corners,
+    TagFile,
+    read_tracks,
+    read_video,
+    require_same_stamps,
+    write_about,
+)
+from drivers.camera.sources import LONGEST_WAIT_S, Source
+from edge_runtime.errors import DeviceLost, EmptyRecording, HoldfastError, OutputError, TimeError
+
+FAMILY, QUAD_DECIMATE, THREADS = "36h11", 2, 1
+"""Decimation 4, the default, loses tags of 30 px; two threads on a busy machine take ten times as long as one."""
+ANSWERS = 30
+LIVE_WAIT_S = 0.1
+EMPTY_POLLS, POLL_S = 6, 0.01
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What came of it: frames with tags read, lost between them, stamps that ran backwards, frames in the video."""
+
+    frames: int
+    lost: int
+    backwards: int
+    in_video: int
+
+
+def watch(
+    source: Source, out: Path, *, say: Callable[[str], None], stopped: Callable[[], bool] = lambda: False
+) -> Watched:
+    """Run the graph on a source until it ends or is stopped, and leave a recording in `out`.
+
+    Whatever goes wrong on the way, what was recorded by then is kept, camera.json says why the trial is void, and the
+    error is raised: CameraUnavailable, DeviceLost, TransferFailed, OutputError, or what the source raises.
+    """
+    dai = load_depthai(say)
+    try:
+        pipeline = source.open(dai)
+        return _Watch(dai, pipeline, source, out).run(stopped)
+    finally:
+        source.close()
+
+
+class _Watch:
+    """One run of the graph."""
+
+    def __init__(self, dai: Any, pipeline: Any, source: Source, out: Path) -> None:
+        self.dai, self.pipeline, self.source, self.out = dai, pipeline, source, out
+        self.last = -1
+        self.last_s = -1.0
+        self.frames = self.lost = self.backwards = 0
+        _require_empty(out)
+
+    def run(self, stopped: Callable[[], bool]) -> Watched:
+        """Watch, then look at the video, then say in camera.json how it went."""
+        self._about("interrupted")
+        failed: HoldfastError | None = None
+        try:
+            self._film(stopped)
+        except HoldfastError as error:
+            failed = error
+        in_video, unread = self._in_video()
+        failed = failed or unread
+        self._about(str(failed) if failed else None, in_video)
+        if failed is not None:
+            raise failed
+        return Watched(self.frames, self.lost, self.backwards, in_video)
+
+    def _film(self, stopped: Callable[[], bool]) -> None:
+        record, tagger = self._record(), self._tagger()
+        answers = tagger.out.createOutputQueue(maxSize=ANSWERS, blocking=True)
+        step = self.source.connect(self.dai, self.pipeline, [record.input, tagger.inputImage])
+        with TagFile(self.out) as tags:
+            try:
+                self.pipeline.start()
+                self._pull(step, stopped, answers, tags)
+            finally:
+                _drain(record)
+                self.pipeline.stop()
+                self.pipeline.wait()  # no callback was given to this one, so it may be waited for
+
+    def _record(self) -> Any:
+        record = self.pipeline.create(self.dai.node.RecordVideo)
+        record.setRecordVideoFile(self.out / VIDEO)
+        record.setRecordMetadataFile(self.out / STAMPS)
+        record.setFps(round(self.source.lens.fps))  # without it the first nine frames are lost
+        return record
+
+    def _tagger(self) -> Any:
+        tagger = self.pipeline.create(self.dai.node.AprilTag)
+        tagger.setRunOnHost(True)
+        tagger.setNumThreads(THREADS)
+        tagger.initialConfig.setFamily(self.dai.AprilTagConfig.Family.TAG_36H11)
+        tagger.initialConfig.quadDecimate = QUAD_DECIMATE
+        tagger.inputImage.setBlocking(True)
+        return tagger
+
+    def _pull(self, step: Callable[[], bool], stopped: Callable[[], bool], answers: Any, tags: TagFile) -> None:
+        """Pass frames on and pull what is known of them; an error of the source is raised when all it sent is read."""
+        sent, failed = 0, None
+        live = self.source.last_lost > 0
+        try:
+            while not stopped() and step():
+                sent += 1
+                self._take(answers, tags, LIVE_WAIT_S if live else 0.0)
+                if not self.pipeline.isRunning():
+                    raise _lost(self.source.name)
+        except HoldfastError as error:
+            failed = error
+        quiet_s = time.monotonic()
+        while not live and self.frames < sent and self.pipeline.isRunning():
+            if self._take(answers, tags, LIVE_WAIT_S):
+                quiet_s = time.monotonic()
+            elif time.monotonic() - quiet_s > LONGEST_WAIT_S:
+                break
+        if failed is None and not live and self.frames < sent:
+            failed = _lost("depthai")
+        if failed is not None:
+            raise failed
+
+    def _take(self, answers: Any, tags: TagFile, wait_s: float) -> bool:
+        """Write down what is known by now, waiting a little for the first; whether there was anything."""
+        try:
+            message = answers.get(timedelta(seconds=wait_s)) if wait_s else answers.tryGet()
+            any_yet = message is not None
+            while message is not None:
+                self._note(message, tags)
+                message = answers.tryGet()
+            return any_yet
+        except self.dai.MessageQueue.QueueException:
+            raise _lost(self.source.name) from None
+
+    def _note(self, message: Any, tags: TagFile) -> None:
+        sequence, end_s = int(message.getSequenceNum()), message.getTimestamp().total_seconds()
+        self.lost += max(0, sequence - self.last - 1) if self.frames else 0
+        self.backwards += end_s <= self.last_s
+        self.last, self.last_s, self.frames = sequence, end_s, self.frames + 1
+        tags.write(sequence, end_s - 5e-4 * self.source.lens.exposure_ms, _corners(message.aprilTags))
+
+    def _in_video(self) -> tuple[int, HoldfastError | None]:
+        """Frames the video really holds, and what is wrong with it: depthai says nothing where it cannot write."""
+        if not self.frames:
+            return 0, EmptyRecording("not one frame", where=self.source.name, cause="stopped at once")
+        if self.backwards:
+            return 0, TimeError(
+                f"{self.backwards} frames are not later than the one before", where=self.out / TAGS,
+                cause="the camera's clock and this machine's were being matched anew", next_step="record again",
+            )  # fmt: skip
+        try:
+            video = read_video(self.out, self.dai, images=False)
+            tracks = read_tracks(self.out)
+            require_same_stamps(video, tracks, self.source.lens, self.out)
+        except HoldfastError as error:
+            return 0, OutputError(
+                f"the video was not written ({error.what})", where=self.out / VIDEO, cause="a full disk",
+                next_step=f"make room and record again; {TAGS} holds the tracks",
+            )  # fmt: skip
+        wanted = tracks.sequence.tolist()[: len(tracks.sequence) - self.source.last_lost]
+        missing = set(wanted) - {frame.sequence for frame in video}
+        if not missing:
+            return len(video), None
+        return len(video), OutputError(
+            f"{len(missing)} of {self.frames} frames are not in the video", where=self.out / VIDEO,
+            cause="a full disk, or a machine too slow for lossless video", next_step="make room; fewer frames a second",
+        )  # fmt: skip
+
+    def _about(self, void: str | None, in_video: int = 0) -> None:
+        lens = self.source.lens
+        write_about(self.out, {
+            "source": self.source.name, "fps": lens.fps, "exposure_ms": lens.exposure_ms, "tag_mm": lens.tag_mm,
+            "clock": lens.clock, "family": FAMILY, "quad_decimate": QUAD_DECIMATE, "frames": self.frames,
+            "in_video": in_video, "lost": self.lost, "backwards": self.backwards, "void": void,
+            "depthai": version("depthai"),
+        })  # fmt: skip
+
+
+def _corners(found: Any) -> dict[int, Corners]:
+    """Corners [8] by tag, top left first, clockwise; a tag seen twice in a frame is nowhere."""
+    ids = [one.id for one in found]
+    square = ("topLeft", "topRight", "bottomRight", "bottomLeft")
+    return {
+        one.id: [xy for name in square for xy in (getattr(one, name).x, getattr(one, name).y)]
+        for one in found
+        if ids.count(one.id) == 1
+    }
+
+
+def _drain(record: Any) -> None:
+    """Wait until the video's queue has stood empty for a while; stopping throws away what is in it."""
+    empty, until_s = 0, time.monotonic() + LONGEST_WAIT_S
+    while empty < EMPTY_POLLS and time.monotonic() < until_s:
+        empty = empty + 1 if record.input.getSize() == 0 else 0
+        time.sleep(POLL_S)
+
+
+def _lost(name: str) -> DeviceLost:
+    return DeviceLost(
+        "frames stopped coming", where=name, cause="unplugged, its power dipped, or a node of the graph stopped",
+        next_step="the trial is void, what came before is kept; short cable, own power, then record again",
+    )  # fmt: skip
+
+
+def _require_empty(out: Path) -> None:
+    there = [name for name in (VIDEO, STAMPS, TAGS, ABOUT) if (out / name).exists()]
+    if there:
+        raise OutputError(f"holds {there[0]} already", where=out, next_step="name a new folder, or remove it yourself")

@@ -1,0 +1,203 @@
+"""What watching leaves in a folder, and how it is read.
+
+    camera.mkv     the frames, lossless (FFV1)         camera.mcap    their stamps and numbers
+    tags.csv       sequence, t_s, tag, x1, y1 .. y4    a line a tag and frame, from the first frame on; a line without
+                                                       a tag where a frame shows none. t_s: middle of the exposure
+    camera.json    source, fps, exposure, tag, clock, counts, gaps, and why the trial is void, if it is
+
+tags.csv is written line by line, so a killed recording keeps its tracks. Nothing here but the video needs depthai.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TextIO
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.camera.sources import LENS, Frame, Lens, Stored, require_forward
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, OutputError
+from edge_runtime.writing import write_whole
+
+VIDEO, STAMPS, TAGS, ABOUT = "camera.mkv", "camera.mcap", "tags.csv", "camera.json"
+CORNERS = [f"{axis}{k}" for k in range(1, 5) for axis in "xy"]
+COLUMNS = ["sequence", "t_s", "tag", *CORNERS]
+STAMP_S = 2e-6
+"""depthai keeps stamps to a microsecond."""
+POLL_S = 0.01
+Corners = list[float]
+
+
+class TagFile:
+    """A new tags.csv, line-buffered. Raises OutputError."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / TAGS
+        try:
+            self._file: TextIO = self.path.open("x", encoding="utf-8", buffering=1)
+            self._file.write(",".join(COLUMNS) + "\n")
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def write(self, sequence: int, t_s: float, tags: dict[int, Corners]) -> None:
+        """The tags of one frame, corners [8] as float32 in as many digits as bring them back."""
+        head = f"{sequence},{t_s:.6f}"
+        lines = [",".join([head, str(tag), *(f"{x:.9g}" for x in at)]) for tag, at in sorted(tags.items())]
+        try:
+            self._file.write("".join(f"{line}\n" for line in lines or [head + "," * (len(COLUMNS) - 2)]))
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def _failed(self, error: OSError) -> OutputError:
+        return OutputError(
+            f"cannot write ({error.strerror})", where=self.path, cause="a full disk, no permission, or an old one",
+            next_step="name a new folder on a disk with room",
+        )  # fmt: skip
+
+    def __enter__(self) -> TagFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._file.close()
+        except OSError as failed:
+            if error is None:
+                raise self._failed(failed) from None
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Tags of a recording: sequence [K], t_s [K] (middle of exposure), corners [K, 4, 2] px by tag, nan if unseen."""
+
+    sequence: npt.NDArray[np.int64]
+    t_s: FloatArray
+    corners_px: dict[int, FloatArray]
+
+    def of(self, tag: int) -> FloatArray:
+        """[K, 4, 2] of a tag; all nan if it was never seen."""
+        return self.corners_px.get(tag, np.full((len(self.t_s), 4, 2), np.nan))
+
+
+def read_tracks(folder: Path) -> Tracks:
+    """tags.csv of a folder. Raises DataNotFound, ColumnError, NotANumber, EmptyRecording, TimeError."""
+    path = folder / TAGS
+    try:
+        with path.open(newline="", encoding="utf-8") as lines:
+            rows = list(csv.reader(lines))
+    except FileNotFoundError:
+        raise DataNotFound(f"no {TAGS}", where=folder, next_step="holdfast watch makes one") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise NotANumber(f"cannot be read ({type(error).__name__})", where=path, next_step="watch again") from None
+    if not rows or rows[0] != COLUMNS:
+        raise ColumnError("other columns", where=path, next_step=f"the columns are {','.join(COLUMNS)}")
+    body = rows[1:-1] if rows[-1] and len(rows[-1]) < len(COLUMNS) else rows[1:]  # a killed program's last line
+    if not body:
+        raise EmptyRecording("no frame", where=path, cause="stopped at once", next_step="record again")
+    try:
+        return _tracks(body, path)
+    except (ValueError, IndexError):
+        raise NotANumber("a line that is not numbers", where=path, next_step="watch the video again") from None
+
+
+def _tracks(body: list[list[str]], path: Path) -> Tracks:
+    stamps = {int(row[0]): float(row[1]) for row in body}
+    row_of = {sequence: k for k, sequence in enumerate(stamps)}
+    t_s = np.array(list(stamps.values()))
+    require_forward(t_s, path)
+    corners: dict[int, FloatArray] = {}
+    for row in body:
+        if row[2]:
+            place = corners.setdefault(int(row[2]), np.full((len(t_s), 4, 2), np.nan))
+            place[row_of[int(row[0])]] = np.array(row[3:], dtype=np.float64).reshape(4, 2)
+    return Tracks(np.array(list(stamps), dtype=np.int64), t_s, corners)
+
+
+def write_about(folder: Path, about: dict[str, Any]) -> None:
+    """camera.json. Raises OutputError."""
+    write_whole(folder / ABOUT, json.dumps(about, indent=1) + "\n")
+
+
+def read_about(folder: Path) -> dict[str, Any]:
+    """camera.json with the numbers that are needed. Raises DataNotFound, NotANumber."""
+    path = folder / ABOUT
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        if not all(math.isfinite(number) and number > 0.0 for number in (float(about[name]) for name in LENS)):
+            raise ValueError("not positive")
+        return dict(about)
+    except FileNotFoundError:
+        raise DataNotFound(f"no {ABOUT}", where=folder, next_step="holdfast watch makes one") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise NotANumber(f"cannot be used ({type(error).__name__})", where=path, next_step="mend it") from None
+
+
+def read_recorded(folder: Path, dai: Any) -> Stored:
+    """A recorded folder as a source. Raises what read_about, read_tracks and read_video raise."""
+    about = read_about(folder)
+    lens = Lens.of(about, str(about.get("clock")))
+    frames = read_video(folder, dai)
+    require_same_stamps(frames, read_tracks(folder), lens, folder)
+    return Stored(f"{folder.name}/{VIDEO}", lens, frames)
+
+
+def require_same_stamps(frames: list[Frame], tracks: Tracks, lens: Lens, folder: Path) -> None:
+    """Raise ColumnError where the video's numbers and stamps are not those of the tags."""
+    middle_s = dict(zip(tracks.sequence.tolist(), tracks.t_s.tolist(), strict=True))
+    off = [f for f in frames if abs(middle_s.get(f.sequence, math.inf) + 5e-4 * lens.exposure_ms - f.end_s) > STAMP_S]
+    if len(off) > max(0, len(frames) - len(middle_s)):
+        raise ColumnError(
+            f"{len(off)} frames of the video have stamps that {TAGS} does not have", where=folder,
+            cause=f"{STAMPS} is broken or of another recording", next_step="record again",
+        )  # fmt: skip
+
+
+def read_video(folder: Path, dai: Any, *, images: bool = True) -> list[Frame]:
+    """Every frame of a recorded folder, in order. Raises DataNotFound, EmptyRecording.
+
+    The end of the file stops depthai's pipeline at once, so frames are taken by a callback on a queue of one, which
+    takes them in depthai's own thread (a queue that is pulled loses the last ones). It must not raise, and nothing may
+    wait for the pipeline: either would end the interpreter.
+    """
+    for name in (VIDEO, STAMPS):
+        if not (folder / name).is_file():
+            raise DataNotFound(f"no {name}", where=folder, next_step="give a folder that holdfast watch made")
+    pipeline = dai.Pipeline(createImplicitDevice=False)
+    replay = pipeline.create(dai.node.ReplayVideo)
+    replay.setReplayVideoFile(folder / VIDEO)
+    replay.setReplayMetadataFile(folder / STAMPS)
+    replay.setOutFrameType(dai.ImgFrame.Type.GRAY8)
+    replay.setLoop(False)
+    replay.setFps(1000)
+    queue = replay.out.createOutputQueue(maxSize=1, blocking=False)
+    frames: list[Frame] = []
+    broken: list[str] = []
+
+    def take(message: Any) -> None:
+        try:
+            shape = (message.getHeight(), message.getWidth()) if images else (0, 0)
+            image = np.array(message.getData(), dtype=np.uint8)[: shape[0] * shape[1]].reshape(shape)
+            frames.append(Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image))
+        except Exception as error:  # it would end the interpreter
+            broken.append(f"{type(error).__name__}: {error}")
+
+    queue.addCallback(take)
+    pipeline.start()
+    while pipeline.isRunning():
+        time.sleep(POLL_S)
+    pipeline.stop()
+    if broken or not frames:
+        raise EmptyRecording(
+            f"the video cannot be read ({broken[0] if broken else 'no frame'})", where=folder / VIDEO,
+            cause="cut off, or not ours", next_step=f"{TAGS} may still hold the tracks: holdfast onset",
+        )  # fmt: skip
+    return frames

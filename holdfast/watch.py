@@ -1,0 +1,63 @@
+"""`holdfast watch --camera oak --tag-mm 10 --out DIR`: lossless video and tag tracks of a trial, until Ctrl-C.
+
+    holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
+    holdfast watch --camera build/scenes/soft-ball/pull/trial_1.frames.npz --out build/watched
+    holdfast watch --camera trials/7 --out build/again            the tags anew, from a recorded video
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edge_runtime.command import place, positive
+from edge_runtime.errors import UsageError
+
+if TYPE_CHECKING:
+    from drivers.camera.sources import Source
+
+FPS, EXPOSURE_MS = 60.0, 2.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    parser.add_argument("--camera", required=True, metavar="oak|FILE", help="oak, a .frames.npz, or a recorded folder")
+    parser.add_argument("--out", type=place, required=True, metavar="DIR", help="the trial's folder")
+    parser.add_argument("--tag-mm", type=positive, metavar="MM", help="oak: the printed side of the tags, measured")
+    parser.add_argument("--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}")
+    parser.add_argument("--exposure-ms", type=positive, default=EXPOSURE_MS, metavar="MS", help="oak: default 2")
+    parser.add_argument("--seconds", type=positive, metavar="S", help="oak: stop after so long")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Watch until the frames end or somebody stops it."""
+    from drivers.camera.graph import watch
+    from drivers.camera.sources import OAK, Lens, Oak
+    from holdfast.run import say, stop_signals
+
+    source: Source
+    if args.camera == OAK:
+        if args.tag_mm is None:
+            raise UsageError(
+                "--tag-mm is missing", cause="millimetres come from the printed side",
+                next_step="measure a tag's black square with a calliper and give --tag-mm 9.96",
+            )  # fmt: skip
+        source = Oak(Lens(args.fps, args.exposure_ms, args.tag_mm, clock="monotonic"), args.seconds)
+    else:
+        source = stored(Path(args.camera), say)
+    with stop_signals() as stopped:
+        watched = watch(source, args.out, say=say, stopped=stopped)
+    print(f"{watched.frames} frames with tags read, {watched.in_video} in the video, {watched.lost} lost between them")
+    print(f"{args.out}; next: holdfast onset {args.out}")
+    return 0
+
+
+def stored(path: Path, say: Callable[[str], None]) -> Source:
+    """Frames on disk or a recorded folder as a source. Raises a DataError or LibraryMissing."""
+    from drivers.camera.library import load_depthai
+    from drivers.camera.recording import read_recorded
+    from drivers.camera.sources import read_frames
+
+    return read_recorded(path, load_depthai(say)) if path.is_dir() else read_frames(path)

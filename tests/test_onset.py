@@ -1,0 +1,228 @@
+"""When an object began to slip, from tag corners alone: no camera, no depthai, nothing but numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import LabelError
+from training.onset import (
+    FLOOR_PX,
+    GROSS_MM,
+    Hidden,
+    Motion,
+    Slip,
+    find_slip,
+    gross_distance_mm,
+    largest_move_mm,
+    motion,
+)
+
+TAG_MM, MM_PER_PX = 10.0, 0.25
+SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+NOISE_MM = 0.004
+
+
+def tag(centre_px: FloatArray, side_px: FloatArray | float = 40.0, turned: FloatArray | float = 0.0) -> FloatArray:
+    """[K, 4, 2] corners of a square tag at centre_px [K, 2]."""
+    angle, side = np.broadcast_to(turned, len(centre_px)), np.broadcast_to(side_px, len(centre_px))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
+    return centre_px[:, None, :] + side[:, None, None] * (SQUARE @ turn.transpose(0, 2, 1))
+
+
+def slid(
+    acceleration_mm_s2: float, start_s: float, *, fps: float = 60.0, seed: int = 0, lasts_s: float = 1.5
+) -> Motion:
+    """At rest, then a constant acceleration."""
+    t_s = np.arange(1, int(fps * (start_s + lasts_s))) / fps
+    place_mm = np.random.default_rng(seed).normal(0.0, NOISE_MM, (len(t_s), 2))
+    place_mm[:, 1] += 0.5 * acceleration_mm_s2 * np.maximum(t_s - start_s, 0.0) ** 2
+    return Motion(t_s, place_mm, MM_PER_PX)
+
+
+def pressed(peak_mm: float, *, stays: bool = False) -> Motion:
+    """Loaded from 1 s to 2 s: the pads give by peak_mm and come back, or stay there."""
+    t_s = np.arange(1, 240) / 60.0
+    place_mm = np.random.default_rng(1).normal(0.0, NOISE_MM, (len(t_s), 2))
+    load = np.clip(t_s - 1.0, 0.0, 0.2) - (0.0 if stays else 1.0) * np.clip(t_s - 2.0, 0.0, 0.2)
+    place_mm[:, 0] += 5.0 * peak_mm * load
+    return Motion(t_s, place_mm, MM_PER_PX)
+
+
+def hiding(moved: Motion, first: int, stop: int) -> Motion:
+    place_mm = moved.place_mm.copy()
+    place_mm[first:stop] = np.nan
+    return Motion(moved.t_s, place_mm, moved.mm_per_px)
+
+
+def found(moved: Motion, gross_mm: float = GROSS_MM) -> Slip:
+    slip = find_slip(moved, gross_mm)
+    assert isinstance(slip, Slip)
+    return slip
+
+
+# -- the object in the hand
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.floats(20, 80))
+def test_a_hand_that_moves_turns_and_comes_nearer_moves_nothing(seed, side_px):
+    rng = np.random.default_rng(seed)
+    away_mm = rng.uniform(-30, 30, 2)
+    angle, side = rng.uniform(-1, 1, 20), side_px * rng.uniform(0.8, 1.25, 20)
+    hand = rng.uniform(100, 300, (20, 2))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
+    thing = hand + (turn @ away_mm) * side[:, None] / TAG_MM
+    moved = motion(np.arange(20.0), tag(thing, side, angle + 0.3), tag(hand, side, angle), TAG_MM)
+    np.testing.assert_allclose(moved.place_mm, np.tile(away_mm, (20, 1)), atol=1e-9)
+
+
+def test_millimetres_come_from_the_printed_side():
+    hand = np.tile([100.0, 100.0], (10, 1))
+    thing = hand + np.array([80.0, 0.0]) + np.outer(np.arange(10.0), [0.0, 4.0])
+    for printed_mm in (10.0, 9.7):
+        moved = motion(np.arange(10.0), tag(thing), tag(hand), printed_mm)
+        np.testing.assert_allclose(np.diff(moved.place_mm[:, 1]), 0.1 * printed_mm, atol=1e-9)
+        assert moved.mm_per_px == pytest.approx(printed_mm / 40.0)
+
+
+def test_a_hidden_tag_gives_a_gap_and_never_a_number():
+    hand, thing = (tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0]))
+    hand[3], thing[7, 2] = np.nan, np.nan
+    moved = motion(np.arange(20.0), thing, hand, TAG_MM)
+    assert np.flatnonzero(np.isnan(moved.place_mm[:, 0])).tolist() == [3, 7]
+    assert moved.seen == 18
+
+
+def test_tags_never_seen_together_are_an_error():
+    hand, thing = (tag(np.tile(place, (20, 1))) for place in ([100.0, 100.0], [180.0, 100.0]))
+    hand[::2], thing[1::2] = np.nan, np.nan
+    with pytest.raises(LabelError, match=r"0 of 20 frames.*36h11"):
+        motion(np.arange(20.0), thing, hand, TAG_MM)
+
+
+def test_tags_printed_in_two_sizes_are_refused_with_the_size_the_other_has():
+    places = np.tile([100.0, 100.0], (20, 1))
+    with pytest.raises(LabelError, match=r"hand's tag is 10 mm, the object's is 12\.00 mm.*two sizes"):
+        motion(np.arange(20.0), tag(places + 80.0, 48.0), tag(places, 40.0), TAG_MM)
+    motion(np.arange(20.0), tag(places + 80.0, 41.0), tag(places, 40.0), TAG_MM)
+
+
+def test_a_tag_that_is_no_square_is_refused():
+    places = np.tile([100.0, 100.0], (20, 1))
+    flat = tag(np.zeros((20, 2))) * [1.0, 0.9] + [180.0, 100.0]
+    with pytest.raises(LabelError, match=r"object's tag is 40\.0 px wide and 36\.0 px high.*face"):
+        motion(np.arange(20.0), flat, tag(places), TAG_MM)
+
+
+def test_both_tags_printed_too_small_are_found_by_their_distance():
+    places = np.tile([100.0, 100.0], (20, 1))
+    hand, thing = tag(places), tag(places + np.array([80.0, 0.0]))
+    motion(np.arange(20.0), thing, hand, 9.7, apart_mm=19.4)
+    with pytest.raises(LabelError, match=r"19\.4 mm apart, and 21\.00 mm.*92 %.*--tag-mm"):
+        motion(np.arange(20.0), thing, hand, 10.5, apart_mm=19.4)
+
+
+# -- the slip
+
+
+@settings(max_examples=60)
+@given(st.floats(20, 8000), st.floats(1.0, 1.0 + 1 / 60), st.integers(0, 1000))
+def test_the_fitted_start_is_the_start_and_the_gross_distance_is_reached_when_it_is(acceleration, start_s, seed):
+    slip = found(slid(acceleration, start_s, seed=seed))
+    assert slip.start_s == pytest.approx(start_s, abs=6e-3)
+    assert abs(slip.start_s - start_s) < 3.0 * slip.uncertainty_s
+    assert slip.gross_s == pytest.approx(start_s + np.sqrt(2.0 * GROSS_MM / acceleration), abs=4e-3)
+
+
+def test_a_threshold_sees_a_slip_late_by_what_the_spec_says():
+    for acceleration in (10.0, 100.0, 1000.0):
+        slips = [found(slid(acceleration, 1.0 + k / 600.0, seed=k)) for k in range(10)]
+        late_s = np.mean([slip.seen_s - (1.0 + k / 600.0) for k, slip in enumerate(slips)])
+        expected_s = np.sqrt(2.0 * FLOOR_PX * MM_PER_PX / acceleration)
+        assert expected_s - 0.012 < late_s < expected_s + 1.2 / 60.0
+
+
+def test_the_uncertainty_is_never_less_than_a_frame_period_s_and_grows_for_slow_slips():
+    slow, fast = (found(slid(acceleration, 1.0, lasts_s=2.5)) for acceleration in (5.0, 500.0))
+    assert fast.uncertainty_s >= 1.0 / 60.0 / np.sqrt(12.0) - 1e-9
+    assert slow.start_sd_s > 3.0 * fast.start_sd_s
+
+
+def test_where_nothing_moves_there_is_no_onset():
+    for seed in range(50):
+        assert find_slip(slid(0.0, 1.0, seed=seed, lasts_s=5.0)) is None
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_pad_that_gives_is_no_slip(stays):
+    for peak_mm in (0.3, 0.8, 1.9):
+        assert find_slip(pressed(peak_mm, stays=stays)) is None
+
+
+def test_the_gross_distance_stands_above_what_the_pads_give():
+    soft = pressed(1.6)
+    assert largest_move_mm(soft) == pytest.approx(1.6, abs=0.02)
+    assert gross_distance_mm([soft, pressed(0.4)]) == pytest.approx(2.4, abs=0.03)
+    assert gross_distance_mm([pressed(0.4)]) == GROSS_MM
+    assert isinstance(find_slip(soft, 1.5), Slip)
+    assert find_slip(soft, gross_distance_mm([soft])) is None
+
+
+def test_an_object_that_settled_before_is_measured_from_where_it_last_rested():
+    moved = slid(300.0, 3.0)
+    moved.place_mm[moved.t_s > 1.0] += [1.5, 0.0]
+    slip = found(moved)
+    assert slip.start_s == pytest.approx(3.0, abs=5e-3)
+    assert slip.gross_s == pytest.approx(3.0 + np.sqrt(2.0 * GROSS_MM / 300.0), abs=5e-3)
+
+
+def test_a_gap_while_the_object_rests_or_already_slides_changes_no_start():
+    moved = slid(30.0, 1.5)
+    start_s = found(moved).start_s
+    for first, stop in ((20, 30), (118, 140)):
+        assert found(hiding(moved, first, stop)).start_s == pytest.approx(start_s, abs=1e-3)
+
+
+def test_an_object_that_moves_behind_a_gap_has_no_onset():
+    hidden = find_slip(hiding(slid(300.0, 1.0), 50, 75))
+    assert isinstance(hidden, Hidden)
+    assert (hidden.from_s, hidden.to_s) == pytest.approx((50 / 60.0, 76 / 60.0))
+
+
+def test_a_tag_lost_as_the_object_leaves_is_hidden_and_not_no_slip():
+    moved = slid(3000.0, 1.0)
+    hidden = find_slip(hiding(moved, 61, len(moved.t_s)))
+    assert isinstance(hidden, Hidden)
+    assert hidden.to_s == pytest.approx(moved.t_s[-1])
+    assert find_slip(hiding(moved, 58, len(moved.t_s))) is None
+
+
+@pytest.mark.parametrize("frames", [19, 20, 21, 22])
+def test_a_trial_may_end_as_soon_as_the_object_has_rested(frames):
+    rested = slid(0.0, 1.0)
+    moved = Motion(rested.t_s[:frames], rested.place_mm[:frames], MM_PER_PX)
+    assert find_slip(moved) is None
+    assert largest_move_mm(moved) == 0.0
+
+
+def test_an_object_that_never_rests_is_an_error():
+    t_s = np.arange(1, 100) / 60.0
+    with pytest.raises(LabelError, match="never rest"):
+        find_slip(Motion(t_s, np.outer(t_s, [5.0, 0.0]), MM_PER_PX))
+
+
+def test_a_part_of_the_trial_is_looked_at_alone():
+    moved = slid(300.0, 2.0)
+    assert find_slip(moved.between(0.0, 1.9)) is None
+    assert found(moved.between(1.0, 2.4)).start_s == pytest.approx(2.0, abs=5e-3)
+
+
+def test_the_interval_ends_where_the_object_rests_again_or_is_last_seen():
+    moved = slid(300.0, 1.0, lasts_s=2.5)
+    stopped = Motion(moved.t_s, np.where(moved.t_s[:, None] > 1.3, [[0.0, 13.5]], moved.place_mm), MM_PER_PX)
+    assert found(stopped).end_s == pytest.approx(1.3, abs=0.04)
+    assert found(hiding(moved, 90, len(moved.t_s))).end_s == pytest.approx(90 / 60.0)
