@@ -2,7 +2,8 @@
 
     effects      ns per sample of every effect of a scene
     latency      one decision beside its peers, in turns; --check holds it against edge_runtime/budget.toml
-    cost         what is caught and how late, against trees, depth, features, rate and debounce; goes on where it was
+    cost         what is found and how late, against trees, depth, features, rate, window and debounce; goes on where
+                 it was; HOLDFAST_DASK=ADDRESS measures on a Dask cluster
     training     CPU seconds of simulating, features and training against the number of trials
     instructions a step and a forest counted by callgrind, and a projection to a small board
     hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
@@ -90,7 +91,7 @@ def _training(out: Path) -> dict[str, Any]:
 def _cost(out: Path) -> dict[str, Any]:
     from benchmarks.cost.surface import cost
 
-    return cost(out / "cost")
+    return cost(out / "cost", dask=os.environ.get("HOLDFAST_DASK"))
 
 
 def _hand(out: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -23,14 +24,16 @@ from training.datasets import load
 from training.featurise import FloatRows, features_everywhere, features_of
 from training.recording import DataSet
 
-PARTS = {"train": ("thesis", 400, 0), "choose": ("daily", 150, 1), "ask": ("daily", 300, 2)}
-"""Part -> card, grasps, seed: what a forest is fitted on, its threshold chosen on, and it is asked about."""
+Parts = Mapping[str, tuple[str, int, int]]
+"""Part -> card, grasps, seed."""
+PARTS: Parts = {"train": ("thesis", 400, 0), "choose": ("daily", 150, 1), "ask": ("daily", 300, 2)}
+"""What a forest is fitted on, its threshold chosen on, and it is asked about."""
 HUMAN = "human_slip_uskin"
 
 
-def prepare(folder: Path, of: Set, rate_hz: float) -> None:
+def prepare(folder: Path, of: Set, rate_hz: float, parts: Parts) -> None:
     """Simulate the parts of a rate, unless they are there."""
-    for part, (card, grasps, seed) in PARTS.items() if of == "scenes" else ():
+    for part, (card, grasps, seed) in parts.items() if of == "scenes" else ():
         place = _place(folder, rate_hz, part)
         if not (place / "meta.json").is_file():
             write_set(Scene(read_card(card, rate_hz=rate_hz), seed), place, grasps)

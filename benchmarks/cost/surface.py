@@ -23,7 +23,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.cost.measure import measure, rows_for_timing
 from benchmarks.cost.point import Point, points
-from benchmarks.cost.sets import PARTS, everywhere, prepare, windows
+from benchmarks.cost.sets import PARTS, Parts, everywhere, prepare, windows
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
@@ -36,15 +36,17 @@ TIMED_ROWS = 200
 TURNS, CALLS = 10, 60
 
 
-def cost(folder: Path, chosen: Sequence[Point] | None = None, *, dask: str | None = None) -> dict[str, Any]:
-    """Rows of all points, and the fronts: the forest's time and the alarm's delay against what is found.
+def cost(
+    folder: Path, chosen: Sequence[Point] | None = None, *, dask: str | None = None, parts: Parts = PARTS
+) -> dict[str, Any]:
+    """Rows of all points, and for each set the front of the step's time against what is found.
 
     folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same folder.
     """
     chosen = points() if chosen is None else chosen
     with _workers(dask):
         sets = dict.fromkeys((point.of, point.rate_hz) for point in chosen)
-        Parallel()(delayed(prepare)(folder, *one) for one in sets)
+        Parallel()(delayed(prepare)(folder, *one, parts) for one in sets)
         Parallel()(delayed(_features)(folder, point) for point in _by_features(chosen))
         rows = Parallel()(delayed(_kept)(folder, point) for point in chosen)
     for row, us in zip(rows, _priced(folder, chosen), strict=True):

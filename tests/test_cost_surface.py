@@ -1,0 +1,177 @@
+"""What accuracy costs: which points, their front, what is kept, and the same answer wherever it is run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.cost import sets
+from benchmarks.cost.measure import rows_for_timing
+from benchmarks.cost.page import README_ROWS, figure, line, page, readme
+from benchmarks.cost.point import GROUPS, Point, points
+from benchmarks.cost.sets import look_backs_s
+from benchmarks.cost.surface import cost, pareto
+from export.features import feature_count
+from export.spec import StepSpec
+
+SMALL = {"train": ("thesis", 30, 0), "choose": ("daily", 10, 1), "ask": ("daily", 20, 2)}
+TINY = Point(rate_hz=50.0, trees=5, depth=6)
+TIMES = ("forest_us", "step_us")
+
+
+# -- the points
+
+
+def test_the_points_change_every_choice_that_was_asked_for_and_none_stands_twice():
+    tried = points()
+    assert len({point.name for point in tried}) == len(tried) == len({(p.of, p.what) for p in tried})
+    for of in ("scenes", "human"):
+        here = [point for point in tried if point.of == of]
+        assert {1, 500} <= {point.trees for point in here}
+        assert {4, None} <= {point.depth for point in here}
+        assert {0.02, 0.30} <= {point.window_s for point in here}
+        assert {1, 2, 3} == {point.debounce for point in here}
+        assert set(GROUPS) == {point.groups for point in here}
+        assert {"votes", "calibrated"} == {point.confidence for point in here}
+    assert {50.0, 100.0, 150.0, 300.0} == {point.rate_hz for point in tried if point.of == "scenes"}
+    assert {"float64", "float32"} == {point.bank for point in tried}
+
+
+def test_every_line_of_the_readme_is_a_point_that_is_measured():
+    assert set(README_ROWS) <= set(points())
+    assert len(README_ROWS) == 10
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_every_feature_says_how_far_back_it_looks(name):
+    spec = StepSpec(6, 150.0, "N", GROUPS[name])
+    looks = look_backs_s(spec)
+    assert len(looks) == feature_count(spec)
+    assert looks.max() <= 0.5
+
+
+# -- the front
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30))
+def test_nothing_on_the_front_is_beaten_and_everything_else_is(pairs):
+    rows = [{"us": us, "found": found} for us, found in pairs]
+    front = pareto(rows, "us", "found")
+
+    def beats(a: dict[str, int], b: dict[str, int]) -> bool:
+        better = a["us"] < b["us"] or a["found"] > b["found"]
+        return a["us"] <= b["us"] and a["found"] >= b["found"] and better
+
+    assert not any(beats(row, kept) for row in rows for kept in front)
+    assert all(any(beats(kept, row) or kept == row for kept in front) for row in rows)
+
+
+# -- a small surface
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("cost")
+    chosen = [TINY, replace(TINY, debounce=1), replace(TINY, look_back_s=0.05), replace(TINY, confidence="calibrated")]
+    return folder, cost(folder, chosen, parts=SMALL)
+
+
+def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
+
+
+def test_a_row_tells_what_was_chosen_what_was_found_and_what_it_costs(measured):
+    _, told = measured
+    for row in told["rows"]:
+        assert row["events"] > 0
+        assert row["minutes"] > 1.0
+        assert 0.0 < row["macro_f1"] <= 1.0
+        assert 0.0 < row["forest_us"] < row["step_us"]
+        assert row["bytes"] > 1000
+    assert told["fronts"]["scenes"]
+    json.dumps(told, allow_nan=False)
+
+
+def test_a_run_goes_on_where_it_was(measured):
+    """What stands on disk is not measured again, and what is missing is."""
+    folder, told = measured
+    path = folder / "points" / f"{TINY.name}.json"
+    marked = json.loads(path.read_text("utf-8")) | {"recall": 0.125}
+    other = folder / "points" / f"{replace(TINY, debounce=1).name}.json"
+    before = other.read_text("utf-8")
+    path.write_text(json.dumps(marked), encoding="utf-8")
+    other.unlink()
+    again = cost(folder, [TINY, replace(TINY, debounce=1)], parts=SMALL)["rows"]
+    path.write_text(json.dumps(marked | {"recall": told["rows"][0]["recall"]}), encoding="utf-8")
+    assert again[0]["recall"] == 0.125
+    assert json.loads(other.read_text("utf-8")) == json.loads(before)
+
+
+def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(measured):
+    folder, _ = measured
+    short = replace(TINY, look_back_s=0.05)
+    rows = rows_for_timing(short, folder, 50)
+    beyond = look_backs_s(short.spec(sets.read(folder, "scenes", 50.0, "ask"))) > 0.051
+    assert beyond.any()
+    assert not rows[:, beyond].any()
+    np.testing.assert_array_equal(rows[:, ~beyond], rows_for_timing(TINY, folder, 50)[:, ~beyond])
+
+
+@pytest.fixture
+def cluster() -> Iterator[str]:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local:
+        yield local.scheduler_address
+
+
+@pytest.mark.filterwarnings("default")  # of a library that is here for this one test
+def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
+    folder, told = measured
+    for path in (folder / "points").glob("*.json"):
+        path.unlink()
+    chosen = [TINY, replace(TINY, debounce=1)]
+    assert without_times(cost(folder, chosen, dask=cluster, parts=SMALL)["rows"]) == without_times(told["rows"][:2])
+
+
+# -- the page
+
+
+def rows_of(measured: tuple[Path, dict[str, Any]]) -> list[dict[str, Any]]:
+    return [dict(measured[1]["rows"][0], of=point.of, what=point.what) for point in README_ROWS]
+
+
+def test_the_readme_gets_ten_lines_between_its_marks_and_nothing_else_changes(measured):
+    text = "before\n<!-- cost: by a command -->\nold\n<!-- end -->\nafter\n"
+    written = readme(text, rows_of(measured))
+    assert written.startswith("before\n<!-- cost: by a command -->\n| set |")
+    assert written.endswith("\n<!-- end -->\nafter\n")
+    assert "old" not in written
+    assert written.count("simulated |") + written.count("real |") == 10
+    with pytest.raises(ValueError, match="no place"):
+        readme("nothing", rows_of(measured))
+
+
+def test_the_page_and_its_figure_hold_what_was_measured(measured):
+    rows = [*rows_of(measured), dict(rows_of(measured)[0], what="default", of="scenes")]
+    fronts = {"scenes": rows[:1], "human": rows[-2:-1]}
+    us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
+    latency = {"rows": [us], "ratios": {"step_over_own_forest": 5.5}, "memory": [{"process": "floor"}]}
+    told = page({"cost": {"rows": rows, "fronts": fronts}, "latency": latency,
+                 "instructions": {"rows": [{"what": "whole step", "instructions": 7.0}]},
+                 "training": {"rows": [{"trials": 50}]}})  # fmt: skip
+    assert "| one decision ([below](#one-decision-beside-its-peers)) | 0.06 |" in told
+    assert "simulated" in told
+    assert "public real data" in told
+    drawn = figure(rows, fronts)
+    assert drawn.startswith("<svg")
+    assert "simulated" in drawn
+    assert line(rows[0])["found"] == rows[0]["recall"]
