@@ -17,7 +17,7 @@ import numpy.typing as npt
 from edge_runtime.clock import MonotonicClock
 from edge_runtime.contract import BoolArray, FloatArray, Sample
 from edge_runtime.errors import HoldfastError
-from edge_runtime.golden import golden_answers, golden_from_json, golden_input
+from edge_runtime.golden import AMPLITUDE, golden_answers, golden_from_json, golden_input
 from edge_runtime.graph import Outputs, StepGraph, run_recording, run_recordings
 from edge_runtime.model_file import GOLDEN_KEY
 from edge_runtime.monitor import GripMonitor, Model
@@ -154,7 +154,8 @@ def _unknown(model: Model) -> Iterator[Checked]:
     for k in range(sum(turns)):
         lost = turns[0] <= k < turns[0] + turns[1]
         valid = too_few if lost else np.ones(sensors, dtype=np.bool_)
-        sample = Sample(k * period_ns, np.zeros(card.n_channels), valid, k)  # good numbers: the flags alone must do
+        moving = np.full(card.n_channels, AMPLITUDE[card.unit] * (k % 2))  # good numbers: the flags alone must do
+        sample = Sample(k * period_ns, moving, valid, k)
         states.append(monitor.feed(sample).state == "unknown")
     must = np.zeros(sum(turns), dtype=np.bool_)
     must[: settle - 1] = True

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import latency as bench
-from benchmarks.latency import BARE, BUDGET, FLOOR, OWN, SKLEARN, STEP, THESIS, broken, latency, ratios
+from benchmarks.latency import BARE, BUDGET, FLOOR, OWN, SKLEARN, STEP, THESIS, WALK, broken, latency, ratios
 
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 
@@ -16,7 +16,8 @@ MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx
 def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):
     monkeypatch.setattr(bench, "TRIALS", 30)
     figures = latency(MODEL)
-    assert {row["what"] for row in figures["rows"]} == {STEP, OWN, BARE, SKLEARN, THESIS, FLOOR}
+    timed = {row["what"] for row in figures["rows"]}
+    assert timed - {WALK} == {STEP, OWN, BARE, SKLEARN, THESIS, FLOOR}  # the walk needs a compiler
     budget = tomllib.loads(BUDGET.read_text("utf-8"))
     limited = set(budget["at_most"]) | set(budget["at_least"])
     assert limited == {*figures["ratios"], "model_mib", "resident_mb"}
