@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.contract import SITUATIONS
-from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import ClassMissing
 from export.artifact import Artifact, write_artifact
 from export.heads import Head
@@ -65,7 +64,7 @@ def final_artifact(
     return Artifact(
         spec=spec_for(data, plan.groups),
         preparation=data.preparation,
-        decision=DecisionRules().to_json(),
+        decision=plan.decision.to_json(),
         heads=[_final_head(data, features[task], plan, task, held_out, seed) for task in data.tasks],
         rows=np.concatenate(list(features.values())),
         training=_origin(data, plan, seed, held_out_figures(data, held_out, seed)),

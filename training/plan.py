@@ -5,11 +5,12 @@ The choice was made on human_slip_uskin, people held out (docs/decisions.md says
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
+from edge_runtime.decision import DecisionRules
 from export.forest import Forest
 
 CLOCK_FREE_GROUPS = ("now", "differences", "scaled_differences", "scaled_sums", "activity")
@@ -37,6 +38,9 @@ class ForestPlan:
         return maker(random_state=seed, n_jobs=n_jobs, **parameters)
 
 
+UNSURE, SURE = DecisionRules(), DecisionRules(act_samples=1, min_risky_permille=600)
+"""Act on two samples in a row, or on one of which the forest is sure: as seldom wrong, and a sample sooner."""
+
 UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
 
@@ -49,6 +53,7 @@ class TrainingPlan:
     situation: ForestPlan = ForestPlan(n_estimators=60, min_samples_leaf=8, max_features=0.12)
     prediction: ForestPlan = ForestPlan(n_estimators=100, min_samples_leaf=5, max_features=0.3)
     folds: int = 6
+    decision: DecisionRules = UNSURE
 
     def forest_for(self, task: str) -> ForestPlan:
         """The forest of a task."""
@@ -63,8 +68,10 @@ RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNT
 """The raw-window forest every other figure stands beside."""
 
 SIZES = {
-    name: replace(TrainingPlan(), situation=replace(TrainingPlan().situation, n_estimators=trees, max_depth=depth))
-    for name, trees, depth in (("tiny", 10, 8), ("default", 60, 12), ("best", 200, None))
+    name: TrainingPlan(
+        situation=ForestPlan(n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3), decision=SURE
+    )
+    for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
 }
 """Three models for the hand, trained on dense windows (docs/what-accuracy-costs.md says what each costs)."""
 

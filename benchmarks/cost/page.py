@@ -51,7 +51,8 @@ microseconds, one more sample of debounce costs 6.7 ms.
 HEADS = ("what", "step_us", "forest_us", "kib", "found", "found_95", "in_time", "false_per_min", "delay_ms",
          "lead_used", "macro_f1")  # fmt: skip
 README_ROWS = (
-    Point(), Point(debounce=1), Point(debounce=3), Point(trees=10), Point(trees=500), Point(depth=6),
+    Point(), Point(debounce=2), Point(debounce=3), Point(trees=8, depth=10), Point(trees=100, depth=0),
+    Point(trees=1),
     Point(rate_hz=50.0), Point(groups="raw window"), Point("human"), Point("human", groups="raw window"),
 )  # fmt: skip
 README_HEADS = ("set", "what", "step_us", "found", "in_time", "delay_ms", "macro_f1")
@@ -132,7 +133,8 @@ def figure(rows: list[dict[str, Any]], fronts: dict[str, list[dict[str, Any]]]) 
         return svg(drawn)
 
 
-NAMED = ("default", "debounce 1", "debounce 3", "50 Hz", "100 Hz", "300 Hz", "raw window", "10 trees", "500 trees")
+NAMED = ("default", "debounce 2", "debounce 3", "50 Hz", "100 Hz", "300 Hz", "raw window", "1 tree",
+         "100 trees, depth unlimited")  # fmt: skip
 
 
 def _dots(axes: Axes, rows: list[dict[str, Any]], x: str, colour: str) -> None:

@@ -12,9 +12,11 @@ from edge_runtime.decision import DecisionRules
 from export.bank import BANDS_HZ
 from export.spec import HISTORY_S, WINDOW_S, StepSpec
 from training.featurise import spec_for
-from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS, SIZES, TrainingPlan
+from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS, SIZES, SURE, TrainingPlan
 from training.recording import DataSet
 
+BASES = {"scenes": SIZES["default"], "human": TrainingPlan()}
+"""What is varied: the model for the hand, and on people the plan of `make real`."""
 GROUPS = {
     "default": CLOCK_FREE_GROUPS,
     "now": ("now",),
@@ -25,8 +27,8 @@ GROUPS = {
     "now and bands": ("now", "bands"),
 }
 BANDS = {"all": BANDS_HZ, "10 Hz": (10.0,), "10 to 25 Hz": BANDS_HZ[:4], "30 to 55 Hz": BANDS_HZ[4:]}
-TREES = (1, 3, 10, 30, 60, 100, 200, 500)
-DEPTHS = (4, 6, 8, 10, 14, None)
+TREES = (1, 3, 8, 20, 60, 100, 200, 500)
+DEPTHS = (4, 6, 8, 10, 12, 16, 0)
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
 LOOK_BACKS_S = (0.05, 0.10, 0.17, 0.25, 0.37)
@@ -38,20 +40,20 @@ Set = Literal["scenes", "human"]
 class Point:
     """What is chosen; what is not named is the default model's.
 
-    depth: None for none. window_s: of the raw window. look_back_s: no feature sees further.
-    bank: the type the bank computes in. confidence: what the alarm's threshold is set on, the votes or the calibrated
-    probability.
+    trees, depth: None for the default model's; a depth of 0 is none. window_s: of the raw window. look_back_s: no
+    feature sees further. bank: the type the bank computes in. confidence: what the alarm's threshold is set on, the
+    votes or the calibrated probability.
     """
 
     of: Set = "scenes"
     rate_hz: float = 150.0
-    trees: int = SIZES["default"].situation.n_estimators
-    depth: int | None = SIZES["default"].situation.max_depth
+    trees: int | None = None
+    depth: int | None = None
     groups: str = "default"
     window_s: float = WINDOW_S
     look_back_s: float = HISTORY_S
     bands: str = "all"
-    debounce: int = 2
+    debounce: int = SURE.act_samples
     bank: Literal["float64", "float32"] = "float64"
     confidence: Literal["votes", "calibrated"] = "votes"
 
@@ -64,21 +66,25 @@ class Point:
     def what(self) -> str:
         """What is not the default about it, in words."""
         told = [f"{self.rate_hz:g} Hz"] if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes" else []
-        told += [f"{self.trees} trees"] if self.trees != Point().trees else []
-        told += [f"depth {self.depth or 'unlimited'}"] if self.depth != Point().depth else []
+        told += ["1 tree" if self.trees == 1 else f"{self.trees} trees"] if self.trees is not None else []
+        told += [f"depth {self.depth or 'unlimited'}"] if self.depth is not None else []
         told += [self.groups] if self.groups != "default" else []
         told += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
         told += [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
         told += [f"bands {self.bands}"] if self.bands != "all" else []
-        told += [f"debounce {self.debounce}"] if self.debounce != 2 else []
+        told += [f"debounce {self.debounce}"] if self.debounce != SURE.act_samples else []
         told += ["bank in float32"] if self.bank != "float64" else []
         told += ["calibrated"] if self.confidence != "votes" else []
         return ", ".join(told) or "default"
 
     def plan(self, folds: int) -> TrainingPlan:
         """As a training plan."""
-        base = TrainingPlan()
-        forest = replace(base.situation, n_estimators=self.trees, max_depth=self.depth)
+        base = BASES[self.of]
+        forest = replace(
+            base.situation,
+            n_estimators=base.situation.n_estimators if self.trees is None else self.trees,
+            max_depth=base.situation.max_depth if self.depth is None else self.depth or None,
+        )
         return replace(base, groups=GROUPS[self.groups], situation=forest, folds=folds)
 
     def spec(self, data: DataSet) -> StepSpec:
@@ -99,7 +105,7 @@ def points() -> list[Point]:
 def _scenes() -> Iterator[Point]:
     yield from _anywhere("scenes")
     yield from (Point(rate_hz=rate_hz) for rate_hz in RATES_HZ)
-    yield from (Point(depth=depth, trees=trees) for depth in (8, None) for trees in (10, 200))
+    yield from (Point(depth=depth, trees=trees) for depth in (10, 0) for trees in (8, 100))
     yield from (Point(groups="now and bands", bands=name) for name in BANDS)
     yield Point(groups="now and bands", bank="float32")
 
