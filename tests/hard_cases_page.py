@@ -31,17 +31,30 @@ def page(results: list[dict[str, Any]]) -> str:
 
 def _case(case: str, rows: list[dict[str, Any]]) -> str:
     first = rows[0]
-    lines = "\n".join(dict.fromkeys(_line(row) for row in rows))
+    by_test = dict.fromkeys(row["test"].partition("[")[0] for row in rows)
+    lines = "\n".join(_line([row for row in rows if row["test"].partition("[")[0] == test]) for test in by_test)
     return f"### {case}\n\nElsewhere: {first['elsewhere']}. Here: {first['here']}.\n\n{lines}\n"
 
 
-def _line(row: dict[str, Any]) -> str:
-    name = row["test"].rpartition("::")[2]
-    sentence = name.partition("[")[0].removeprefix("test_").replace("_", " ")
-    variant = f" [{name.partition('[')[2]}" if "[" in name else ""
-    measured = "; ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in row["measured"].items())
-    begins = "without: " if row["unguarded"] else ""
-    return f"- {row['outcome']}: {begins}{sentence}{variant}" + (f" ({measured})" if measured else "")
+def _line(rows: list[dict[str, Any]]) -> str:
+    """One test, all its variants."""
+    name = rows[0]["test"].partition("[")[0].rpartition("::")[2]
+    outcomes = [row["outcome"] for row in rows]
+    counts = ", ".join(f"{outcome} {outcomes.count(outcome)} times" for outcome in dict.fromkeys(outcomes))
+    outcome = outcomes[0] if len(rows) == 1 else counts
+    begins = "without: " if rows[0]["unguarded"] else ""
+    measured = "; ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in _measured(rows).items())
+    sentence = name.removeprefix("test_").replace("_", " ")
+    return f"- {outcome}: {begins}{sentence}" + (f" ({measured})" if measured else "")
+
+
+def _measured(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """What the variants recorded, the largest of each figure."""
+    figures: dict[str, Any] = {}
+    for row in rows:
+        for key, value in row["measured"].items():
+            figures[key] = max(figures.get(key, value), value)
+    return figures
 
 
 def _short(value: Any) -> str:

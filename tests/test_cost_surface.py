@@ -150,10 +150,10 @@ def rows_of(measured: tuple[Path, dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def test_the_readme_gets_ten_lines_between_its_marks_and_nothing_else_changes(measured):
-    text = "before\n<!-- cost: by a command -->\nold\n<!-- end -->\nafter\n"
+    text = "before\n<!-- cost: by a command -->\nold\n<!-- /cost -->\nafter\n"
     written = readme(text, rows_of(measured))
     assert written.startswith("before\n<!-- cost: by a command -->\n| set |")
-    assert written.endswith("\n<!-- end -->\nafter\n")
+    assert written.endswith("\n<!-- /cost -->\nafter\n")
     assert "old" not in written
     assert written.count("simulated |") + written.count("real |") == 10
     with pytest.raises(ValueError, match="no place"):

@@ -56,7 +56,7 @@ README_ROWS = (
     Point(rate_hz=50.0), Point(groups="raw window"), Point("human"), Point("human", groups="raw window"),
 )  # fmt: skip
 README_HEADS = ("set", "what", "step_us", "found", "in_time", "delay_ms", "macro_f1")
-README_BLOCK = re.compile(r"(<!-- cost: .*? -->\n).*?(\n<!-- end -->)", re.DOTALL)
+README_BLOCK = re.compile(r"(<!-- cost: .*? -->\n).*?(\n<!-- /cost -->)", re.DOTALL)
 
 
 def page(bench: dict[str, Any]) -> str:

@@ -1,0 +1,40 @@
+"""The catalogue of hard cases: what a mark must say, what is written down, and that the page is not stale."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hard_cases import AREAS, told
+from hard_cases_page import page
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "hard-cases.md"
+
+
+def row(test: str, outcome: str = "passed", *, unguarded: bool = False, **measured: Any) -> dict[str, Any]:
+    return {"area": AREAS[0], "case": "a case", "elsewhere": "it drifts", "here": "it does not", "unguarded": unguarded,
+            "test": f"tests/test_x.py::{test}", "outcome": outcome, "measured": measured}  # fmt: skip
+
+
+def test_a_mark_that_names_no_area_or_lacks_a_sentence_is_refused():
+    assert told(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark)["unguarded"] is False
+    with pytest.raises(ValueError, match="none of"):
+        told(pytest.mark.hard_case("weather", "a", elsewhere="b", here="c").mark)
+    with pytest.raises(TypeError, match="here"):
+        told(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b").mark)
+
+
+def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measured():
+    written = page([row("test_it_is_clean[a]", off=1e-15), row("test_it_is_clean[b]", "failed", off=3e-15),
+                    row("test_it_drifts", unguarded=True)])  # fmt: skip
+    assert "- passed 1 times, failed 1 times: it is clean (off 3e-15)\n" in written
+    assert "- passed: without: it drifts\n" in written
+    assert "Elsewhere: it drifts. Here: it does not." in written
+
+
+def test_every_hard_case_of_this_run_is_on_the_page(request):
+    marks = [mark for item in request.session.items if (mark := item.get_closest_marker("hard_case"))]
+    written = PAGE.read_text("utf-8")
+    missing = {told(mark)["case"] for mark in marks if f"### {told(mark)['case']}\n" not in written}
+    assert not missing, "make hard-cases"
