@@ -38,8 +38,8 @@ class Trial:
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate: one over the median time step."""
-        return 1.0 / float(np.median(np.diff(self.t_s)))
+        """Sampling rate over the whole trial: the median step is rounded, and rows are times only while it is not."""
+        return (len(self.t_s) - 1) / float(self.t_s[-1] - self.t_s[0])
 
 
 def read_trial(path: str | Path) -> Trial:

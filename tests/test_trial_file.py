@@ -156,3 +156,13 @@ def test_rows_lost_in_a_short_gap_come_back_as_invalid_rows(tmp_path: Path) -> N
     np.testing.assert_allclose(trial.t_s, [0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12], atol=1e-12)
     assert trial.valid.all(axis=1).tolist() == [True, True, True, False, False, True, True]
     assert np.isnan(trial.raw).all(axis=1).tolist() == [False, False, False, True, True, False, False]
+
+
+def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded(tmp_path: Path) -> None:
+    """At 300 Hz a step written to the microsecond is off by 1e-4 of itself: 20 ms after three minutes."""
+    path = tmp_path / "trial_1.csv"
+    rows = [f"{k / 300:.6f},0,0,1" for k in range(300 * 180)]
+    path.write_text("\n".join(["Time,X1,Y1,Z1", *rows]) + "\n", encoding="utf-8")
+    trial = read_trial(path)
+    assert abs((len(trial.t_s) - 1) / trial.rate_hz - trial.t_s[-1]) < 1e-9
+    assert abs(trial.rate_hz - 300.0) < 1e-4

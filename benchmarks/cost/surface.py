@@ -80,7 +80,7 @@ def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[st
 def _workers(dask: str | None) -> Iterator[None]:
     """Where the points are measured."""
     if dask is None:
-        with parallel_config(backend="loky", n_jobs=WORKERS):
+        with parallel_config(backend="multiprocessing", n_jobs=WORKERS):
             yield
         return
     from distributed import Client
