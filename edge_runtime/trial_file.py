@@ -38,8 +38,9 @@ class Trial:
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate over the whole trial: the median step is rounded, and rows are times only while it is not."""
-        return (len(self.t_s) - 1) / float(self.t_s[-1] - self.t_s[0])
+        """Sampling rate by the median time of a tenth of the trial: a single step is rounded, a late sample is one."""
+        lag = 1 + len(self.t_s) // 10
+        return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
 
 
 def read_trial(path: str | Path) -> Trial:
