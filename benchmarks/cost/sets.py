@@ -14,6 +14,7 @@ import numpy as np
 
 from benchmarks.cost.point import Point, Set
 from edge_runtime.contract import FloatArray
+from edge_runtime.errors import DataError
 from export.bank import STATES_PER_BAND, step_matrix
 from export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
 from export.spec import StepSpec
@@ -59,7 +60,11 @@ def windows(folder: Path, point: Point) -> dict[str, FloatRows]:
     if not all(path.is_file() for path in paths.values()):
         for task, rows in features_of(data, spec).items():
             _save(paths[task], rows)
-    return {task: _seen(np.load(path), spec, point.look_back_s) for task, path in paths.items()}
+    kept = {task: np.load(path) for task, path in paths.items()}
+    stale = [paths[task] for task, rows in kept.items() if len(rows) != len(data.tasks[task])]
+    if stale:
+        raise DataError("features of other windows", where=stale[0], next_step="remove the folder and begin anew")
+    return {task: _seen(rows, spec, point.look_back_s) for task, rows in kept.items()}
 
 
 def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
