@@ -35,7 +35,12 @@ class TactileFile:
             raise self._failed(error) from None
         self._sync = _Sync(self._file.fileno())
         self._first_ns = self._synced_ns = 0
-        self._append(",".join([*head, *(f"valid{k}" for k in range(1, sensors + 1))]))
+        try:
+            self._append(",".join([*head, *(f"valid{k}" for k in range(1, sensors + 1))]))
+        except OutputError:
+            self._sync.close()
+            self._file.close()
+            raise
 
     def write(self, t_ns: int, host_ns: int, sequence: int, values: FloatArray, valid: BoolArray) -> float:
         """One sample, values with all their digits, nan where nothing came; returns its Time, s from the first."""

@@ -23,6 +23,11 @@ class Keys:
     def __init__(self, handle: int | None) -> None:
         self._handle = handle
 
+    @property
+    def closed(self) -> bool:
+        """Whether nobody can press anything any more."""
+        return self._handle is None
+
     def pressed(self, wait_s: float = 0.0) -> str:
         """The next known key by its name in KEYS, or ""; waits no longer than wait_s."""
         if self._handle is None:

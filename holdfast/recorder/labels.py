@@ -34,7 +34,12 @@ Event = dict[str, Any]
 def relabel(folder: Path) -> dict[str, Any]:
     """Write tactile.truth.json of a trial's folder anew; returns it. Raises a DataError or OutputError."""
     trial, meta = read_trial(folder / TACTILE), read_meta(folder)
-    truth = truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder))
+    try:
+        truth = truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise LabelError(
+            f"an event without its times ({error!r:.60})", where=folder / EVENTS, next_step="mend that line"
+        ) from None
     write_whole(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
     return truth
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from drivers.paced import Paced
 from edge_runtime.contract import FloatArray
-from edge_runtime.errors import TimeError
+from edge_runtime.errors import EmptyRecording, TimeError
 from edge_runtime.live import ANOTHER_CLOCK_NS, Source, Stamps
 from edge_runtime.writing import write_whole
 from holdfast.recorder.beside import Beside
@@ -69,8 +69,10 @@ class Session:
                 self._discard_last(still)
                 continue
             outcome = self._record(still[0], stopped)
-            if outcome in ("keep", "stop", "ended") and self._last is not None:
+            if self._last is not None:
                 still.pop(0)
+            elif outcome == "ended" and self.asked.at_once:
+                raise EmptyRecording("a trial that cannot be kept", cause="the line above", next_step="longer trials")
             if outcome in ("stop", "signal"):
                 break
         return self.kept
@@ -78,6 +80,9 @@ class Session:
     def _ready(self, stopped: Callable[[], bool]) -> str:
         """begin, redo or stop."""
         while not stopped():
+            if self.keys.closed:
+                self.say("nobody can press a key here; --at-once begins without")
+                return "stop"
             key = self.keys.pressed(READY_WAIT_S)
             if key in ("begin", "redo", "stop"):
                 return key

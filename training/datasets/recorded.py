@@ -50,7 +50,7 @@ def load(root: Path, *, seed: int = 0, windows: Choice = "balanced") -> DataSet:
         raise UnitError(f"trials in {' and in '.join(units)}", where=root, next_step="keep them in two folders")
     people = {str(meta.get("person")) for _, meta in kept}
     trials = [_timed(path, meta, root, units[0], len(people) > 1) for path, meta in kept]
-    kinds = sorted({_kind(path, meta) for path, meta in kept})
+    kinds = sorted({_kind(meta) for _, meta in kept})
     about = {"unit": units[0], "kind": " and ".join(kinds), "name": root.resolve().name}
     data = thesis.assembled(about, trials, seed=seed, windows=windows)
     states = dict(Counter(str(meta.get("state")) for _, meta in told))
@@ -63,9 +63,10 @@ def _trials(root: Path) -> list[Path]:
     return sorted(root.rglob(TACTILE), key=lambda path: (path.parent.parent, len(path.parent.name), path.parent.name))
 
 
-def _kind(path: Path, meta: dict[str, Any]) -> str:
+def _kind(meta: dict[str, Any]) -> str:
     """recorded, or simulated where the source was no hand."""
-    told = str(meta.get("configuration", {}).get("source", ""))
+    asked = meta.get("configuration")
+    told = str(asked.get("source", "")) if isinstance(asked, dict) else ""
     return "simulated" if told.startswith(("virtual://", "sim://")) else "recorded"
 
 
@@ -79,7 +80,7 @@ def _timed(path: Path, meta: dict[str, Any], root: Path, unit: Any, people: bool
         timed.recording, trial_id=trial_id, group=str(meta.get("person")) if people else trial_id,
         object_name=None if empty else object_name(thing),
     )  # fmt: skip
-    provenances = {phase.get("provenance") for phase in read_json(truth_path(path)).get("phases", [])}
+    provenances = {str(phase.get("provenance")) for phase in read_json(truth_path(path)).get("phases", [])}
     return replace(timed, recording=recording, timed=bool(provenances & {*TO_THE_MOMENT}))
 
 
