@@ -10,6 +10,7 @@ camera.json, and on stderr as ever.
 from __future__ import annotations
 
 import json
+import os
 import select
 import sys
 import time
@@ -27,11 +28,14 @@ from holdfast.watch import stored
 
 SCENE = "scene"
 LONGEST_S = 36_000.0
+NICE = 5
+"""The hand goes first: it loses what it does not read in time, the camera's queues wait."""
 
 
 def main(argv: Sequence[str]) -> int:
     """Film until a signal, or until the frames end."""
     told = json.loads(argv[0])
+    os.nice(NICE)
     if told["camera"] == OAK:
         watch(oak(told), Path(told["out"]), say=say, stopped=asked)
     elif told["camera"] == SCENE:
