@@ -15,7 +15,7 @@ from edge_runtime.command import place
 from edge_runtime.errors import DataError, OutputError
 from edge_runtime.tactile_file import mend
 from edge_runtime.writing import write_whole
-from holdfast.recorder.folder import INTERRUPTED, RECORDING, all_trials
+from holdfast.recorder.folder import INTERRUPTED, RECORDING, all_trials, alone
 from holdfast.recorder.labels import EVENTS, META, TACTILE, read_meta
 
 
@@ -27,12 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Mend every trial below the folder; a line each, and the exit code of data where one could not be."""
     code = 0
-    for folder in all_trials(args.folder):
-        try:
-            print(f"{folder}: {', '.join(repaired(folder)) or 'whole'}")
-        except DataError as error:
-            print(f"{folder}: not mended: {error}")
-            code = error.exit_code
+    with alone(args.folder):
+        for folder in all_trials(args.folder):
+            try:
+                print(f"{folder}: {', '.join(repaired(folder)) or 'whole'}")
+            except DataError as error:
+                print(f"{folder}: not mended: {error}")
+                code = error.exit_code
     return code
 
 

@@ -369,6 +369,16 @@ def test_without_a_mark_nobody_guesses_when_the_load_came_on(tmp_path):
     truth = json.loads((tmp_path / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
     assert [one["label"] for one in truth["phases"]] == ["nothing", "nothing"]
     assert truth["load_onset_s"] is None
+    (recording,) = load(tmp_path, windows="natural").recordings
+    assert [phase.situation for phase in recording.phases] == [0, 0]
+    assert recording.events == ()
+
+
+def test_a_trial_of_which_nobody_knows_anything_is_read_and_has_no_label(tmp_path):
+    session(tmp_path, Hand(VirtualClock(), 35), Keys(None), [PULL])
+    data = load(tmp_path, windows="natural")
+    assert data.recordings[0].phases == ()
+    assert len(data.tasks["classes"]) == 0
 
 
 @pytest.mark.parametrize(("action", "label"), [("hold", "grasp"), ("pass", "safe_slip"), ("fall", "risky_slip")])
@@ -615,9 +625,12 @@ def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
 
 
 def test_two_recorders_do_not_share_a_folder(tmp_path):
-    with opened(tmp_path / "out", "N", "simulated"), pytest.raises(OutputError, match="another recorder"):
-        one_pull(tmp_path / "out")
     one_pull(tmp_path / "out")
+    with opened(tmp_path / "out", "N", "simulated"):
+        with pytest.raises(OutputError, match="another recorder"):
+            one_pull(tmp_path / "out")
+        assert main(["repair", str(tmp_path / "out/p01")]) == 5, "nobody mends what is being written"
+    assert main(["repair", str(tmp_path / "out/p01")]) == 0
 
 
 def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +29,29 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
     there = require_ours(root)
     require_writable(root)
     root.mkdir(parents=True, exist_ok=True)
-    with (root / LOCK).open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise OutputError(
-                "another recorder is at it", where=root, cause="a second terminal", next_step="stop that one first"
-            ) from None
+    (root / LOCK).touch()
+    with alone(root):
         if there:
             _require_same(root, there, unit, kind)
         else:
             told = {"recorder": FORMAT, "name": root.resolve().name, "kind": kind, "unit": unit}
             write_whole(root / META, json.dumps(told, indent=1) + "\n")
+        yield
+
+
+@contextmanager
+def alone(place: Path) -> Iterator[None]:
+    """Nobody records into a folder, or one above it, meanwhile. Raises OutputError where somebody does."""
+    with ExitStack() as held:
+        for root in (place, *place.absolute().parents):
+            if not (root / LOCK).is_file():
+                continue
+            try:
+                fcntl.flock(held.enter_context((root / LOCK).open()), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise OutputError(
+                    "another recorder is at it", where=root, cause="a second terminal", next_step="stop that one first"
+                ) from None
         yield
 
 
