@@ -42,7 +42,7 @@ LATEST_S = 60.0
 def words_of(folder: Path, size: str = SMALL) -> list[object]:
     """The recorder on a virtual hand in a scene, and a camera before it."""
     (folder / "filmed.toml").write_text(CARD + size, encoding="utf-8")
-    source = f"virtual://ft232h?burst=1&scene={folder / 'filmed.toml'}&seed=1"
+    source = f"virtual://ft232h?burst=1&bus_hz=1000000&scene={folder / 'filmed.toml'}&seed=1"
     told = ["--source", source, "--camera", "scene", "--out", folder / "out", "--person", "p01", "--at-once"]
     return [*told, "--object", "soft-ball", "--action", "pull", "--trials", "1"]
 
