@@ -142,6 +142,21 @@ class Hand:
         self._tell(reading.why)
         return reading
 
+    def about(self) -> dict[str, object]:
+        """What is known of what is read: the bridge, the place and variant of every finger, and how they convert.
+
+        The chip has no serial number, and the bridges do not tell their firmware.
+        """
+        sensors = [
+            {"finger": k, "address": f"0x{finger.address:02x}", "channel": finger.channel, "ready": state.ready,
+             "range_mt": self.setup.range_mt(state.version).tolist(), "version": state.version, "serial": None}
+            for k, (finger, state) in enumerate(zip(self.fingers, self._states, strict=True), 1)
+        ]  # fmt: skip
+        return {
+            "bridge": None if self._bus is None else self._bus.name, "firmware": None, "chip": "TMAG5273",
+            "averages": self.setup.averages, "sensors": sensors,
+        }  # fmt: skip
+
     def close(self) -> None:
         """Give the bridge back."""
         if self._bus is not None:

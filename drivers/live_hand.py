@@ -17,12 +17,18 @@ class LiveHand:
         self.unit: Unit = "uT" if to_force is None else "N"
         self.n_channels = 3 * len(hand.fingers)
         self.rate_hz: float | None = None
+        self.began_ns: int | None = None
+        """Of a virtual hand: when its scene began."""
 
     def read(self) -> Measured:
         """One scan."""
         reading = self._hand.read()
         values = reading.field_ut if self._to_force is None else self._to_force(reading.field_ut)
         return Measured(reading.t_ns, values.reshape(-1), reading.valid, reading.why)
+
+    def about(self) -> dict[str, object]:
+        """What is known of the hand itself."""
+        return self._hand.about()
 
     def close(self) -> None:
         """Give the bridge back."""

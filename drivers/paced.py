@@ -29,5 +29,9 @@ class Paced:
             return None
         return Measured(now_ns, self._replay.values[row], self._replay.valid[row])
 
+    def begin_anew(self) -> None:
+        """The next reading is the first row again."""
+        self._start_ns = None
+
     def close(self) -> None:
         """Nothing is open."""

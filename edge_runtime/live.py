@@ -117,7 +117,7 @@ class Summary:
         return {name: getattr(self, name) for name in ("repeated", "late", "restarts", "dropped")}
 
 
-class _Stamps:
+class Stamps:
     """Whether a reading is a new one, by its source's stamps, and what time its sample is given."""
 
     def __init__(self, period_ns: float) -> None:
@@ -161,7 +161,7 @@ def run_live(
     emit returns how many lines were dropped, where it counts them.
     """
     summary, period_ns = Summary(), 1e9 / (source.rate_hz or monitor.card.rate_hz)
-    stamps, start_ns, turn, acted = _Stamps(period_ns), clock.now_ns(), 0, False
+    stamps, start_ns, turn, acted = Stamps(period_ns), clock.now_ns(), 0, False
     while not stopped():
         clock.wait_until(start_ns + round(turn * period_ns))
         began_ns = clock.now_ns()

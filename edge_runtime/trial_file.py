@@ -1,7 +1,8 @@
 """One trial as a CSV file: `Time` in seconds first, then X1,Y1,Z1 .. Xn,Yn,Zn.
 
 A recording of ours adds columns of its own (host_ns, device_us, sequence, valid1 .. validn); any
-other column is an error, because a column nobody knows is a column somebody forgot.
+other column is an error, because a column nobody knows is a column somebody forgot. Where there is a
+sequence, samples it left out were lost: they are no gap but rows that are not valid.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray, channel_names
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, TimeError
@@ -25,6 +27,9 @@ GAP_STEPS = 5.0
 """A step longer than this many median steps is a gap that splits the trial; rows lost in a shorter one are filled
 in as invalid, so that nobody downstream takes their neighbours for neighbours in time."""
 LONGEST_S, LATEST_S = 1e6, 1e12
+MOST_LOST = 2
+"""A trial of which more than one sample in so many is lost is none."""
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -53,15 +58,39 @@ def read_trial(path: str | Path) -> Trial:
     header = _header(path)
     n_sensors = _check_columns(header, path)
     table = _table(path, header)
-    t_s = _check_time(table[:, 0], path)
+    counted = table[:, header.index("sequence")] if "sequence" in header else None
+    t_s = _check_time(table[:, 0], path, gaps_told=counted is not None)
     raw = table[:, 1 : 1 + 3 * n_sensors]
-    return _with_lost_rows(Trial(path, t_s, raw, _valid(table, header, n_sensors)))
+    trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
+    return _with_lost_rows(trial, _places_by_time(t_s) if counted is None else _places_told(counted, path))
 
 
-def _with_lost_rows(trial: Trial) -> Trial:
+def _places_by_time(t_s: FloatArray) -> IntArray:
+    """[T] place of every row in a stream at the usual step."""
+    steps = np.diff(t_s)
+    places: IntArray = np.zeros(len(t_s), dtype=np.int64)
+    places[1:] = np.cumsum(np.maximum(1, np.round(steps / np.median(steps))))
+    return places
+
+
+def _places_told(counted: FloatArray, path: Path) -> IntArray:
+    """[T] the same from the column `sequence`, which knows what was lost, however much. Raises TimeError."""
+    if not (np.abs(counted) < LATEST_S).all() or (np.diff(counted) < 1.0).any() or (counted % 1.0 != 0.0).any():
+        raise TimeError(
+            "sequence is not a count that goes up", where=path, cause="lines were moved, or two recordings in one file",
+            next_step="record again",
+        )  # fmt: skip
+    place: IntArray = (counted - counted[0]).astype(np.int64)
+    if place[-1] + 1 > MOST_LOST * len(place):
+        raise TimeError(
+            f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples were lost", where=path,
+            cause="a machine too slow for this rate, or one that slept", next_step="record again, at a lower rate",
+        )  # fmt: skip
+    return place
+
+
+def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
     """The trial with a row of nan, marked invalid, for every sample that never came."""
-    steps = np.diff(trial.t_s)
-    place = np.concatenate([[0], np.cumsum(np.maximum(1, np.round(steps / np.median(steps))))]).astype(np.int64)
     if place[-1] == len(place) - 1:
         return trial
     rows = np.arange(place[-1] + 1)
@@ -171,7 +200,7 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
+def _check_time(time_s: FloatArray, path: Path, *, gaps_told: bool = False) -> FloatArray:
     """Time from zero, or a TimeError that names the line."""
     told = np.abs(time_s) < LATEST_S
     if not told.all():
@@ -190,7 +219,7 @@ def _check_time(time_s: FloatArray, path: Path) -> FloatArray:
             next_step="split the file there",
         )
     median = float(np.median(steps))
-    if steps.max() > GAP_STEPS * median:
+    if steps.max() > GAP_STEPS * median and not gaps_told:
         at = int(np.argmax(steps))
         raise TimeError(
             f"line {at + 3}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",

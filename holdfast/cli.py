@@ -26,6 +26,8 @@ VERBS = {
     "bias": ("holdfast.bias", "what the unloaded hand reads, with a look at how good that is"),
     "run": ("holdfast.run", "read a hand live and answer every sample"),
     "selftest": ("holdfast.selftest", "the hard cases in short, with the very file that is deployed"),
+    "record": ("holdfast.record", "trials on disk that survive whatever happens, by keys and a protocol card"),
+    "repair": ("holdfast.repair", "mend trials that a kill or a power cut broke off, and say what was done"),
     "watch": ("holdfast.watch", "a camera beside the hand: lossless video and the tracks of two printed tags"),
     "onset": ("holdfast.onset", "when the object began to slip, as the camera saw it: a label with its uncertainty"),
     "replay": ("holdfast.replay", "a model's answers on a recorded trial, one JSON line a sample"),

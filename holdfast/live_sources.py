@@ -14,8 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs
 
 import numpy as np
@@ -30,7 +31,12 @@ from drivers.tmag5273 import Setup
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Source
-from holdfast.sources import MOST_DIGITS, open_source, taken_apart
+from holdfast.sources import MOST_DIGITS, SIM, open_source, simulated_trial, taken_apart
+
+if TYPE_CHECKING:
+    from drivers.virtual.hand import VirtualHand
+    from simulation.scene import Scene
+    from simulation.scene import Told as SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
 HAND_KEYS = ("layout", "averages", "burst", "together", "bus_hz", "number")
@@ -75,7 +81,13 @@ def open_live(
     if told.scheme not in HANDS:
         return Paced(open_source(url), clock.now_ns)
     if told.scheme == "virtual":
-        to_force = to_force or _scene_force()
+        _known(told, VIRTUAL_KEYS)
+        hand = _virtual(told, clock)
+        bus_hz = told.number("bus_hz", 400_000)
+        opener = open_virtual(told.name, hand, bus_hz)
+        live = _started(opener, told, clock, say, to_force or _scene_force())
+        live.began_ns = hand.born_ns
+        return live
     return _started(_opener(told, clock), told, clock, say, to_force)
 
 
@@ -92,7 +104,7 @@ def _opener(told: Told, clock: Any) -> Callable[[], Bus]:
     _known(told, VIRTUAL_KEYS if told.scheme == "virtual" else HAND_KEYS)
     number, bus_hz = told.number("number", 0), told.number("bus_hz", 400_000)
     if told.scheme == "virtual":
-        return _virtual(told, clock, bus_hz)
+        return open_virtual(told.name, _virtual(told, clock), bus_hz)
     if told.scheme == "usb":
         return lambda: open_usb(told.name, number, bus_hz)
     return lambda: open_native(told.name)
@@ -131,21 +143,20 @@ def _started(
     return LiveHand(hand, to_force)
 
 
-def _virtual(told: Told, clock: Any, bus_hz: int) -> Callable[[], Bus]:
+def _virtual(told: Told, clock: Any) -> VirtualHand:
     from drivers.virtual.faults import read_fault
     from drivers.virtual.hand import LAYOUTS, VirtualHand
 
     if told.text("layout", "mux") not in LAYOUTS:
         raise UsageError("a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}")
     seed = told.number("seed", 0)
-    hand = VirtualHand(
+    return VirtualHand(
         clock,
         track=_track(told.text("scene", ""), seed, told.number("trial", 0)),
         layout=told.text("layout", "mux"),
         seed=seed,
         faults=[read_fault(text) for text in told.options.get("fault", [])],
     )
-    return open_virtual(told.name, hand, bus_hz)
 
 
 def _track(scene: str, seed: int, trial: int) -> Any:
@@ -154,6 +165,23 @@ def _track(scene: str, seed: int, trial: int) -> Any:
 
     if not scene:
         return still()
+    signal = simulated(scene, seed, trial)[1].signal
+    return Track(signal.t_s, signal.values)
+
+
+def scene_of(url: str) -> tuple[Scene, SimulatedTrial] | None:
+    """The scene behind a URL and what happens in it: virtual://..?scene=.., or a single trial of sim://; else None."""
+    if url.startswith(SIM):
+        return simulated_trial(url)
+    told = _taken_apart(url)
+    if told.scheme != "virtual" or not told.text("scene", ""):
+        return None
+    return simulated(told.text("scene", ""), told.number("seed", 0), told.number("trial", 0))
+
+
+@lru_cache(maxsize=1)
+def simulated(scene: str, seed: int, trial: int) -> tuple[Scene, SimulatedTrial]:
+    """A trial of a card as the chips of a virtual hand meet it. Raises CardError, UsageError."""
     from simulation.card import read_card
     from simulation.scene import Scene
 
@@ -163,8 +191,7 @@ def _track(scene: str, seed: int, trial: int) -> Any:
     trials = made.trials()
     if trial >= len(trials):
         raise UsageError(f"scene {scene}: no trial {trial}", next_step=f"0..{len(trials) - 1}")
-    signal = made.run_together([trials[trial]])[0].signal
-    return Track(signal.t_s, signal.values)
+    return made, made.run_together([trials[trial]])[0]
 
 
 def _scene_force() -> ToForce:

@@ -1,6 +1,7 @@
 """`holdfast onset TRIAL`: when the object began to slip, as a camera saw it; an interval label with its uncertainty.
 
     holdfast onset trials/7 --action pull                a folder that holdfast watch made: a line in its events.jsonl
+    holdfast onset trials/p01/my-cup/pull/trial_1        one of holdfast record: its phases are made anew too
     holdfast onset scenes/soft-ball/pull/trial_1.csv     frames beside it: trial_1.onset.json, phases as in truth.json
 
 The action says what a slip is here: pull, fall and hold make it risky, pass and put-down safe.
@@ -27,6 +28,8 @@ RISKY = ("pull", "fall", "hold")
 SAFE = ("pass", "put-down")
 PROVENANCE, BY = "camera", "holdfast onset"
 FRAMES, EVENTS, TACTILE, LABELS = ".frames.npz", "events.jsonl", "tactile.csv", ".onset.json"
+TRUTH = "tactile.truth.json"
+"""Of a trial of holdfast record: made of its events, so it is made anew."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -197,7 +200,12 @@ def _write_events(folder: Path, intervals: list[dict[str, Any]], how: dict[str, 
             f"a line is no JSON object ({type(error).__name__})", where=path, next_step="mend it"
         ) from None
     lines = [*kept, *(json.dumps(one | how) for one in intervals)]
-    return write_whole(path, "".join(f"{line}\n" for line in lines))
+    written = write_whole(path, "".join(f"{line}\n" for line in lines))
+    if (folder / TRUTH).exists():
+        from holdfast.recorder.labels import relabel
+
+        relabel(folder)
+    return written
 
 
 def _sentence(interval: dict[str, Any], where: Path) -> str:

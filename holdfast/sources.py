@@ -7,7 +7,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 import numpy as np
@@ -16,6 +18,9 @@ from drivers.replay import Replay, open_replay
 from edge_runtime.errors import DataNotFound, UsageError
 from edge_runtime.preparation import Preparation
 from edge_runtime.reading import require_file
+
+if TYPE_CHECKING:
+    from simulation.scene import Scene, Told
 
 REPLAY, SIM = "replay://", "sim://"
 SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
@@ -41,6 +46,20 @@ def open_source(url: str, *, channels: int | None = None, preparation: Preparati
 
 def _simulated(url: str) -> Replay:
     """Trials of a card, one after another, as one stream."""
+    scene, trials = _trials_of(url)
+    signal, _, _ = scene.join(trials)
+    t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
+    return Replay(t_ns, signal.values.reshape(len(t_ns), -1), signal.valid, scene.card.rate_hz, signal.unit)
+
+
+def simulated_trial(url: str) -> tuple[Scene, Told] | None:
+    """The scene of a sim:// source and its trial; None where it is several end to end."""
+    scene, trials = _trials_of(url)
+    return (scene, trials[0]) if len(trials) == 1 else None
+
+
+@lru_cache(maxsize=1)
+def _trials_of(url: str) -> tuple[Scene, list[Told]]:
     from simulation.card import read_card
     from simulation.scene import Scene
 
@@ -51,9 +70,7 @@ def _simulated(url: str) -> Replay:
         raise UsageError(
             f"{url!r}: no trials {first} to {first + count - 1}", next_step=f"the card has 0..{len(trials) - 1}"
         )
-    signal, _, _ = scene.join(scene.run_together(trials[first : first + count]))
-    t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
-    return Replay(t_ns, signal.values.reshape(len(t_ns), -1), signal.valid, scene.card.rate_hz, signal.unit)
+    return scene, scene.run_together(trials[first : first + count])
 
 
 def _numbers(url: str) -> dict[str, float]:

@@ -5,7 +5,7 @@ Only what is on the card is in the lists below; nothing else is called, drawn or
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,9 +136,15 @@ class Scene:
 
     def film(self, told: Told, camera: Camera) -> tuple[FloatArray, Frames]:
         """Stamps in s and frames of one trial, for a camera of the card's."""
+        return camera.film(*self._before_camera(told))
+
+    def shooting(self, told: Told, camera: Camera) -> Callable[[float], Frames]:
+        """What takes one frame of a trial at a time."""
+        return camera.shooting(*self._before_camera(told))
+
+    def _before_camera(self, told: Told) -> tuple[FloatArray, FloatArray, FloatArray, np.random.Generator]:
         hand_m = np.zeros_like(told.motion.position_m) if told.hand_m is None else told.hand_m
-        rng = self._rng("camera_frames", told.trial)
-        return camera.film(told.motion.t_s, told.motion.position_m, hand_m, rng)
+        return told.motion.t_s, told.motion.position_m, hand_m, self._rng("camera_frames", told.trial)
 
     def _in_card_unit(self, signal: Signal) -> Signal:
         return calibrate(signal) if signal.unit == "uT" and self.card.unit == "N" else signal

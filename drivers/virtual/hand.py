@@ -44,7 +44,10 @@ def still(field_ut: FloatArray = REST_UT) -> Track:
 
 
 class VirtualHand:
-    """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none."""
+    """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none.
+
+    born_ns: when it was made, and its field and its faults began.
+    """
 
     def __init__(
         self,
@@ -57,7 +60,7 @@ class VirtualHand:
         faults: Sequence[Fault] = (),
     ) -> None:
         self.clock, self.faults, self.track = clock, Faults(faults), track or still()
-        self._born_ns = clock.now_ns()
+        self.born_ns = clock.now_ns()
         self.chips = [
             Chip(k + 1, address, version, self._field_of(k), clock, self.faults, seed=seed)
             for k, (_, address) in enumerate(LAYOUTS[layout])
@@ -77,7 +80,7 @@ class VirtualHand:
 
     def suffer(self) -> None:
         """Let faults of the bus happen; a bridge calls it before it uses the wire."""
-        if self.faults.happened("stuck", 1e-9 * (self.clock.now_ns() - self._born_ns)):
+        if self.faults.happened("stuck", 1e-9 * (self.clock.now_ns() - self.born_ns)):
             self.wire.hold_low()
 
     def _field_of(self, sensor: int) -> Field:

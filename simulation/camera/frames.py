@@ -9,6 +9,7 @@ rolling shutter, uneven light. So a tracker's error here is a lower bound.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,13 +67,24 @@ class Camera:
     ) -> tuple[FloatArray, Frames]:
         """Stamps [K] in s and frames [K, H, W] of a trial; object_m, hand_m: [T, 3] at t_s [T], object in the hand."""
         stamps_s = self.stamps_s(float(t_s[-1]))
-        places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
         frames = np.empty((len(stamps_s), int(self.height_px), int(self.width_px)), dtype=np.uint8)
+        shoot = self.shooting(t_s, object_m, hand_m, rng)
         for frame, end_s in zip(frames, stamps_s, strict=True):
-            place_mm = 1e3 * places(end_s - 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT))
-            exact = np.mean([self.draw(at[[0, 2]], at[[3, 5]]) for at in place_mm], axis=0)
-            frame[:] = self._read(exact, rng)
+            frame[:] = shoot(end_s)
         return stamps_s, frames
+
+    def shooting(
+        self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray, rng: np.random.Generator
+    ) -> Callable[[float], Frames]:
+        """What takes one frame [H, W] of a trial, given when its exposure ends, s; after the trial all stands still."""
+        places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
+
+        def shoot(end_s: float) -> Frames:
+            at_s = np.clip(end_s - 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT), t_s[0], t_s[-1])
+            exact = np.mean([self.draw(at[[0, 2]], at[[3, 5]]) for at in 1e3 * places(at_s)], axis=0)
+            return self._read(exact, rng)
+
+        return shoot
 
     def draw(self, object_mm: FloatArray, hand_mm: FloatArray) -> FloatArray:
         """[H, W] levels at one instant, tags moved by (x, z) in mm from where they rest; no noise, not rounded."""

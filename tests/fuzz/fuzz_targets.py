@@ -47,6 +47,8 @@ from edge_runtime.tare import Tare
 from edge_runtime.trial_file import read_trial
 from holdfast.calibrate import read_studies
 from holdfast.live_sources import open_live
+from holdfast.recorder.card import read_protocol
+from holdfast.recorder.labels import relabel
 from simulation import card as scene_card
 from simulation.scene import Scene
 from training.objects import mass_g as told_mass_g
@@ -135,6 +137,21 @@ def truth(data: bytes) -> None:
 def scene(data: bytes) -> None:
     """A scene's card, and two trials drawn from it."""
     Scene(scene_card.read_card(str(written("mine.toml", data))), 0).trials(2)
+
+
+def protocol(data: bytes) -> None:
+    """A recorder's protocol card, and a person's order of it."""
+    read_protocol(written("protocol.toml", data)).ordered(0, "p01")
+
+
+def events(data: bytes) -> None:
+    """What happened in a recorded trial, made into its phases."""
+    place = folder() / "trial_1"
+    place.mkdir(exist_ok=True)
+    (place / "tactile.csv").write_bytes(HEAD + ROWS)
+    (place / "meta.json").write_text('{"action": "pull", "unit": "N"}', encoding="utf-8")
+    (place / "events.jsonl").write_bytes(data)
+    relabel(place)
 
 
 def calibration(data: bytes) -> None:
@@ -355,11 +372,27 @@ def small_card() -> bytes:
     return json.dumps({key: value for key, value in told.items() if key not in ("file", "training")}).encode()
 
 
+PROTOCOL = b"""title = "x"
+[[trials]]
+objects = ["cup"]
+action = "pull"
+style = "author"
+count = 3
+[objects.cup]
+mass_g = 12.5
+"""
+EVENTS = b"""{"t_s": 0.01, "mark": "load_onset", "provenance": "key"}
+{"t0_s": 0.0, "t1_s": 0.02, "label": "risky_slip", "provenance": "camera", "gross_s": 0.01}
+{"t0_s": 0.0, "t1_s": 0.02, "label": "grasp", "provenance": "scene"}
+"""
+
 TARGETS = {
     "trial": Target(trial, (HEAD + ROWS, RECORDED, b"\xef\xbb\xbf" + HEAD + ROWS.replace(b"2.5", b"nan"))),
     "meta": Target(meta, (b'{"unit": "uT", "mass_g": 20}', b"{}")),
     "truth": Target(truth, (PHASES,)),
     "scene": Target(scene, (CARD, CARD + MORE_OF_A_CARD)),
+    "protocol": Target(protocol, (PROTOCOL,)),
+    "events": Target(events, (EVENTS,)),
     "calibration": Target(calibration, (CALIBRATION,)),
     "bias": Target(bias, (BIAS,)),
     "loads": Target(loads, (LOADS,)),

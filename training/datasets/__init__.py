@@ -19,7 +19,7 @@ from training.recording import DataSet
 from training.windows import Choice
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
-THESIS_LAYOUT = "thesis"
+LAYOUTS = ("recorded", "thesis")
 FOLDER_VARIABLE = "HOLDFAST_DATA"
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[3] / "shared" / "data"
 
@@ -95,15 +95,16 @@ def _read(root: Path, channels: int | None, seed: int, windows: Choice) -> DataS
         if reader.recognises(root):
             public: DataSet = reader.load(root, **choice)
             return public
-    reader = import_module(f"training.datasets.{THESIS_LAYOUT}")
-    if not reader.recognises(root):
+    readers = [import_module(f"training.datasets.{name}") for name in LAYOUTS]
+    fits = [one for one in readers if one.recognises(root)]
+    if not fits:
         raise DataNotFound(
             "no known data set in this folder", where=root, cause="a level too high or too low, or an empty copy",
-            next_step="give the folder of a public set, or one laid out as <object>/<action>/trial_<n>.csv",
+            next_step="give the folder of a public set, one of holdfast record, or <object>/<action>/trial_<n>.csv",
         )  # fmt: skip
-    thesis: DataSet = reader.load(root, seed=seed, windows=windows)
-    if channels is not None and channels != 3 * thesis.n_sensors:
+    data: DataSet = fits[0].load(root, seed=seed, windows=windows)
+    if channels is not None and channels != 3 * data.n_sensors:
         raise ChannelError(
-            f"{3 * thesis.n_sensors} channels, {channels} asked for", where=root, next_step="leave channels out"
+            f"{3 * data.n_sensors} channels, {channels} asked for", where=root, next_step="leave channels out"
         )
-    return thesis
+    return data

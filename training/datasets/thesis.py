@@ -11,7 +11,7 @@ time from zero. Its moving average is not, because it smooths away what the band
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,7 @@ from training.windows import (
 EMPTY_HAND = "nothing"
 FOLDERS = (*ACTIONS, *UNSCRIPTED)
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
+Phased = Callable[[Trial, Recording], tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]]
 CAVEAT = (
     "Light and heavy differ only by object, and in 'nothing' by no signal at all: windows without contact "
     "bear the weight of an object that is not there. Where a trial has no truth file its labels follow the "
@@ -62,7 +63,7 @@ CAVEAT = (
 
 
 @dataclass(frozen=True)
-class _Place:
+class Place:
     """Where a trial lies; `object_folder` and `action` are None for the hand alone."""
 
     path: Path
@@ -90,17 +91,22 @@ def load(root: Path, *, seed: int = 0, windows: Choice = "balanced") -> DataSet:
     Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the place.
     """
     meta = _meta(root)
-    trials = [_timed(place, root, meta["unit"]) for place in _places(root)]
+    trials = [timed(place, root, meta["unit"]) for place in _places(root)]
     if not trials:
         raise DataNotFound(
             "no trials", where=root, next_step="give a folder with <object>/<action>/trial_<n>.csv in it"
         )
+    return assembled({"name": root.resolve().name, **meta}, trials, seed=seed, windows=windows)
+
+
+def assembled(meta: dict[str, Any], trials: list[TimedTrial], *, seed: int, windows: Choice) -> DataSet:
+    """A data set of trials; meta: name, unit, kind, and where they are from. Raises RateError, ChannelError, .."""
     rate_hz = _common_rate([trial.recording for trial in trials])
     natural = natural_windows(trials)
     chosen = {"balanced": lambda: balance(natural, seed), "natural": lambda: natural,
               "dense": lambda: dense_windows(trials)}[windows]()  # fmt: skip
     return DataSet(
-        name=str(meta.get("name", root.resolve().name)),
+        name=str(meta["name"]),
         recordings=[trial.recording for trial in trials],
         tasks={"classes": labelled_rows(chosen)},
         rate_hz=rate_hz,
@@ -133,17 +139,17 @@ def _meta(root: Path) -> dict[str, Any]:
     return meta
 
 
-def _places(root: Path) -> Iterator[_Place]:
+def _places(root: Path) -> Iterator[Place]:
     """Every trial of the folder, objects and actions by name, trials by number."""
     for folder in sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else ():
         if plain_word(folder.name) == EMPTY_HAND:
-            yield from (_Place(path) for path in _numbered(folder))
+            yield from (Place(path) for path in _numbered(folder))
             continue
         for actions in sorted(path for path in folder.iterdir() if path.is_dir()):
             for path in _numbered(actions):
-                yield _Place(path, folder, _known_action(actions))
+                yield Place(path, folder, _known_action(actions))
     if (root / f"{EMPTY_HAND}.csv").is_file():
-        yield _Place(root / f"{EMPTY_HAND}.csv")
+        yield Place(root / f"{EMPTY_HAND}.csv")
 
 
 def _numbered(folder: Path) -> list[Path]:
@@ -166,7 +172,8 @@ def _known_action(folder: Path) -> str:
     return action
 
 
-def _timed(place: _Place, root: Path, unit: Any) -> TimedTrial:
+def timed(place: Place, root: Path, unit: Any, phased: Phased | None = None) -> TimedTrial:
+    """A trial read, prepared and with its phases: those that phased gives, else those of its truth or the script."""
     trial = read_trial(place.path)
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
     recording = Recording(
@@ -179,10 +186,15 @@ def _timed(place: _Place, root: Path, unit: Any) -> TimedTrial:
         object_name=object_name(place.object_folder.name) if place.object_folder else None,
         action=place.action,
     )
-    phases = _phases(trial, recording)
-    recording = replace(recording, phases=phases, events=_events(trial, phases))
+    phases, events = (phased or _phased)(trial, recording)
+    recording = replace(recording, phases=phases, events=events)
     heavy = is_heavy(mass_g(place.object_folder)) if place.object_folder else None
     return TimedTrial(recording, phases, heavy, timed=truth_path(trial.path).exists())
+
+
+def _phased(trial: Trial, recording: Recording) -> tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]:
+    phases = _phases(trial, recording)
+    return phases, _events(trial, phases)
 
 
 def _phases(trial: Trial, recording: Recording) -> tuple[Phase, ...]:

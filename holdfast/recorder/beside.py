@@ -1,0 +1,85 @@
+"""The camera beside the recorder: a process a trial, waited for until it films, looked at while it does, and ended."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from drivers.camera.recording import TAGS, read_about
+from edge_runtime.errors import CameraUnavailable, DataError
+
+LONGEST_START_S, LONGEST_END_S = 40.0, 120.0
+POLL_S = 0.02
+LOG = "camera.log"
+
+
+class Beside:
+    """One camera for one trial at a time. told: what the process is told, out left out."""
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        self.told = told
+        self._folder = Path()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lost = False
+
+    def start(self, folder: Path) -> None:
+        """Begin to film into a trial's folder; returns when frames come. Raises CameraUnavailable."""
+        self._folder, self._lost = folder, False
+        command = [sys.executable, "-m", "holdfast.recorder.filming", json.dumps({**self.told, "out": str(folder)})]
+        with (folder / LOG).open("wb") as log:
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log, process_group=0)
+        until_s = time.monotonic() + LONGEST_START_S
+        while not self._films():
+            if self._process.poll() not in (None, 0) or time.monotonic() > until_s:
+                self.stop()
+                raise CameraUnavailable(
+                    self._said() or "no frame came", where="camera", cause="as it says itself",
+                    next_step=f"mend that, or record without --camera; {folder / LOG} has the whole",
+                )  # fmt: skip
+            time.sleep(POLL_S)
+
+    def lost(self) -> str:
+        """Why the camera is gone, once, and only if it did not simply come to its end; else nothing."""
+        if self._lost or self._process is None or self._process.poll() in (None, 0):
+            return ""
+        self._lost = True
+        return self._said() or f"its process ended with {self._process.returncode}"
+
+    def stop(self) -> dict[str, Any]:
+        """End it and say how it went: {"void": why or None, "frames": .., "lost": ..}."""
+        if self._process is None:
+            return {"void": "was not started"}
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        try:
+            self._process.wait(LONGEST_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        failed = self._process.returncode != 0
+        self._process = None
+        try:
+            about = read_about(self._folder)
+        except DataError as error:
+            return {"void": self._said() or str(error)}
+        void = about.get("void") or (self._said() or "its process failed" if failed else None)
+        return {"void": void, "frames": about.get("frames"), "lost": about.get("lost")}
+
+    def _films(self) -> bool:
+        """Whether a frame has been read."""
+        try:
+            return (self._folder / TAGS).read_bytes().count(b"\n") > 1
+        except OSError:
+            return False
+
+    def _said(self) -> str:
+        """The last error it told."""
+        with suppress(OSError):
+            lines = (self._folder / LOG).read_text("utf-8", "replace").splitlines()
+            return next((line.removeprefix("error: ") for line in reversed(lines) if line.startswith("error: ")), "")
+        return ""

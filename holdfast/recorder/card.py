@@ -1,0 +1,174 @@
+"""A protocol card (TOML): which objects, which actions, how often. The words are those of a scene's card.
+
+    title = "Five objects, thirty minutes"
+
+    [[trials]]
+    objects = ["soft-ball", "my-cup"]
+    action = "pull"
+    style = "author"         # a word for whoever acts, kept with the trial
+    count = 10               # trials of each object
+
+    [[trials]]
+    action = "nothing"       # the empty hand
+    count = 2
+
+    [objects.my-cup]
+    mass_g = 212             # of an object that training/objects.py does not know
+
+Every person gets an order of their own, drawn from the seed and the pseudonym, the same whenever it is asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.errors import CardError, DataNotFound, UsageError
+from edge_runtime.reading import require_file
+
+ACTIONS = {"pass": "safe_slip", "put-down": "safe_slip", "pull": "risky_slip", "fall": "risky_slip", "hold": "grasp",
+           "nothing": "nothing"}  # fmt: skip
+"""What an action makes of the grip, from load onset to the empty hand."""
+NOTHING, DISCARDED = "nothing", "discarded"
+WORD = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
+LONGEST_WORD = 24
+MOST_TRIALS = 10_000
+SECTIONS, ROW_KEYS = ("title", "about", "trials", "objects"), ("objects", "action", "style", "count")
+OBJECT_KEYS = ("mass_g",)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One trial to be recorded; thing is "nothing" for the empty hand."""
+
+    thing: str
+    action: str
+    style: str = ""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """All trials of a card in its own order, masses by object, and the card's name and text."""
+
+    name: str
+    text: str
+    tasks: tuple[Task, ...]
+    mass_g: dict[str, float]
+
+    @property
+    def sha256(self) -> str:
+        """Of the card's text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def ordered(self, seed: int, person: str) -> list[Task]:
+        """The trials in the random order of a seed and a person."""
+        of_person = int.from_bytes(hashlib.sha256(person.encode()).digest()[:4])
+        return [self.tasks[k] for k in np.random.default_rng([seed, of_person]).permutation(len(self.tasks))]
+
+
+def left(plan: Sequence[Task], done: Sequence[Task]) -> list[Task]:
+    """What is still to be recorded: the plan without, for each trial done, the first one like it."""
+    counts: dict[Task, int] = {}
+    for task in done:
+        counts[task] = counts.get(task, 0) + 1
+    still = []
+    for task in plan:
+        if counts.get(task, 0):
+            counts[task] -= 1
+        else:
+            still.append(task)
+    return still
+
+
+def word(text: str, what: str) -> str:
+    """A pseudonym or a name that may become a folder. Raises UsageError."""
+    if not WORD.fullmatch(text) or len(text) > LONGEST_WORD or text.lower() in (NOTHING, DISCARDED):
+        raise UsageError(
+            f"{what} {text[:40]!r} is not allowed", cause="an address, a path, or a word that has a meaning here",
+            next_step=f"letters, digits and dashes, at most {LONGEST_WORD}, such as p01; never anybody's name",
+        )  # fmt: skip
+    return text
+
+
+def read_protocol(path: Path) -> Protocol:
+    """Read and check a card. Raises CardError, DataNotFound."""
+    try:
+        require_file(path)
+        text = path.read_text(encoding="utf-8")
+        raw = tomllib.loads(text)
+    except FileNotFoundError:
+        raise DataNotFound("no such card", where=path, next_step="docs/recording.md shows one") from None
+    except (OSError, ValueError, RecursionError) as error:
+        what = f"no TOML ({type(error).__name__}: {str(error)[:80]})"
+        raise CardError(what, where=path, next_step="mend it") from None
+    return _Reader(path).protocol(raw, text)
+
+
+class _Reader:
+    """Every complaint names the file, the key, the value and what is allowed."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def protocol(self, raw: dict[str, Any], text: str) -> Protocol:
+        self.known(raw, SECTIONS, "the card")
+        rows = raw.get("trials")
+        if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+            raise self.refuse("trials", rows, "at least one [[trials]] with an action")
+        tasks = [task for k, row in enumerate(rows) for task in self.row(f"trials[{k}]", row)]
+        if len(tasks) > MOST_TRIALS:
+            raise self.refuse("trials", len(tasks), f"at most {MOST_TRIALS} in all")
+        return Protocol(self.path.stem, text, tuple(tasks), self.masses(raw.get("objects", {})))
+
+    def row(self, key: str, row: dict[str, Any]) -> list[Task]:
+        self.known(row, ROW_KEYS, key)
+        action, style = row.get("action"), row.get("style", "")
+        count, names = row.get("count", 1), row.get("objects", [])
+        if not isinstance(action, str) or action not in ACTIONS:
+            raise self.refuse(f"{key}.action", action, ", ".join(ACTIONS))
+        if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_TRIALS:
+            raise self.refuse(f"{key}.count", count, f"a whole number from 1 to {MOST_TRIALS}")
+        if not isinstance(style, str) or (style and not WORD.fullmatch(style)):
+            raise self.refuse(f"{key}.style", style, "a word of letters, digits and dashes")
+        if not isinstance(names, list) or bool(names) == (action == NOTHING):
+            raise self.refuse(f"{key}.objects", names, "a list of objects, and none for the action nothing")
+        things = [self.thing(f"{key}.objects", name) for name in names] or [NOTHING]
+        return [Task(thing, action, style) for _ in range(count) for thing in things]
+
+    def masses(self, told: Any) -> dict[str, float]:
+        if not isinstance(told, dict):
+            raise self.refuse("objects", told, "tables: [objects.NAME]")
+        return {self.thing("objects", name): self.mass(f"objects.{name}", table) for name, table in told.items()}
+
+    def mass(self, key: str, table: Any) -> float:
+        if not isinstance(table, dict):
+            raise self.refuse(key, table, f"a table: [{key}]")
+        self.known(table, OBJECT_KEYS, key)
+        mass_g = table.get("mass_g")
+        if isinstance(mass_g, bool) or not isinstance(mass_g, int | float) or not 0.0 < mass_g < math.inf:
+            raise self.refuse(f"{key}.mass_g", mass_g, "grams, above 0")
+        return float(mass_g)
+
+    def thing(self, key: str, name: Any) -> str:
+        try:
+            return word(name if isinstance(name, str) else "", "object")
+        except UsageError:
+            raise self.refuse(key, name, "a word of letters, digits and dashes") from None
+
+    def known(self, told: dict[str, Any], allowed: tuple[str, ...], what: str) -> None:
+        for name in told:
+            if name not in allowed:
+                raise CardError(
+                    f"{what}: {name!r} is not known", where=self.path, next_step=f"allowed: {', '.join(allowed)}"
+                )
+
+    def refuse(self, key: str, value: Any, allowed: str) -> CardError:
+        return CardError(f"{key} = {value!r:.60}", where=self.path, next_step=f"allowed: {allowed}")

@@ -1,0 +1,139 @@
+"""The folder trials are recorded into: whose it is, one recorder at a time, numbers, and what is moved away."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.errors import DataNotFound, OutputError, UnitError, UsageError
+from edge_runtime.writing import require_writable, write_whole
+from holdfast.recorder.card import DISCARDED, NOTHING, Task
+from holdfast.recorder.labels import META, read_meta
+
+FORMAT = 1
+KEPT, RECORDING, INTERRUPTED, REDONE = "kept", "recording", "interrupted", "redone"
+LOCK = ".lock"
+
+
+@contextmanager
+def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
+    """Hold a folder of recordings, new or there already, for one recorder.
+
+    kind: recorded, simulated or replayed. Raises OutputError (not ours, or another recorder is at it), UnitError,
+    UsageError (trials of another kind are in it).
+    """
+    there = require_ours(root)
+    require_writable(root)
+    root.mkdir(parents=True, exist_ok=True)
+    (root / LOCK).touch()
+    with alone(root):
+        if there:
+            _require_same(root, there, unit, kind)
+        else:
+            told = {"recorder": FORMAT, "name": root.resolve().name, "kind": kind, "unit": unit}
+            write_whole(root / META, json.dumps(told, indent=1) + "\n")
+        yield
+
+
+@contextmanager
+def alone(place: Path) -> Iterator[None]:
+    """Nobody records into a folder, or one above it, meanwhile. Raises OutputError where somebody does."""
+    with ExitStack() as held:
+        for root in (place, *place.absolute().parents):
+            if not (root / LOCK).is_file():
+                continue
+            try:
+                fcntl.flock(held.enter_context((root / LOCK).open()), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise OutputError(
+                    "another recorder is at it", where=root, cause="a second terminal", next_step="stop that one first"
+                ) from None
+        yield
+
+
+def require_ours(root: Path) -> dict[str, Any]:
+    """meta.json of a folder of recordings; empty for a new or empty folder. Raises OutputError."""
+    if root.is_dir():
+        meta = read_meta(root)
+        if meta.get("recorder") == FORMAT or not any(path.name != LOCK for path in root.iterdir()):
+            return meta
+    elif not root.exists():
+        return {}
+    raise OutputError(
+        "is there and no folder of recordings", where=root, cause="another folder's name",
+        next_step="name a new folder; nothing is ever written over",
+    )  # fmt: skip
+
+
+def _require_same(root: Path, there: dict[str, Any], unit: str, kind: str) -> None:
+    if there.get("unit") != unit:
+        raise UnitError(
+            f"holds trials in {there.get('unit')}, the source is in {unit}", where=root,
+            cause="with a calibration before and without now, or the other way", next_step="name another folder",
+        )  # fmt: skip
+    if there.get("kind") != kind:
+        raise UsageError(
+            f"{root}: holds trials that are {there.get('kind')}, these would be {kind}",
+            next_step="name another folder: nobody could tell them apart",
+        )
+
+
+def task_folder(root: Path, person: str, task: Task) -> Path:
+    """Where trials of a task lie."""
+    return root / person / NOTHING if task.action == NOTHING else root / person / task.thing / task.action
+
+
+def new_trial(root: Path, person: str, task: Task) -> Path:
+    """The next trial's folder, made. Raises OutputError."""
+    place = task_folder(root, person, task)
+    taken = [number(path) for path in place.iterdir()] if place.is_dir() else []
+    folder = place / f"trial_{max(taken, default=0) + 1}"
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise OutputError(f"cannot be made ({error.strerror})", where=folder, next_step="make room") from None
+    return folder
+
+
+def number(folder: Path) -> int:
+    """3 of trial_3; 0 of anything else."""
+    told = folder.name.removeprefix("trial_")
+    return int(told) if told.isdecimal() and len(told) < 9 else 0
+
+
+def discard(root: Path, person: str, folder: Path) -> Path:
+    """Move a trial to the person's discarded ones; where it is now. Raises OutputError."""
+    place = root / person / DISCARDED / folder.parent.relative_to(root / person)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        target = place / f"{folder.name}-{1 + sum(1 for _ in place.glob(f'{folder.name}-*'))}"
+        folder.rename(target)
+    except OSError as error:
+        raise OutputError(f"cannot be moved ({error.strerror})", where=folder, next_step="move it yourself") from None
+    return target
+
+
+def trials_of(root: Path, person: str) -> list[tuple[Path, dict[str, Any]]]:
+    """The trials of a person with their meta.json, those discarded left out."""
+    home = root / person
+    folders = [path.parent for pattern in ("*/trial_*", "*/*/trial_*") for path in home.glob(f"{pattern}/{META}")]
+    there = [folder for folder in sorted(folders) if DISCARDED not in folder.relative_to(home).parts]
+    return [(folder, read_meta(folder)) for folder in there]
+
+
+def done(root: Path, person: str) -> list[Task]:
+    """The tasks of a person's kept trials."""
+    kept = [meta for _, meta in trials_of(root, person) if meta.get("state") == KEPT]
+    return [Task(str(m.get("object")), str(m.get("action")), str(m.get("style"))) for m in kept]
+
+
+def all_trials(root: Path) -> list[Path]:
+    """Every trial's folder below one, discarded ones too; or the folder itself. Raises DataNotFound."""
+    found = sorted(path.parent for path in root.rglob("tactile.csv")) if root.is_dir() else []
+    if not found:
+        raise DataNotFound("no trial in it", where=root, next_step="give a trial's folder, or one with trials in it")
+    return found

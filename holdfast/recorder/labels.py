@@ -1,0 +1,139 @@
+"""Marks and intervals of a trial's events.jsonl -> its phases, tactile.truth.json, each with its provenance.
+
+What is known of a moment from several sides is taken from the first of PROVENANCES that knows it: a scene knows its
+own truth, a camera saw it, a person pressed a key (and is late by a fifth of a second or so), and a rule reads from
+the normal forces when the hand closed and when it was empty again. Nothing else is guessed: where nobody knows when
+the load came on, the grip has no label. The file is derived, and written anew by `holdfast onset`.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.calibration import NORMAL_FLOOR
+from edge_runtime.contract import NORMAL_AXIS, FloatArray
+from edge_runtime.errors import LabelError
+from edge_runtime.reading import json_of
+from edge_runtime.trial_file import Trial, read_trial
+from edge_runtime.writing import write_whole
+from holdfast.recorder.card import ACTIONS
+
+META, EVENTS, TACTILE, TRUTH = "meta.json", "events.jsonl", "tactile.csv", "tactile.truth.json"
+PROVENANCES = ("scene", "camera", "key", "rule")
+MARKS = ("contact", "load_onset", "incipient_slip", "gross_slip", "contact_lost")
+BIAS_ROWS = 5
+CONTACT_SHARE, CONTACT_SMOOTH_S = 0.1, 0.1
+"""As in training/timeline.py, with a floor: a hand that met nothing has no contact."""
+Event = dict[str, Any]
+
+
+def relabel(folder: Path) -> dict[str, Any]:
+    """Write tactile.truth.json of a trial's folder anew; returns it. Raises a DataError or OutputError."""
+    trial, meta = read_trial(folder / TACTILE), read_meta(folder)
+    try:
+        truth = truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise LabelError(
+            f"an event without its times ({error!r:.60})", where=folder / EVENTS, next_step="mend that line"
+        ) from None
+    write_whole(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
+    return truth
+
+
+def read_meta(folder: Path) -> dict[str, Any]:
+    """meta.json of a folder, empty without one. Raises LabelError."""
+    try:
+        meta = json_of((folder / META).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise LabelError(
+            f"cannot be read ({type(error).__name__})", where=folder / META, next_step="mend or remove it"
+        ) from None
+    return meta if isinstance(meta, dict) else {}
+
+
+def read_events(folder: Path) -> list[Event]:
+    """The lines of events.jsonl, a torn last one left out. Raises LabelError."""
+    path = folder / EVENTS
+    try:
+        lines = path.read_text(encoding="utf-8").split("\n") if path.exists() else [""]
+        events = [json_of(line) for line in lines[:-1] if line.strip()]
+        if not all(isinstance(event, dict) for event in events):
+            raise ValueError("no object")
+        return events
+    except (OSError, ValueError) as error:
+        raise LabelError(
+            f"a line is no JSON object ({type(error).__name__})", where=path, next_step="mend it"
+        ) from None
+
+
+def truth_of(action: str, trial: Trial, unit: str, events: list[Event]) -> dict[str, Any]:
+    """Phases as training reads them, and the marks they are made of (s from the first sample, null if not known)."""
+    end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
+    known = _known(events)
+    for name, at_s in zip(("contact", "contact_lost"), _contact(trial, unit), strict=True):
+        if at_s is not None:
+            known.setdefault(name, (at_s, "rule"))
+    told = [one for one in events if one.get("provenance") == "scene" and one.get("label")]
+    phases = [_interval(float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene") for one in told]
+    marks = {f"{name}_s": round(known[name][0], 6) if name in known else None for name in MARKS}
+    return {"phases": phases or _phases(action, end_s, known), **marks, "by": "holdfast record"}
+
+
+def _known(events: list[Event]) -> dict[str, tuple[float, str]]:
+    """Mark -> (when, s; provenance), each from who knows it best; of a person's presses the first counts."""
+    found: dict[str, tuple[float, str]] = {}
+    for provenance in reversed(PROVENANCES):
+        said = [one for one in events if one.get("provenance") == provenance]
+        for one in reversed(said):
+            if one.get("mark") in MARKS:
+                found[one["mark"]] = (float(one["t_s"]), provenance)
+            elif provenance == "camera" and "gross_s" in one:
+                found["incipient_slip"] = (float(one["t0_s"]), provenance)
+                found["gross_slip"] = (float(one["gross_s"]), provenance)
+    return found
+
+
+def _phases(action: str, end_s: float, known: dict[str, tuple[float, str]]) -> list[dict[str, Any]]:
+    if action == "nothing" or "contact" not in known or "contact_lost" not in known:
+        return [_interval(0.0, end_s, "nothing", "rule")] if action == "nothing" else []
+    (closed_s, by_closed), (empty_s, by_empty) = known["contact"], known["contact_lost"]
+    phases = [_interval(0.0, closed_s, "nothing", by_closed)]
+    slip = known.get("load_onset") or known.get("incipient_slip")
+    if action == "hold":
+        phases.append(_interval(closed_s, empty_s, "grasp", by_closed))
+    elif slip is not None and closed_s < slip[0] < empty_s:
+        phases.append(_interval(closed_s, slip[0], "grasp", by_closed))
+        phases.append(_interval(slip[0], empty_s, ACTIONS[action], slip[1]))
+    return [*phases, _interval(empty_s, end_s, "nothing", by_empty)]
+
+
+def _interval(t0_s: float, t1_s: float, label: str, provenance: str) -> dict[str, Any]:
+    return {"t0_s": round(t0_s, 6), "t1_s": round(max(t0_s, t1_s), 6), "label": label, "provenance": provenance}
+
+
+def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
+    """When the hand closed on something, and when it was empty again; None where it never did."""
+    load = _load(trial)
+    rows = max(1, round(CONTACT_SMOOTH_S * trial.rate_hz))
+    smooth = np.convolve(load, np.full(rows, 1.0 / rows), mode="same")
+    high = float(np.quantile(smooth, 0.95))
+    if high < NORMAL_FLOOR.get(unit, 0.0):  # type: ignore[call-overload]
+        return None, None
+    closed = np.flatnonzero(smooth >= CONTACT_SHARE * high)
+    stop = int(closed[-1]) + 1
+    return float(trial.t_s[closed[0]]), float(trial.t_s[min(stop, len(trial.t_s) - 1)])
+
+
+def _load(trial: Trial) -> FloatArray:
+    """[T] sum of the normal forces over the fingers that can be believed, bias taken off."""
+    normal = np.where(trial.valid, trial.raw[:, NORMAL_AXIS::3], np.nan)
+    first = [column[np.isfinite(column)][:BIAS_ROWS] for column in normal.T]
+    bias = np.array([rows.mean() if rows.size else 0.0 for rows in first])
+    load: FloatArray = np.abs(np.nan_to_num(normal - bias)).sum(axis=1)
+    return load

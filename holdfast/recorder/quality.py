@@ -1,0 +1,75 @@
+"""How good a trial was recorded: true rate, jitter, lost samples, saturation, drift of the bias; said and kept."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray, channel_names
+from edge_runtime.live import Measured
+
+REST_S = 0.3
+"""The bias of a trial is looked at over so long at its start."""
+
+
+@dataclass
+class Quality:
+    """Counts as samples come; bias [C] is what the unloaded hand read before, period_ns what was asked for."""
+
+    bias: FloatArray
+    period_ns: float
+    unit: str
+    lost: int = 0
+    why: Counter[str] = field(default_factory=Counter)
+    invalid: int = 0
+    times_ns: list[int] = field(default_factory=list)
+    rest: list[FloatArray] = field(default_factory=list)
+
+    def take(self, t_ns: int, measured: Measured) -> None:
+        """One sample that was written."""
+        self.times_ns.append(t_ns)
+        self.why.update(word for word in measured.why if word)
+        self.invalid += int(np.size(measured.valid) - np.count_nonzero(measured.valid))
+        if t_ns - self.times_ns[0] < 1e9 * REST_S:
+            self.rest.append(np.where(np.repeat(measured.valid, 3), measured.values, np.nan))
+
+    def to_json(self) -> dict[str, Any]:
+        """Figures of the whole trial; nulls where there were too few samples."""
+        times = np.array(self.times_ns, dtype=np.int64)
+        steps = np.diff(times)
+        late_ms = 1e-6 * np.abs(steps - self.period_ns * np.maximum(1, np.round(steps / self.period_ns)))
+        drift, channel = self._drift()
+        return {
+            "samples": len(times), "seconds": round(1e-9 * float(times[-1] - times[0]), 3) if len(times) else 0.0,
+            "rate_hz": round(1e9 / float(np.median(steps)), 3) if len(steps) else None,
+            "jitter_p99_ms": round(float(np.percentile(late_ms, 99)), 3) if len(steps) else None,
+            "lost": self.lost, "invalid_readings": self.invalid, "saturated_readings": self.why["saturated"],
+            "why": dict(sorted(self.why.items())), "bias_drift": drift, "bias_drift_channel": channel,
+            "unit": self.unit,
+        }  # fmt: skip
+
+    def _drift(self) -> tuple[float | None, str | None]:
+        """The largest change of a resting channel since the bias was taken."""
+        rows = np.array(self.rest).reshape(-1, len(self.bias))
+        known = np.isfinite(rows).any(axis=0) & np.isfinite(self.bias)
+        if not known.any():
+            return None, None
+        change = np.abs(np.nanmedian(rows[:, known], axis=0) - self.bias[known])
+        worst = int(np.argmax(change))
+        return round(float(change[worst]), 4), channel_names(len(self.bias) // 3)[int(np.flatnonzero(known)[worst])]
+
+
+def in_words(told: dict[str, Any]) -> str:
+    """One line for the operator."""
+    if told["rate_hz"] is None:
+        return f"{told['samples']} samples: too few for a rate"
+    drift = "not known" if told["bias_drift"] is None else (
+        f"{told['bias_drift']:g} {told['unit']} ({told['bias_drift_channel']})")  # fmt: skip
+    return (
+        f"{told['seconds']:g} s, {told['rate_hz']:.2f} Hz, jitter p99 {told['jitter_p99_ms']:.2f} ms, "
+        f"{told['lost']} lost, {told['invalid_readings']} invalid, {told['saturated_readings']} saturated, "
+        f"bias drift {drift}"
+    )

@@ -1,0 +1,91 @@
+"""One trial while it is recorded: its samples, its events, and what is said about it at the end."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.errors import DataError, HoldfastError, OutputError
+from edge_runtime.live import Measured
+from edge_runtime.tactile_file import TactileFile
+from edge_runtime.writing import write_whole
+from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
+from holdfast.recorder.labels import EVENTS, META, TACTILE, relabel
+from holdfast.recorder.quality import Quality
+
+
+class Trial:
+    """A folder that is being recorded into. about: what meta.json says beside state and quality."""
+
+    def __init__(
+        self, folder: Path, n_channels: int, about: dict[str, Any], quality: Quality, host_after_ns: int
+    ) -> None:
+        self.folder, self.about, self.quality, self._host_after_ns = folder, about, quality, host_after_ns
+        self.t_s = 0.0
+        self._write_meta(RECORDING)
+        self._file = TactileFile(folder / TACTILE, n_channels)
+        self._events = (folder / EVENTS).open("a", encoding="utf-8", buffering=1)
+
+    @property
+    def started(self) -> bool:
+        """Whether there is a sample."""
+        return self._file.rows > 0
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Times of the first and the last sample on the recorder's clock."""
+        return self.quality.times_ns[0], self.quality.times_ns[-1]
+
+    def write(self, t_ns: int, sequence: int, measured: Measured) -> None:
+        """One sample. Raises OutputError."""
+        host_ns = t_ns + self._host_after_ns
+        self.t_s = self._file.write(t_ns, host_ns, sequence, measured.values, measured.valid)
+        self.quality.take(t_ns, measured)
+
+    def mark(self, name: str, now_ns: int, provenance: str = "key") -> float:
+        """Somebody says what happens now; returns when, s from the first sample."""
+        at_s = round(1e-9 * (now_ns - self.span_ns[0]), 6)
+        self.note({"t_s": at_s, "mark": name, "provenance": provenance, "by": "holdfast record"})
+        return at_s
+
+    def note(self, event: dict[str, Any]) -> None:
+        """A line of events.jsonl. Raises OutputError."""
+        try:
+            self._events.write(json.dumps(event) + "\n")
+        except OSError as error:
+            what = f"cannot write ({error.strerror})"
+            raise OutputError(what, where=self.folder / EVENTS, next_step="make room") from None
+
+    def close(self, state: str, **told: Any) -> dict[str, Any]:
+        """Everything on the disk, state and figures in meta.json, a kept one's phases beside it; returns the figures.
+
+        A trial that cannot be read again (a row only, most of it lost) is interrupted and not kept. Raises OutputError.
+        """
+        figures = self.quality.to_json()
+        try:
+            self._file.close()
+            os.fsync(self._events.fileno())
+        finally:
+            with suppress(OSError):
+                self._events.close()
+        if state == KEPT:
+            try:
+                relabel(self.folder)
+            except DataError as error:
+                state, told = INTERRUPTED, {**told, "why": str(error)}
+        self._write_meta(state, quality=figures, **told)
+        return {**figures, "state": state, **told}
+
+    def give_up(self, state: str, why: str) -> None:
+        """Close as well as may be, because something else went wrong, which is what will be raised."""
+        with suppress(HoldfastError, OSError):
+            self.note({"t_s": self.t_s, "event": state, "why": why})
+        with suppress(HoldfastError, OSError):
+            self.close(state, why=why)
+
+    def _write_meta(self, state: str, **told: Any) -> None:
+        meta = {"recorder": FORMAT, "state": state, **self.about, **told}
+        write_whole(self.folder / META, json.dumps(meta, indent=1, default=str) + "\n")

@@ -1,0 +1,169 @@
+"""A camera beside the recorder: real processes, a scene that is felt and filmed at once, and what goes wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_record import columns_of, heard, meta_of, start
+
+from drivers.camera.recording import read_about, read_tracks
+from edge_runtime.trial_file import read_trial
+from holdfast.cli import main
+from training.datasets import load
+
+CARD = """
+[record]
+rate_hz = 150
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+style = "author"
+close_at_s = 7.0
+hold_s = 1.0
+tail_s = 1.0
+[effects.brush]
+count = 5
+[effects.dipole]
+[effects.camera_frames]
+[camera]
+"""
+SMALL = "width_px = 240\nheight_px = 160\n"
+LATEST_S = 60.0
+
+
+def words_of(folder: Path, size: str = SMALL) -> list[object]:
+    """The recorder on a virtual hand in a scene, and a camera before it."""
+    (folder / "filmed.toml").write_text(CARD + size, encoding="utf-8")
+    source = f"virtual://ft232h?burst=1&bus_hz=1000000&scene={folder / 'filmed.toml'}&seed=1"
+    told = ["--source", source, "--camera", "scene", "--out", folder / "out", "--person", "p01", "--at-once"]
+    return [*told, "--object", "soft-ball", "--action", "pull", "--trials", "1"]
+
+
+def trial_in(folder: Path) -> Path:
+    return folder / "out/p01/soft-ball/pull/trial_1"
+
+
+def children(pid: int) -> list[int]:
+    return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp_path, capsys):
+    with start(*words_of(tmp_path), "--seconds", "6") as run:
+        _, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err
+    folder = trial_in(tmp_path)
+    scene = json.loads((folder / "tactile.truth.json").read_text())
+    assert meta_of(folder)["quality"]["samples"] > 800
+    assert meta_of(folder)["camera"]["void"] is None
+    tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
+    frames_s = read_tracks(folder).t_s
+    assert frames_s[0] < tactile_s[0], "a trial begins when the camera films"
+    assert frames_s[-1] > tactile_s[-1] - 0.02
+
+    assert main(["onset", str(folder)]) == 0
+    lines = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    (seen,) = [line for line in lines if line["provenance"] == "camera"]
+    assert (seen["label"], scene["phases"][2]["label"]) == ("risky_slip", "risky_slip")
+    assert abs(seen["t0_s"] - scene["incipient_slip_s"]) < 0.010
+    assert abs(seen["gross_s"] - scene["gross_slip_s"]) < 0.015
+    assert json.loads((folder / "tactile.truth.json").read_text()) == scene, "a scene is believed before a camera"
+
+    only_seen = [line for line in lines if line["provenance"] == "camera"]
+    (folder / "events.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in only_seen))
+    assert main(["onset", str(folder)]) == 0
+    alone = json.loads((folder / "tactile.truth.json").read_text())
+    assert [(one["label"], one["provenance"]) for one in alone["phases"]] == [
+        ("nothing", "rule"), ("grasp", "rule"), ("risky_slip", "camera"), ("nothing", "rule")
+    ]  # fmt: skip
+    assert alone["contact_s"] == pytest.approx(scene["contact_s"], abs=0.15)
+    (event,) = load(tmp_path / "out", windows="natural").recordings[0].events
+    assert event.gross_s == pytest.approx(seen["gross_s"])
+
+
+@pytest.mark.hard_case(
+    "What comes from outside", "a camera that is unplugged in the middle of a trial",
+    elsewhere="the recorder ends with it, or keeps a video that stops without a word",
+    here="the hand is recorded on; the camera part is void, in events.jsonl, meta.json and on the screen",
+)  # fmt: skip
+def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_path):
+    with start(*words_of(tmp_path), "--seconds", "3") as run:
+        heard(run, "recording p01")
+        for pid in children(run.pid):
+            os.kill(pid, signal.SIGKILL)
+        _, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err
+    folder = trial_in(tmp_path)
+    assert meta_of(folder)["state"] == "kept"
+    assert meta_of(folder)["camera"]["void"] == "interrupted"
+    assert len(read_trial(folder / "tactile.csv").t_s) > 400
+    events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    assert [one["event"] for one in events if "event" in one] == ["camera_lost"]
+    assert "the camera is lost" in err
+    assert "no camera part in this trial" in err
+    assert read_about(folder)["void"] == "interrupted"
+    assert main(["onset", str(folder)]) == 3, "a void part gets no label"
+
+
+def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
+    with start(*words_of(tmp_path)) as run:
+        heard(run, "recording p01")
+        (camera,) = children(run.pid)
+        run.kill()
+        run.communicate(timeout=60)
+    until_s = time.monotonic() + LATEST_S
+    while runs(camera) and time.monotonic() < until_s:
+        os.sched_yield()
+    assert not runs(camera)
+    assert meta_of(trial_in(tmp_path))["state"] == "recording"
+
+
+def test_without_a_camera_nothing_is_recorded_and_one_error_says_why(tmp_path):
+    words = [word if word != "scene" else "oak" for word in words_of(tmp_path)]
+    with start(*words, "--tag-mm", "10") as run:
+        _, err = run.communicate(timeout=120)
+    errors = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert (run.returncode, len(errors)) == (6, 1), err
+    assert "CameraUnavailable" in errors[0]
+    assert not list((tmp_path / "out").rglob("tactile.csv"))
+    assert not trial_in(tmp_path).exists()
+
+
+@pytest.mark.soak
+def test_ten_minutes_at_300_hz_with_a_camera_lose_no_sample(tmp_path, record_property):
+    """HOLDFAST_SOAK_MINUTES: other than ten."""
+    minutes = float(os.environ.get("HOLDFAST_SOAK_MINUTES", "10"))
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    began_s = time.monotonic()
+    with start(*words_of(tmp_path, size=""), "--rate", "300", "--seconds", str(60.0 * minutes)) as run:
+        _, err = run.communicate()
+    assert run.returncode == 0, err
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    told = meta_of(trial_in(tmp_path))
+    about = read_about(trial_in(tmp_path))
+    found = {
+        "samples": told["quality"]["samples"], "lost": told["quality"]["lost"],
+        "jitter_p99_ms": told["quality"]["jitter_p99_ms"], "frames": about["frames"], "frames_lost": about["lost"],
+        "cpu_share_of_a_core": round(spent_s / (time.monotonic() - began_s), 2),
+    }  # fmt: skip
+    for name, value in found.items():
+        record_property(name, value)
+    sys.stdout.write(json.dumps(found) + "\n")
+    assert (trial_in(tmp_path) / "camera.mkv").stat().st_size > 0
+    assert told["quality"]["lost"] == 0
+    assert about["lost"] == 0
