@@ -24,3 +24,11 @@ def feature_graph(spec: StepSpec) -> onnx.ModelProto:
     graph = GraphBuilder(spec.n_sensors)
     add_step(graph, spec)
     return graph.model()
+
+
+def detector_graph(spec: StepSpec) -> onnx.ModelProto:
+    """The detectors alone, without features: outputs detectors, settled, unknown, usable_sensors and the state."""
+    graph = GraphBuilder(spec.n_sensors)
+    guarded = add_guard(graph, spec)
+    add_detectors(graph, spec, guarded, add_bank(graph, spec, guarded))
+    return graph.model()
