@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--choose", nargs="+", default=(), metavar="SET|FOLDER",
                         help="other streams, to choose the confidence on (default: as deployed)")  # fmt: skip
     parser.add_argument("--false-per-min", type=positive, default=MOST_FALSE_PER_MIN, metavar="N",
-                        help=f"false alarms a minute allowed where it is chosen (default {MOST_FALSE_PER_MIN})")  # fmt: skip
+                        help=f"false alarms a minute allowed there (default {MOST_FALSE_PER_MIN})")  # fmt: skip
     parser.add_argument("--train", metavar="FOLDER", help="what the thesis' forest is trained on, to stand beside")
     parser.add_argument("--real", type=place, metavar="DIR", help="what `make real` left, for the report")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")

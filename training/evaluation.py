@@ -42,9 +42,7 @@ def heads_asked(model: Model, data: DataSet) -> list[str]:
     return [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
 
 
-def window_figures(
-    model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0
-) -> dict[str, Any]:
+def window_figures(model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0) -> dict[str, Any]:
     """The same, from what the file answered at the windows of a set that has the task "situations"."""
     heads = heads_asked(model, data)
     withheld = answers["situations"]["unknown"]

@@ -10,13 +10,15 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from edge_runtime.contract import CLASSES, RISKY_SLIP, BoolArray
+from edge_runtime.contract import RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.graph import BATCH, Outputs, run_recordings
 from edge_runtime.model_file import ModelCard
 from edge_runtime.monitor import Model
+from export.reference import IntArray
 from training.alarms import Answers
 from training.recording import Recording
+from training.scenes.scores import answers_at
 
 OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
 THREADS = 2
@@ -29,14 +31,16 @@ class Said:
     """One recording as the file answered it.
 
     situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4]. detectors [T, D].
-    told_class [T]: 0..7 by most votes, the riskier on a tie; NO_CLASS where unknown or where the model knows no weight.
+    eight, seven [T]: the class by most votes, the riskier on a tie, of eight and with nothing as one; NO_CLASS where
+    unknown, or where the model knows no weight.
     """
 
     recording: Recording
     situation: npt.NDArray[np.int64]
     risky_permille: npt.NDArray[np.int64]
     p_situation: npt.NDArray[np.float32]
-    told_class: npt.NDArray[np.int64]
+    eight: npt.NDArray[np.int64]
+    seven: npt.NDArray[np.int64]
     detectors: BoolArray
 
     @property
@@ -74,14 +78,15 @@ def said(model: Model, recordings: Sequence[Recording], told: Sequence[Outputs])
 
 
 def _said(recording: Recording, out: Outputs, *, knows_weight: bool) -> Said:
-    votes = out["votes"].astype(np.int64)
-    n_classes, withheld = votes.shape[1], out["unknown"]
-    last_of_most = n_classes - 1 - np.argmax(votes[:, ::-1], axis=1)
-    return Said(
-        recording,
-        np.where(withheld, UNKNOWN, out["situation"]),
-        1000 * votes[:, n_classes * RISKY_SLIP // 4 :].sum(axis=1) // votes.sum(axis=1),
-        out["p_situation"],
-        np.where(withheld | (not knows_weight), NO_CLASS, last_of_most % len(CLASSES)),
-        out["detectors"],
-    )
+    votes, withheld = out["votes"].astype(np.int64), out["unknown"]
+    eight = seven = np.full(len(votes), NO_CLASS)
+    if knows_weight:
+        eight, seven = (np.where(withheld, NO_CLASS, answers_at(votes, level)) for level in ("eight", "seven"))
+    situation = np.where(withheld, UNKNOWN, out["situation"])
+    return Said(recording, situation, risky_permille(votes), out["p_situation"], eight, seven, out["detectors"])
+
+
+def risky_permille(votes: IntArray) -> npt.NDArray[np.int64]:
+    """[T, K] votes for four or eight classes -> [T] thousandths of them for a risky slip, as the monitor counts."""
+    risky: npt.NDArray[np.int64] = 1000 * votes[:, votes.shape[1] * RISKY_SLIP // 4 :].sum(axis=1) // votes.sum(axis=1)
+    return risky

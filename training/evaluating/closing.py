@@ -1,7 +1,7 @@
 """Closing in time: whether a hand that acts on an alarm would still hold the object. A small model, and a bound.
 
 The hand closes at v_max (1 - exp(-t / lag)) from the moment it is asked on: a rate limit behind a first-order lag. What
-it travels squeezes its fingers and the object, springs in series, two fingers on the thumb's side against four:
+it travels squeezes fingers and object, springs in series, two fingers on the thumb's side against four:
 
     N(t) = grip + travel(t) / c,    c = 1 / (2 k) + 1 / (4 k),    k = finger and object in series,    N <= 70 N a side
 
@@ -11,7 +11,7 @@ fall is the weight, as its support vanishes. The same model of the hand that doe
 moved when the truth lost it; a hand that is asked keeps it if it comes to rest before it has moved so far, and keeps it
 without a slip if it slid less than 2 mm, which is what the truth calls gross.
 
-From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and how it was pulled. Assumed: LAG_S; no
+From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and the pull. Assumed: LAG_S; no
 dead time beside it; all six fingers close together (the real hand drives three and drags the others along); nobody
 pulls harder because the hand resists; no ball is squeezed out. `model_error_ms` holds its slips against the truth's.
 """
@@ -102,7 +102,7 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
 
 @dataclass(frozen=True)
 class Slide:
-    """What became of E objects: moved_m [K, E] along the line, slid_m [E], slides_from_s [E] (inf: never), rests [E]."""
+    """What became of E objects: moved_m [K, E], slid_m [E], slides_from_s [E] (inf: never), rests [E] in the end."""
 
     moved_m: FloatArray
     slid_m: FloatArray
@@ -113,7 +113,8 @@ class Slide:
 def slide(drops: Sequence[Drop], asked_s: npt.ArrayLike, hand: Hand) -> Slide:
     """Step the drops from their load onset on, the hand asked at asked_s [E] (inf: never)."""
     d = {name: np.array([getattr(one, name) for one in drops]) for name in Drop.__dataclass_fields__}
-    asked, mass, skin, weight_n = np.asarray(asked_s, float), d["mass_kg"], d["skin_n_per_m"], d["mass_kg"] * GRAVITY_M_S2
+    asked, mass, skin = np.asarray(asked_s, dtype=np.float64), d["mass_kg"], d["skin_n_per_m"]
+    weight_n = mass * GRAVITY_M_S2
     falls, skin_damping = d["cap_n"] == 0.0, 2.0 * DAMPING_RATIO * np.sqrt(skin * mass)
     arm_damping = 2.0 * DAMPING_RATIO * np.sqrt(d["arm_n_per_m"] * mass)
     at, speed = np.zeros(len(drops)), np.zeros(len(drops))

@@ -15,18 +15,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
-from edge_runtime.contract import CLASSES, RISKY_SLIP, SITUATIONS, BoolArray
+from edge_runtime.contract import RISKY_SLIP, SITUATIONS, BoolArray
 from edge_runtime.decision import UNKNOWN
 from training.evaluating.answers import NO_CLASS, Said
 from training.evaluating.closing import Droppable
 from training.evaluating.truths import DISTURBANCES, Grasp, safe_acts, style_of
 from training.event_scores import COLLAR_S, COLLARS_S, Heard, event_scores, heard
-from training.metrics import situation_scores
+from training.metrics import Labels, situation_scores
 from training.recording import Recording
+from training.scenes.scores import LEVELS, labels_at
 from training.timeline import Phase
 
 BINS = 15
-SEVEN = ("nothing", *CLASSES[2:])
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,8 @@ def _bins(probability: npt.NDArray[Any], so: BoolArray) -> list[dict[str, float]
     place = np.minimum((BINS * probability).astype(np.int64), BINS - 1)
     counts = np.bincount(place, minlength=BINS)
     said, was = (np.bincount(place, weights=w, minlength=BINS) for w in (probability, so))
-    return [{"n": int(n), "said": float(s / n), "was": float(w / n)} for n, s, w in zip(counts, said, was, strict=True) if n]
+    full = zip(counts.tolist(), said.tolist(), was.tolist(), strict=True)
+    return [{"n": n, "said": s / n, "was": w / n} for n, s, w in full if n]
 
 
 def _ece(bins: list[dict[str, float]]) -> float:
@@ -249,42 +250,33 @@ def confusions(
 
     Eight and seven classes only where the model votes for eight and the object's weight is known.
     """
-    weighed = [k for k, one in enumerate(said) if heavy[k] is not None and (one.told_class != NO_CLASS).any()]
-    everything = list(range(len(said)))
-    levels = {"four": (SITUATIONS, everything, lambda k: (labels[k], said[k].situation))}
-    if weighed:
-        levels["eight"] = (CLASSES, weighed, lambda k: (_weigh(labels[k], heavy[k]), said[k].told_class))
-        levels["seven"] = (SEVEN, weighed, lambda k: (_merge(_weigh(labels[k], heavy[k])), _merge(said[k].told_class)))
-    figures = {}
-    for level, (classes, chosen, pair) in levels.items():
-        truth, answer, groups = [], [], []
-        for k in chosen:
-            was, answered = pair(k)
-            there = was != UNKNOWN
-            truth.append(was[there])
-            answer.append(np.where(answered[there] < 0, len(classes), answered[there]))
-            groups.append(np.full(int(there.sum()), k))
-        figures[level] = _confusion(classes, truth, answer, groups, [said[k].recording.group for k in everything], seed)
+    groups = [one.recording.group for one in said]
+    figures = {"four": _confusion(SITUATIONS, labels, [one.situation for one in said], groups, seed)}
+    weighed = [k for k, one in enumerate(said) if heavy[k] is not None and (one.eight != NO_CLASS).any()]
+    if not weighed:
+        return figures
+    eight = [_weigh(labels[k], bool(heavy[k])) for k in weighed]
+    seven = [np.where(label == UNKNOWN, UNKNOWN, labels_at(label, "seven")) for label in eight]
+    groups = [groups[k] for k in weighed]
+    figures["eight"] = _confusion(LEVELS["eight"], eight, [said[k].eight for k in weighed], groups, seed)
+    figures["seven"] = _confusion(LEVELS["seven"], seven, [said[k].seven for k in weighed], groups, seed)
     return figures
 
 
 def _confusion(
-    classes: tuple[str, ...], truth: list[Any], answer: list[Any], of: list[Any], group: list[str], seed: int
+    classes: tuple[str, ...], truth: Sequence[Labels], answer: Sequence[Labels], group: Sequence[str], seed: int
 ) -> dict[str, Any]:
+    """truth, answer: [T] of each recording; samples without a label (below 0) are left out, withheld answers count."""
     n = len(classes)
-    was, answered = (np.concatenate(part or [np.zeros(0, np.int64)]).astype(np.int64) for part in (truth, answer))
+    there = [label >= 0 for label in truth]
+    was = np.concatenate([label[here] for label, here in zip(truth, there, strict=True)])
+    answered = np.concatenate([label[here] for label, here in zip(answer, there, strict=True)])
+    answered = np.where(answered < 0, n, answered)
     matrix = np.bincount((n + 1) * was + answered, minlength=n * (n + 1)).reshape(n, n + 1)
-    code = np.unique(group, return_inverse=True)[1]
-    groups = code[np.concatenate(of or [np.zeros(0, np.int64)]).astype(np.int64)]
+    groups = np.repeat(group, [int(here.sum()) for here in there])
     scores = situation_scores(was, answered, groups, classes=classes, seed=seed)
     return {"classes": [*classes, "unknown"], "counts": matrix.tolist(), **scores}
 
 
-def _weigh(situation: npt.NDArray[np.int64], heavy: bool | None) -> npt.NDArray[np.int64]:
-    return np.where(situation == UNKNOWN, UNKNOWN, 2 * situation + int(bool(heavy)))
-
-
-def _merge(label: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Eight classes as seven, nothing once; what is below 0 stays."""
-    return np.where(label < 0, label, np.maximum(label - 1, 0))
-
+def _weigh(situation: npt.NDArray[np.int64], heavy: bool) -> npt.NDArray[np.int64]:
+    return np.where(situation == UNKNOWN, UNKNOWN, 2 * situation + int(heavy))

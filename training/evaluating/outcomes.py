@@ -20,6 +20,8 @@ from training.event_scores import heard
 
 ACTIONS = {"pass": "pass", "pull": "pull or fall", "fall": "pull or fall", "put-down": "put-down"}
 COLUMNS = ("pass", "pull or fall", "put-down")
+Outcome = tuple[str, str, str, bool]
+"""Object, style, column, recognised."""
 STYLES = {"author": "author", "p1": "participant 1", "p2": "participant 2"}
 THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
     "soft-ball": {"author": ("part", "ok", "part"), "p1": ("ok", "no", "ok"), "p2": ("part", "ok", "ok")},
@@ -44,8 +46,8 @@ def recognised(told: Told, said: Said, asked: BoolArray) -> bool | None:
     return seen and not bool(asked.any())
 
 
-def outcomes(told: Sequence[Told], said: Sequence[Said], asked: Sequence[BoolArray]) -> list[tuple[str, str, str, bool]]:
-    """(object, style, column, recognised) of every trial that has an action of the thesis' and an object of its."""
+def outcomes(told: Sequence[Told], said: Sequence[Said], asked: Sequence[BoolArray]) -> list[Outcome]:
+    """Every trial that has an action of the thesis' and an object of its."""
     found = []
     for one, answered, on in zip(told, said, asked, strict=True):
         name, style = one.recording.object_name or "", style_of(one.grasps)
@@ -64,7 +66,7 @@ def word(hits: Sequence[bool]) -> str:
     return "ok" if all(hits) else "part" if any(hits) else "no"
 
 
-def outcome_table(found: Sequence[tuple[str, str, str, bool]]) -> list[dict[str, Any]]:
+def outcome_table(found: Sequence[Outcome]) -> list[dict[str, Any]]:
     """One row a cell of the thesis' table that was asked about: its word and ours, with our counts."""
     rows = []
     for name, styles in THESIS.items():

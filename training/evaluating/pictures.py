@@ -1,4 +1,4 @@
-"""The pictures of an evaluation; every one bears the kind of its data. Colours: Okabe & Ito, as in the scenes' report."""
+"""The pictures of an evaluation; every one bears the kind of its data. Colours as in the scenes' report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ LINE_STYLES = {
     "to the first risky_slip state": ("#56b4e9", "-"), "to act": ("#d55e00", "-"),
     "lead available": ("#009e73", "--"), "lead left at act": ("#000000", "-"),
 }  # fmt: skip
-MOST_MS = 250.0
+MOST_MS = 150.0
+LEAST_EVENTS = 5
+"""Fewer make no distribution."""
 COLUMNS = 3
 
 
@@ -59,6 +61,9 @@ def _spans(there: Any, step_s: float) -> list[tuple[float, float]]:
 
 def distributions(timed: dict[str, dict[str, list[float]]], kind: str) -> str:
     """Share of the found events by ms, one panel a set: delays from load onset, and the lead to gross slip."""
+    timed = {name: one for name, one in timed.items() if len(one["to act"]) >= LEAST_EVENTS}
+    if not timed:
+        return ""
     tall = -(-len(timed) // COLUMNS)
     with labelled(kind, 10.2, 2.35 * tall + 0.3) as figure:
         panels = figure.subplots(tall, COLUMNS, squeeze=False, sharey=True)
@@ -88,13 +93,13 @@ def confusion(level: dict[str, Any], kind: str) -> str:
     counts = np.asarray(level["counts"], dtype=float)
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
     names = [name.replace("_", " ") for name in level["classes"]]
-    with labelled(kind, 0.62 * len(names) + 1.6, 0.42 * len(names) + 1.1) as figure:
+    with labelled(kind, 0.41 * len(names) + 1.3, 0.36 * len(names) + 1.1) as figure:
         axes = figure.subplots()
         axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
         for (row, column), value in np.ndenumerate(shares):
             if value >= 0.005:
                 colour = "white" if value > 0.5 else INK
-                axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=7.5)
+                axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=7)
         axes.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.5)
         axes.set_yticks(range(len(names) - 1), names[:-1], fontsize=7.5)
         axes.set(xlabel="answered", ylabel="was")
@@ -115,4 +120,3 @@ def reliability(sets: dict[str, dict[str, Any]], kind: str) -> str:
         axes.set(xlabel="probability of a risky slip, as given", ylabel="share that was one", xlim=(0, 1), ylim=(0, 1))
         axes.legend(frameon=False, fontsize=7)
         return svg(figure)
-

@@ -46,4 +46,3 @@ def held_out_people(data: DataSet, seed: int) -> frozenset[str]:
     """Those that the exported fold's forests never met."""
     folds = assign_groups(data.group_of("situations"), TrainingPlan().folds, seed=seed)
     return frozenset(name for name, fold in folds.items() if fold == FOLD)
-

@@ -23,7 +23,7 @@ from export.spec import DetectorSpec, StepSpec
 from export.step_graph import detector_graph
 from training.alarms import Answers, acts
 from training.crossval import fit_forest, main_task, uncalibrated
-from training.evaluating.answers import everywhere
+from training.evaluating.answers import everywhere, risky_permille
 from training.event_scores import CONFIDENCES, heard
 from training.featurise import features_of, spec_for
 from training.plan import RAW_BASELINE
@@ -64,7 +64,8 @@ def rivals(spec: StepSpec, rules: DecisionRules, forest: Rival | None = None) ->
         found.append(_detector(CONE, "friction_cone", spec, rules, FRICTIONS))
     if spec.unit == "N":
         found.append(Rival(LINE, JUMPS, lambda recordings: _one_line(recordings, rules)))
-    return [*found, *([forest] if forest else []), Rival(INTENT, (0.0,), lambda some: lambda _: [intent(o) for o in some])]
+    bound = Rival(INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings])
+    return [*found, *([forest] if forest else []), bound]
 
 
 def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -> Rival:
@@ -78,11 +79,10 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
     session = open_session(whole_graph(narrow, [head]).SerializeToString())
 
     def on(recordings: Sequence[Recording]) -> Asked:
-        answers = []
-        for one, out in zip(recordings, everywhere(session, recordings, ["situation", "votes", "unknown"]), strict=True):
-            votes = out["votes"].astype(np.int64)
-            risky = 1000 * votes[:, votes.shape[1] * RISKY_SLIP // 4 :].sum(axis=1) // votes.sum(axis=1)
-            answers.append(Answers(one, np.where(out["unknown"], UNKNOWN, out["situation"]), risky))
+        answers, outputs = [], everywhere(session, recordings, ["situation", "votes", "unknown"])
+        for one, out in zip(recordings, outputs, strict=True):
+            situation = np.where(out["unknown"], UNKNOWN, out["situation"])
+            answers.append(Answers(one, situation, risky_permille(out["votes"].astype(np.int64))))
         return lambda permille: [asked[:, 0] for asked in acts(answers, rules, [int(permille)])]
 
     return Rival(RAW, tuple(float(one) for one in CONFIDENCES), on)

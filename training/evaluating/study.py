@@ -29,7 +29,7 @@ from training.evaluating.figures import (
     together,
     without_samples,
 )
-from training.evaluating.outcomes import outcome_table, outcomes
+from training.evaluating.outcomes import Outcome, outcome_table, outcomes
 from training.evaluating.rivals import LAWS, Matched, Rival, false_per_min, matched, raw_forest, rivals
 from training.evaluating.truths import grasp_of, grasps_beside
 from training.evaluation import at_windows, heads_asked, require_model_fits, window_figures
@@ -48,7 +48,10 @@ ROWS_SHOWN = 8
 
 @dataclass(frozen=True)
 class Asked:
-    """What an evaluation is asked for. choose, train: folders, maybe none. groups: K people only; people: these only."""
+    """What an evaluation is asked for.
+
+    choose, train: folders, maybe none. groups: so many people (or blocks) only. people: these only, where any are told.
+    """
 
     data: Sequence[str]
     choose: Sequence[str] = ()
@@ -97,7 +100,7 @@ class _SetResult:
     told: list[Told]
     lines: dict[str, Line]
     drops: list[Drop | None]
-    outcomes: list[tuple[str, str, str, bool]]
+    outcomes: list[Outcome]
     shown: dict[str, list[Shown]]
     to_state_ms: list[float]
 
@@ -281,9 +284,7 @@ def _to_show(told: Sequence[Told], answered: Sequence[Said], asked: Sequence[Boo
     return {title: rows for title, rows in shown.items() if rows}
 
 
-def _gathered(
-    model: Model, asked: Asked, results: dict[str, _SetResult], thresholds: Thresholds | None
-) -> Evidence:
+def _gathered(model: Model, asked: Asked, results: dict[str, _SetResult], thresholds: Thresholds | None) -> Evidence:
     """All sets under one head. Where rivals were matched on each set itself, their settings stand with the set."""
     first = next(iter(results.values()))
     figures: dict[str, Any] = first.figures["windows"] if len(results) == 1 else {"model_id": model.card.model_id}
@@ -321,4 +322,3 @@ def _timed(result: _SetResult, headline: str) -> dict[str, list[float]]:
         "lead available": [1e3 * o.available_s for o in found if o.available_s is not None],
         "lead left at act": [1e3 * o.lead_s for o in found if o.lead_s is not None],
     }
-
