@@ -11,6 +11,7 @@ import numpy as np
 
 from edge_runtime.contract import BoolArray
 from edge_runtime.decision import DecisionRules
+from edge_runtime.errors import UsageError
 from edge_runtime.monitor import Model
 from export.spec import StepSpec
 from training.alarms import acts
@@ -107,8 +108,7 @@ class _SetResult:
 
 def evaluate_events(model: Model, asked: Asked, say: Say = lambda line: None) -> Evidence:
     """Evaluate a file on sets. Raises what reading them raises, and ChannelError, UnitError or RateError."""
-    for name in (*asked.data, *asked.choose, *([asked.train] if asked.train else [])):
-        find(name)
+    _require_apart(asked)
     others = _rivals(model, asked, say)
     thresholds = _chosen(model, asked, others, say) if asked.choose else None
     results: dict[str, _SetResult] = {}
@@ -120,7 +120,7 @@ def evaluate_events(model: Model, asked: Asked, say: Say = lambda line: None) ->
         answered = said(model, data.recordings, computed)
         if thresholds is None:
             say(f"{data.name}: rivals matched")
-            thresholds_here = _thresholds(model, asked, others, data.recordings, answered, None, [data.name])
+            thresholds_here = _thresholds(model, asked, others, data.recordings, answered, None, [_named(name, data)])
         else:
             thresholds_here = thresholds
         windows = _window_figures(model, data, computed, asked.seed)
@@ -129,6 +129,26 @@ def evaluate_events(model: Model, asked: Asked, say: Say = lambda line: None) ->
         say(f"{data.name}: scored beside {len(thresholds_here.matched)} others")
         results[key] = _score(model, find(name), data, answered, thresholds_here, windows, asked.seed)
     return _gathered(model, asked, results, thresholds)
+
+
+def _require_apart(asked: Asked) -> None:
+    """Raise DataNotFound for a folder that is not there, UsageError for one both to choose on and to score."""
+    scored = {find(name).resolve(): name for name in asked.data}
+    if asked.train:
+        find(asked.train)
+    for name in asked.choose:
+        if find(name).resolve() in scored:
+            raise UsageError(
+                f"{name} is to choose the confidence on and to be scored",
+                cause="a threshold chosen on the streams it is scored on flatters",
+                next_step="simulate another set with another --seed, or leave --choose out",
+            )
+
+
+def _named(name: str, data: DataSet) -> str:
+    """A set's name with the seed it was made from, where it was: two of one card are two sets."""
+    made_from = read_json(find(name) / "meta.json").get("seed")
+    return data.name if made_from is None else f"{data.name}, seed {made_from}"
 
 
 def _load(model: Model, name: str, asked: Asked) -> DataSet:
@@ -153,7 +173,15 @@ def _chosen(model: Model, asked: Asked, others: Sequence[Rival], say: Say) -> Th
     answered = said(model, recordings, everywhere(model.session, recordings, OUTPUTS))
     permille = choose_confidence([one.answers for one in answered], rules_of(model.card), asked.most_false_per_min)
     say(f"confidence {permille} of 1000 chosen; rivals matched")
-    return _thresholds(model, asked, others, recordings, answered, permille, [data.name for data in sets])
+    return _thresholds(
+        model,
+        asked,
+        others,
+        recordings,
+        answered,
+        permille,
+        [_named(name, data) for name, data in zip(asked.choose, sets, strict=True)],
+    )
 
 
 def _thresholds(
