@@ -252,6 +252,11 @@ def test_a_falling_object_is_kept_by_a_hand_that_knew_and_lost_by_one_that_is_ne
     assert not kept(FALL, FALL.lost_s + 0.01)
 
 
+def test_an_object_that_still_slides_is_not_kept_though_it_has_not_gone_so_far() -> None:
+    late = replace(FALL, lost_s=0.59)
+    assert not kept(late, 0.0, Hand(closing_s=200.0))
+
+
 def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_slips() -> None:
     told = Droppable.of([PULL]).figures([0.0])
     assert (told["preventable"], told["not_preventable"], told["kept"]) == (0, 1, 0)
@@ -414,8 +419,10 @@ def test_every_set_has_every_line_and_says_where_its_threshold_is_from(evaluated
     assert told["chosen_on"] == told["matched_on"]
     assert told["false_per_min_there"] <= told["most_false_per_min"] == 2.0
     lines = set(told["lines"]) | set(told["rivals"])
-    assert lines == {"ours, confidence chosen", "ours, as deployed", "band-pass bank", "friction cone", "one line of code",
-                     "raw-window forest", "perfect intent"}  # fmt: skip
+    assert lines == {
+        "ours, confidence chosen", "ours, as deployed", "band-pass bank", "friction cone", "one line of code",
+        "raw-window forest", "perfect intent",
+    }  # fmt: skip
     for one in (*figures["sets"].values(), figures["all"]):
         assert set(one["rows"]) == lines
         assert set(one["mcnemar"]) == set(told["rivals"])
