@@ -61,8 +61,8 @@ evaluate: setup  ## the default model on fresh sets it never met, beside its riv
 	rm -rf build/evaluate
 	mkdir -p build/evaluate
 	{ cat simulation/cards/thesis.toml; echo "[effects.texture]"; } > build/evaluate/thesis-texture.toml
-	for set in $(EVALUATED); do set -- $$(echo $$set | tr : ' '); \
-	    $(BIN)/holdfast simulate $$2 --trials $$3 --seed $$4 --out build/evaluate/$$1 || exit; done
+	echo $(EVALUATED) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
+	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/evaluate/$$0'
 	$(BIN)/holdfast evaluate $(MODEL) --data $(addprefix build/evaluate/,thesis thesis-texture apple p1 p2 perturbed-hold daily) \
 	    --choose build/evaluate/choose --train build/evaluate/train --real build/real \
 	    --json build/evaluate/figures.json --report build/evaluate/report.html $(ARGS)

@@ -16,8 +16,11 @@ from hypothesis import strategies as st
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
 from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.errors import UsageError
+from edge_runtime.graph import open_session
 from edge_runtime.monitor import GripMonitor, Model
+from export.detectors import detector_names
 from export.spec import BandsLeftOut, StepSpec
+from export.step_graph import cone_graph, detector_graph
 from holdfast.cli import main
 from simulation.card import read_card
 from simulation.folder import write_set
@@ -214,6 +217,18 @@ def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
     assert fires[2].any()
     assert firsts == sorted(firsts)
     assert firsts[0] < firsts[2]
+
+
+def test_the_cone_alone_fires_where_the_step_graphs_own_does() -> None:
+    rng = np.random.default_rng(1)
+    of = recording()
+    of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
+    alone, whole = (
+        everywhere(open_session(graph(_spec()).SerializeToString()), [of], ["detectors"])[0]["detectors"]
+        for graph in (cone_graph, detector_graph)
+    )
+    assert alone.any()
+    assert np.array_equal(alone[:, 0], whole[:, detector_names(_spec()).index("friction_cone")])
 
 
 def test_the_one_line_exists_only_in_newtons() -> None:

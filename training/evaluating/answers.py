@@ -57,7 +57,8 @@ def rules_of(card: ModelCard) -> DecisionRules:
 def everywhere(session: ort.InferenceSession, recordings: Sequence[Recording], outputs: Sequence[str]) -> list[Outputs]:
     """Outputs [T, ..] of a step graph on every recording, in their order."""
     order = sorted(range(len(recordings)), key=lambda k: len(recordings[k].samples))
-    batches = [order[start : start + BATCH] for start in range(0, len(order), BATCH)]
+    size = max(1, min(BATCH, -(-len(order) // THREADS)))
+    batches = [order[start : start + size] for start in range(0, len(order), size)]
 
     def run(batch: list[int]) -> list[Outputs]:
         chosen = [recordings[k] for k in batch]

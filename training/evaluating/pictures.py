@@ -17,6 +17,7 @@ LINE_STYLES = {
     "to the first risky_slip state": ("#56b4e9", "-"), "to act": ("#d55e00", "-"),
     "lead available": ("#009e73", "--"), "lead left at act": ("#000000", "-"),
 }  # fmt: skip
+SET_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#000000", "#e69f00", "#56b4e9", "#999999")
 MOST_MS = 150.0
 LEAST_EVENTS = 5
 """Fewer make no distribution."""
@@ -112,8 +113,8 @@ def reliability(sets: dict[str, dict[str, Any]], kind: str) -> str:
     with labelled(kind, 4.4, 3.0) as figure:
         axes = figure.subplots()
         axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
-        for colour, (name, one) in zip(("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#000000", "#e69f00"), sets.items(),
-                                       strict=False):  # fmt: skip
+        for place, (name, one) in enumerate(sets.items()):
+            colour = SET_COLOURS[place % len(SET_COLOURS)]
             bins = one["states"]["calibration"]["reliability_risky"]
             axes.plot([b["said"] for b in bins], [b["was"] for b in bins], "o-", color=colour, markersize=3,
                       linewidth=1.0, label=name)  # fmt: skip

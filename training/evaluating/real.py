@@ -38,7 +38,7 @@ def real_figures(folder: Path, seed: int = 0) -> dict[str, Any]:
     figures = evaluate_events(model, Asked((HUMAN,), people=people, seed=seed)).figures
     return {
         HUMAN: figures | {"people": sorted(people)}, EFLESH: told.get(EFLESH),
-        "note": "as deployed, which is without a threshold of its own: nothing is left to choose one on",
+        "note": "as deployed, without a threshold of its own: nobody is left to choose one on",
     }  # fmt: skip
 
 

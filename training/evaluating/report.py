@@ -90,11 +90,24 @@ def _answer(evidence: Evidence) -> str:
     return f"""<h1>Does it tell a failing grip from a willing hand? Whole streams, every number {kind}</h1>
 <p><strong>{_first_sentence(row)} {_second_sentence(row)}</strong></p>
 <div class=answer>{shown}</div>
-<p>Threshold: {html.escape(figures["thresholds"]["how"])}.{as_deployed}</p>
+<p>Threshold: {html.escape(figures["thresholds"]["how"])}.{as_deployed}{_beaten(figures, name)}</p>
 <p class=note>Model {figures["model"]["model_id"]} at {figures["model"]["rate_hz"]:g} Hz, trained on {html.escape(str(trained))};
 {len(figures["sets"])} sets, {row["minutes"]:.0f} minutes, every sample answered by the file itself from a fresh state.
 {html.escape(SIMULATED) if "simulated" in kind else ""} Intervals are 95 %, over trials (bootstrap) or exact (shares of acts).</p>
 {_warnings(evidence)}"""
+
+
+def _beaten(figures: dict[str, Any], headline: str) -> str:
+    """What stands beside ours and finds more, said where nobody can miss it."""
+    ours, against = figures["all"]["rows"][headline], figures["all"]["mcnemar"]
+    better = [
+        f" <strong>The {html.escape(name)} does better at finding:</strong> {_share(row['recall'])} at "
+        f"{_number(row['false_per_min'])} false alarms a minute and {_share(row['safe_acts_called']['share'])} of the safe acts "
+        f"called (McNemar p {_p(against[name])})."
+        for name, row in figures["all"]["rows"].items()
+        if name in against and name != INTENT and (row["recall"] or 0.0) > (ours["recall"] or 0.0)
+    ]
+    return "".join(better)
 
 
 def _warnings(evidence: Evidence) -> str:
@@ -361,9 +374,10 @@ def _real(evidence: Evidence) -> str:
     states = one["states"]
     return f"""<h2>Real recordings <em class=note>({html.escape(one["data"]["kind"])})</em></h2>
 <p>{one["data"]["recordings"]} trials of {one["data"]["groups"]} people whom this file (of <code>make real</code>, at
-{one["data"]["rate_hz"]:.1f} Hz) never met, as deployed: {html.escape(told["note"])}; rivals are matched on the very same trials,
-which flatters them. A risky event is a rotation of the object beyond 15 degrees, its onset the first sign of it. {html.escape(one["data"]["caveat"])}
-Gross slip, intentions and forces of others are not known, so there is no lead, no safe act and no closing hand.</p>
+{one["data"]["rate_hz"]:.1f} Hz) never met, {html.escape(told["note"])}; rivals are matched on the very same trials, which flatters them. A risky event
+is a rotation of the object that passes 15 degrees ("gross slip"), its onset where it passes 5, later than the load's; a "safe act" is
+one that turns back before 15, and nobody's intention. {html.escape(one["data"]["caveat"])} Nothing is known of the forces behind it,
+so no closing hand.</p>
 <div class=wide><table class=close><tr><th>real{heads}
 {rows}</table></div>
 <p>Changes of state a second {_number(states["changes_per_s"])} (truth {_number(states["true_changes_per_s"])}); calibration error

@@ -20,7 +20,7 @@ from export.exporting import whole_graph
 from export.features import NORMAL_FLOOR
 from export.heads import Head
 from export.spec import DetectorSpec, StepSpec
-from export.step_graph import detector_graph
+from export.step_graph import cone_graph, detector_graph
 from training.alarms import Answers, acts
 from training.crossval import fit_forest, main_task, uncalibrated
 from training.evaluating.answers import everywhere, risky_permille
@@ -59,9 +59,9 @@ class Rival:
 
 def rivals(spec: StepSpec, rules: DecisionRules, forest: Rival | None = None) -> list[Rival]:
     """Everything that can stand beside a model of this step; the forest only where there is something to train on."""
-    found = [_detector(BAND, "band_pass", spec, rules, BAND_RATIOS)]
+    found = [_detector(BAND, spec, rules, BAND_RATIOS)]
     if "friction_cone" in detector_names(spec):
-        found.append(_detector(CONE, "friction_cone", spec, rules, FRICTIONS))
+        found.append(_detector(CONE, spec, rules, FRICTIONS))
     if spec.unit == "N":
         found.append(Rival(LINE, JUMPS, lambda recordings: _one_line(recordings, rules)))
     bound = Rival(INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings])
@@ -88,16 +88,15 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
     return Rival(RAW, tuple(float(one) for one in CONFIDENCES), on)
 
 
-def _detector(name: str, column: str, spec: StepSpec, rules: DecisionRules, settings: tuple[float, ...]) -> Rival:
-    key = {"band_pass": "band_ratio", "friction_cone": "friction"}[column]
+def _detector(name: str, spec: StepSpec, rules: DecisionRules, settings: tuple[float, ...]) -> Rival:
+    """A column of the step graph's `detectors`, the graph built anew for every setting."""
+    key, graph = {BAND: ("band_ratio", detector_graph), CONE: ("friction", cone_graph)}[name]
 
     def on(recordings: Sequence[Recording]) -> Asked:
         def at(setting: float) -> list[BoolArray]:
             varied = replace(spec, detectors=DetectorSpec(**{**vars(spec.detectors), key: setting}))
-            session = open_session(detector_graph(varied).SerializeToString())
-            place = detector_names(spec).index(column)
-            told = everywhere(session, recordings, ["detectors"])
-            return held_until_let_go(recordings, [one["detectors"][:, place] for one in told], rules)
+            told = everywhere(open_session(graph(varied).SerializeToString()), recordings, ["detectors"])
+            return held_until_let_go(recordings, [one["detectors"][:, 0] for one in told], rules)
 
         return at
 
