@@ -8,6 +8,11 @@ LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 PEERS  := .venv-peers
 RATE   ?= 150
 SIZE   ?= default
+MODEL  ?= models/holdfast-150hz.onnx
+# folder:card:trials:seed, for make evaluate; models are trained on seed 0
+EVALUATED := thesis:thesis:600:1000 thesis-texture:build/evaluate/thesis-texture.toml:300:1001 apple:apple:200:1002 \
+    p1:p1:450:1003 p2:p2:450:1004 perturbed-hold:perturbed-hold:300:1005 daily:daily:370:1006 \
+    choose:daily:370:1007 train:thesis:500:1008
 ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
@@ -22,7 +27,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models ablation bench peers lint lock clean docs hard-cases
+.PHONY: help setup demo test soak fuzz real scenes models evaluate ablation bench peers lint lock clean docs hard-cases
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -51,6 +56,16 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	$(BIN)/holdfast train --data build/models/$(RATE)hz-$(SIZE)/thesis build/models/$(RATE)hz-$(SIZE)/broad \
 	    --windows dense --size $(SIZE) --out build/models/$(RATE)hz-$(SIZE)
 	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
+
+evaluate: setup  ## the default model on fresh sets it never met, beside its rivals, into build/evaluate
+	rm -rf build/evaluate
+	mkdir -p build/evaluate
+	{ cat simulation/cards/thesis.toml; echo "[effects.texture]"; } > build/evaluate/thesis-texture.toml
+	echo $(EVALUATED) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
+	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/evaluate/$$0'
+	$(BIN)/holdfast evaluate $(MODEL) --data $(addprefix build/evaluate/,thesis thesis-texture apple p1 p2 perturbed-hold daily) \
+	    --choose build/evaluate/choose --train build/evaluate/train --real build/real \
+	    --json build/evaluate/figures.json --report build/evaluate/report.html $(ARGS)
 
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)

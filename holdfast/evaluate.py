@@ -1,42 +1,86 @@
-"""`holdfast evaluate MODEL --data SET`: the file itself answers on a labelled set, and is scored."""
+"""`holdfast evaluate MODEL --data SET ..`: the file itself answers labelled sets, sample by sample, and is scored."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
+from contextlib import nullcontext
 from typing import Any
 
-from edge_runtime.command import place, seed
+from edge_runtime.command import place, positive, seed
 from edge_runtime.monitor import Model
 from edge_runtime.writing import require_writable, write_whole
-from training.datasets import load
-from training.evaluation import evaluate
+from training.evaluating.real import real_figures
+from training.evaluating.study import MOST_FALSE_PER_MIN, Asked, evaluate_events
+from training.progress import stages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
-    parser.add_argument("--data", required=True, metavar="SET|FOLDER", help="a labelled set by name or path")
+    parser.add_argument("--data", required=True, nargs="+", metavar="SET|FOLDER", help="labelled sets by name or path")
+    parser.add_argument("--choose", nargs="+", default=(), metavar="SET|FOLDER",
+                        help="other streams, to choose the confidence on (default: as deployed)")  # fmt: skip
+    parser.add_argument("--false-per-min", type=positive, default=MOST_FALSE_PER_MIN, metavar="N",
+                        help=f"false alarms a minute allowed there (default {MOST_FALSE_PER_MIN})")  # fmt: skip
+    parser.add_argument("--train", metavar="FOLDER", help="what the thesis' forest is trained on, to stand beside")
+    parser.add_argument("--real", type=place, metavar="DIR", help="what `make real` left, for the report")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the intervals and the choice of groups")
     parser.add_argument("--json", type=place, metavar="OUT", help="write the figures here")
+    parser.add_argument("--report", type=place, metavar="OUT", help="write a report for people here (HTML)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Evaluate, print the figures in words, and write them as JSON."""
-    if args.json is not None:
-        require_writable(args.json.parent)
+    """Evaluate, print the figures in words, write them as JSON and as a report."""
+    for out in (args.json, args.report):
+        if out is not None:
+            require_writable(out.parent)
     model = Model(args.model)
-    data = load(args.data, channels=model.card.n_channels, groups=args.groups, seed=args.seed, windows="natural")
-    figures = evaluate(model, data, seed=args.seed)
+    asked = Asked(
+        tuple(args.data), tuple(args.choose), args.train, args.groups,
+        most_false_per_min=args.false_per_min, seed=args.seed,
+    )  # fmt: skip
+    long = args.report is not None or sys.stderr.isatty()
+    with stages(3 * len(asked.data) + 4) if long else nullcontext(lambda line: None) as say:
+        evidence = evaluate_events(model, asked, say)
+        if args.real is not None:
+            say("real recordings")
+            evidence.figures["real"] = real_figures(args.real, args.seed)
+    figures = evidence.figures
     if args.json is not None:
-        write_whole(args.json, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        write_whole(args.json, json.dumps(figures, indent=1, allow_nan=False) + "\n")
+    if args.report is not None:
+        from training.evaluating.report import write_event_report
+
+        write_event_report(args.report, evidence)
     print("\n".join(in_words(figures)))
     return 0
 
 
 def in_words(figures: dict[str, Any]) -> list[str]:
     """The figures as lines for people, with what must stand beside them."""
+    lines = [line for one in figures["sets"].values() for line in _set_in_words(one["windows"])]
+    headline = figures["thresholds"]["headline"]
+    for name, one in figures["sets"].items():
+        lines.append(_events_in_words(f"{name}, {headline}", one["rows"][headline]))
+    if len(figures["sets"]) > 1:
+        lines.append(_events_in_words(f"all, {headline}", figures["all"]["rows"][headline]))
+    return [*lines, f"threshold: {figures['thresholds']['how']}"]
+
+
+def _events_in_words(name: str, row: dict[str, Any]) -> str:
+    if not row["events"]:
+        return f"{name}: no risky event; {row['false_alarms']} false alarms in {row['minutes']:.1f} min"
+    delay = "" if row["delay_ms"] is None else f", act {row['delay_ms']['p50']:.0f} ms after load onset (median)"
+    return (
+        f"{name}: {row['found']} of {row['events']} risky events found{delay}; "
+        f"{row['false_per_min']:.2f} false alarms a minute in {row['minutes']:.1f} min"
+    )
+
+
+def _set_in_words(figures: dict[str, Any]) -> list[str]:
     situations = figures["situations"]
     lines = [
         f"{figures['data']} ({figures['kind']}): {figures['n_trials']} trials, {figures['n_groups']} groups",

@@ -33,6 +33,8 @@ from simulation.table import csv_bytes
 KIND = "simulated"
 STREAM = "daily"
 """Folder of recordings that are several trials joined."""
+THING_TOLD = ("mass_g", "friction", "kinetic_share", "stiffness_n_per_m")
+"""Of the object, in the truth: with the draws, what decides whether a grip holds (friction before its factor)."""
 DECIMALS = {"N": 4, "uT": 1, "count": 0}
 Done = Callable[[int], None]
 
@@ -162,6 +164,7 @@ def _origin(told: Told, sensors: dict[str, dict[str, Any]]) -> dict[str, Any]:
         "style": trial.style,
         "supported": bool(trial.supported),
         "grip_n": round(trial.grip_n, 4),
+        "thing": {name: getattr(trial.thing, name) for name in THING_TOLD},
         "drawn": {name: round(value, 6) for name, value in trial.drawn.items()},
         "effects": told.effects | sensors,
     }

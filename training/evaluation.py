@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.contract import SITUATIONS, FloatArray
 from edge_runtime.fit import require_fit
-from edge_runtime.graph import run_recordings
+from edge_runtime.graph import Outputs, run_recordings
 from edge_runtime.monitor import Model
 from training.featurise import pick_rows, rows_wanted
 from training.fitting import fingerprint, with_situations
@@ -24,10 +26,25 @@ def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
     unknown counts as a miss. Raises ChannelError, UnitError or
     RateError where the set does not fit the model.
     """
-    require_fit(model.card, n_channels=3 * data.n_sensors, unit=data.unit, rate_hz=data.rate_hz, where=data.name)
+    require_model_fits(model, data)
     data = with_situations(data)
-    heads = [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
-    answers = stream(model, data, ["situation", "unknown", *heads])
+    answers = stream(model, data, ["situation", "unknown", *heads_asked(model, data)])
+    return window_figures(model, data, answers, seed=seed)
+
+
+def require_model_fits(model: Model, data: DataSet) -> None:
+    """Raise ChannelError, UnitError or RateError where the set does not fit the model."""
+    require_fit(model.card, n_channels=3 * data.n_sensors, unit=data.unit, rate_hz=data.rate_hz, where=data.name)
+
+
+def heads_asked(model: Model, data: DataSet) -> list[str]:
+    """The model's further heads that the set has a task for."""
+    return [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
+
+
+def window_figures(model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0) -> dict[str, Any]:
+    """The same, from what the file answered at the windows of a set that has the task "situations"."""
+    heads = heads_asked(model, data)
     withheld = answers["situations"]["unknown"]
     situation = np.where(withheld, len(SITUATIONS), answers["situations"]["situation"])
     figures = report(data, situation, _risky_score(answers, heads), seed=seed)
@@ -58,8 +75,14 @@ def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, dict[st
     wanted = rows_wanted(data)
     values = [recording.samples for recording in data.recordings]
     valid = [recording.valid for recording in data.recordings]
-    computed = run_recordings(model.session, values, valid, outputs, wanted)
+    return at_windows(data, run_recordings(model.session, values, valid, outputs, wanted), wanted)
+
+
+def at_windows(
+    data: DataSet, computed: Sequence[Outputs], rows: list[npt.NDArray[np.int64]]
+) -> dict[str, dict[str, Any]]:
+    """The same, out of what was computed at these rows of each recording."""
     return {
-        task: {name: pick_rows(data, task, wanted, [c[name] for c in computed]) for name in outputs}
+        task: {name: pick_rows(data, task, rows, [c[name] for c in computed]) for name in computed[0]}
         for task in data.tasks
     }

@@ -61,10 +61,16 @@ def one_line(samples: FloatArray) -> BoolArray:
 
     Two samples are 40 ms at 50 Hz and 13 ms at 150 Hz: the law is in samples, and its meaning moves with the rate.
     """
-    shear_n = np.abs(samples.reshape(len(samples), -1, 3)[..., :NORMAL_AXIS]).sum(axis=(1, 2))
-    says = np.zeros(len(samples), dtype=np.bool_)
-    says[BACK_SAMPLES:] = np.abs(shear_n[BACK_SAMPLES:] - shear_n[:-BACK_SAMPLES]) > JUMP_N
+    says: BoolArray = shear_jump(samples) > JUMP_N
     return says
+
+
+def shear_jump(samples: FloatArray) -> FloatArray:
+    """[T, C] -> [T] by how much the summed shear changed within two samples, in the samples' unit; 0 at the start."""
+    shear = np.abs(samples.reshape(len(samples), -1, 3)[..., :NORMAL_AXIS]).sum(axis=(1, 2))
+    jump = np.zeros(len(samples))
+    jump[BACK_SAMPLES:] = np.abs(shear[BACK_SAMPLES:] - shear[:-BACK_SAMPLES])
+    return jump
 
 
 def one_line_at(data: DataSet, reach_samples: int = 1) -> BoolArray:

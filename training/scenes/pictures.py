@@ -27,7 +27,7 @@ EVENT_NAMES = {"load_onset_s": "load", "gross_slip_s": "gross slip", "contact_lo
 
 
 @contextmanager
-def _figure(kind: str, width: float, height: float) -> Iterator[Figure]:
+def labelled(kind: str, width: float, height: float) -> Iterator[Figure]:
     """A figure in our style that says of what kind its data are."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height))
@@ -38,7 +38,7 @@ def _figure(kind: str, width: float, height: float) -> Iterator[Figure]:
 def score_bars(rows: dict[str, Any], kind: str) -> str:
     """Eight and seven classes and four situations of every line that answers with classes."""
     told = {name: row for name, row in rows.items() if "eight" in row}
-    with _figure(kind, 9.2, 0.5 * len(told) + 1.1) as figure:
+    with labelled(kind, 9.2, 0.5 * len(told) + 1.1) as figure:
         eight, seven, four = figure.subplots(1, 3, sharey=True)
         bars(eight, told, "eight", "accuracy", "accuracy, eight classes", 0.2)
         bars(seven, told, "seven", "accuracy", "accuracy, nothing as one", 0.2)
@@ -57,7 +57,7 @@ def confusion_spread(matrices: list[Any], kind: str) -> str:
     shares = np.array([np.asarray(m) / np.maximum(np.sum(m, axis=1, keepdims=True), 1) for m in matrices])
     mean, half = shares.mean(axis=0), np.ptp(shares, axis=0) / 2.0
     names = [name.replace("_", " ") for name in CLASSES]
-    with _figure(kind, 9.2, 4.9) as figure:
+    with labelled(kind, 9.2, 4.9) as figure:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3.4, 1))
         left.imshow(mean, cmap="Blues", vmin=0, vmax=1, aspect="auto")
         for (row, column), value in np.ndenumerate(mean):
@@ -87,7 +87,7 @@ def _cell(axes: Axes, row: int, column: int, value: float, half: float | None) -
 def by_object(objects: dict[str, dict[str, Any]], kind: str) -> str:
     """Macro F1 over the situations of each object held out, one row an object, one mark a line of the table."""
     names = list(next(iter(objects.values())))
-    with _figure(kind, 7.2, 0.42 * len(names) + 1.5) as figure:
+    with labelled(kind, 7.2, 0.42 * len(names) + 1.5) as figure:
         axes = figure.subplots()
         for place, (line, figures) in enumerate(objects.items()):
             colour, shift = LINE_COLOURS[place % 3], 0.2 * (place - (len(objects) - 1) / 2)
@@ -107,7 +107,7 @@ def over_rates(rates: dict[str, Any], kind: str) -> str:
     """Left every line of the table over the rates, right ours on sets it never met."""
     hz = [float(rate) for rate in rates]
     studies = list(rates.values())
-    with _figure(kind, 9.2, 3.2) as figure:
+    with labelled(kind, 9.2, 3.2) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         for place, line in enumerate(name for name, row in studies[0]["rows"].items() if "four" in row):
             _over(left, hz, [study["rows"][line]["four"] for study in studies], LINE_COLOURS[place % 3], _short(line))
@@ -145,7 +145,7 @@ def stream(picture: StreamPicture, kind: str) -> str:
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     forces = recording.samples.reshape(len(t_s), -1, 3)
     shear_n = np.hypot(forces[..., 0], forces[..., 1])
-    with _figure(kind, 10.4, 5.6) as figure:
+    with labelled(kind, 10.4, 5.6) as figure:
         grid = figure.subplots(3, 2, sharex="col", sharey="row", width_ratios=(2.1, 1), height_ratios=(1.2, 1.2, 1))
         for column in range(2):
             _forces(grid[0, column], t_s, forces[..., NORMAL_AXIS], picture)
@@ -180,20 +180,20 @@ def _decision(axes: Axes, t_s: FloatArray, picture: StreamPicture) -> None:
             phase.first * step_s, phase.stop * step_s, color=SITUATION_COLOURS[phase.situation], alpha=0.35, linewidth=0
         )
     for situation, colour in enumerate(SITUATION_COLOURS):
-        spans = [(first * step_s, (stop - first) * step_s) for first, stop in _runs(picture.answer == situation)]
+        spans = [(first * step_s, (stop - first) * step_s) for first, stop in runs(picture.answer == situation)]
         axes.broken_barh(spans, (situation - 0.32, 0.64), color=colour, edgecolor=INK, linewidth=0.4)
-    unknown = [(first * step_s, (stop - first) * step_s) for first, stop in _runs(picture.answer == UNKNOWN)]
+    unknown = [(first * step_s, (stop - first) * step_s) for first, stop in runs(picture.answer == UNKNOWN)]
     axes.broken_barh(unknown, (-0.32, 0.64), facecolor="white", edgecolor=QUIET, linewidth=0.6, hatch="////")
-    for first, _ in _runs(picture.acts):
+    for first, _ in runs(picture.acts):
         axes.plot(first * step_s, RISKY_SLIP + 0.62, "v", color=INK, markersize=6)
     axes.set_yticks(range(len(SITUATIONS)), [name.replace("_", " ") for name in SITUATIONS])
     axes.set_ylim(-0.5, len(SITUATIONS))
 
 
-def _runs(there: np.ndarray) -> list[tuple[int, int]]:
+def runs(there: np.ndarray) -> list[tuple[int, int]]:
     """[T] flags -> runs [first, stop).
 
-    >>> _runs(np.array([True, False, True, True]))
+    >>> runs(np.array([True, False, True, True]))
     [(0, 1), (2, 4)]
     """
     change = np.diff(there.astype(np.int8), prepend=0, append=0)

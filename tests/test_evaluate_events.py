@@ -1,0 +1,504 @@
+"""Whole streams evaluated: what the file says, what rivals ask, what a closing hand makes of it, and the report."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
+from edge_runtime.decision import UNKNOWN, DecisionRules
+from edge_runtime.errors import UsageError
+from edge_runtime.graph import open_session
+from edge_runtime.monitor import GripMonitor, Model
+from export.detectors import detector_names
+from export.spec import BandsLeftOut, StepSpec
+from export.step_graph import cone_graph, detector_graph
+from holdfast.cli import main
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from training.datasets import load
+from training.evaluating.answers import NO_CLASS, OUTPUTS, Said, everywhere, rules_of, said
+from training.evaluating.closing import Drop, Droppable, Hand, drop_of, model_error_ms, slide
+from training.evaluating.figures import (
+    Told,
+    calibration,
+    confusions,
+    instability,
+    labels_everywhere,
+    line,
+    line_figures,
+    mcnemar,
+    share,
+    specificity,
+)
+from training.evaluating.outcomes import outcome_table, recognised
+from training.evaluating.real import real_figures
+from training.evaluating.rivals import (
+    CONE,
+    INTENT,
+    LINE,
+    Rival,
+    held_until_let_go,
+    intent,
+    matched,
+    rivals,
+)
+from training.evaluating.study import Asked, evaluate_events
+from training.evaluating.truths import Act, Grasp, grasp_of, grasps_beside, safe_acts
+from training.event_scores import event_scores, heard
+from training.fixture import write_fixture
+from training.recording import Recording
+from training.timeline import Phase, RiskyEvent
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+RATE_HZ = 100.0
+EVENT = RiskyEvent(1.0, 1.05, 1.10)
+RULES = DecisionRules()
+CARD = """[record]
+rate_hz = 50
+
+[[trials]]
+objects = ["soft-ball", "hard-ball"]
+action = "pass"
+
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+
+[[trials]]
+objects = ["hard-ball"]
+action = "fall"
+
+[[trials]]
+objects = ["hard-ball"]
+action = "hold"
+weak_share = 0
+load_n = 0.5
+"""
+
+
+def recording(
+    *events: RiskyEvent, phases: tuple[Phase, ...] = (), action: str | None = None, n: int = 300
+) -> Recording:
+    samples, valid = np.zeros((n, 18)), np.ones((n, 6), dtype=bool)
+    return Recording("a", "a", samples, valid, RATE_HZ, "N", "soft-ball", action, phases, events)
+
+
+def answered(situation: np.ndarray, of: Recording | None = None, p: np.ndarray | None = None) -> Said:
+    n = len(situation)
+    p = np.full((n, 4), 0.25, dtype=np.float32) if p is None else p
+    none = np.full(n, NO_CLASS)
+    return Said(of or recording(n=n), situation, np.full(n, 1000), p, none, none, np.zeros((n, 3), dtype=bool))
+
+
+def at(*spans: tuple[int, int], n: int = 300) -> np.ndarray:
+    rows = np.arange(n)
+    return np.any([(rows >= a) & (rows < b) for a, b in spans] or [np.zeros(n, bool)], axis=0)
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five simulated trials of the bare core at 50 Hz: two hand-overs, a pull, a fall, a disturbed hold. Read only."""
+    folder = tmp_path_factory.mktemp("scenes")
+    (folder / "small.toml").write_text(CARD)
+    write_set(Scene(read_card(str(folder / "small.toml")), 5), folder / "set")
+    return folder / "set"
+
+
+# -- what the file says
+
+
+def test_what_is_said_of_a_whole_set_is_what_the_monitor_says_of_each_sample(eight_classes: Built) -> None:
+    model = Model(eight_classes.model)
+    some = eight_classes.data.recordings[:3]
+    told = said(model, some, everywhere(model.session, some, OUTPUTS))
+    for one, of in zip(told, some, strict=True):
+        monitor = GripMonitor(model, clock_ns=lambda: 0)
+        for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
+            answer = monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, valid, t))
+            state = ("unknown", "nothing", "grasp", "safe_slip", "risky_slip")[one.situation[t] + 1]
+            assert (answer.state, answer.p_situation["grasp"]) == (state, pytest.approx(one.p_situation[t, 1]))
+        assert set(one.eight[one.situation != UNKNOWN]) <= set(range(8))
+        assert (one.eight[one.situation == UNKNOWN] == NO_CLASS).all()
+
+
+def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) -> None:
+    model, some = Model(four_situations.model), four_situations.data.recordings[:1]
+    (told,) = said(model, some, everywhere(model.session, some, OUTPUTS))
+    assert (told.eight == NO_CLASS).all()
+    labels = [labels_everywhere(some[0].phases, len(told.situation))]
+    assert set(confusions([told], labels, [True], 0)) == {"four"}
+
+
+# -- what the truth says
+
+
+def test_a_voluntary_act_is_one_though_the_hand_holds_again_in_it_and_none_within_a_grip_that_fails() -> None:
+    put_down = (Phase(0, 50, GRASP), Phase(50, 60, SAFE_SLIP), Phase(60, 80, GRASP), Phase(80, 90, SAFE_SLIP))
+    assert safe_acts(recording(phases=put_down)) == [Act(50, 90)]
+    sliding = (Phase(0, 100, GRASP), Phase(100, 104, SAFE_SLIP), Phase(104, 110, RISKY_SLIP))
+    assert safe_acts(recording(EVENT, phases=sliding)) == []
+    assert safe_acts(recording(phases=put_down, action="hold")) == []
+
+
+def test_an_event_of_a_long_stream_is_found_in_the_grasp_that_ended_in_it() -> None:
+    grasps = (Grasp({"contact_lost_s": 0.5}), Grasp({"contact_lost_s": None}), Grasp({"contact_lost_s": 1.1}))
+    assert grasp_of(EVENT, grasps) is grasps[2]
+    assert grasp_of(EVENT, grasps[:2]) is None
+
+
+def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> None:
+    data = load(scenes, windows="natural")
+    grasps = {one.action: told[0] for one, told in
+              zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)}  # fmt: skip
+    assert grasps["hold"].disturbance == "dFt"
+    assert grasps["pull"].disturbance is None
+    assert {one.style for one in grasps.values()} == {"author"}
+    assert grasps["fall"].told["thing"]["mass_g"] == 197.9
+
+
+# -- what stands beside
+
+
+def rival(*asked: np.ndarray) -> Rival:
+    """One with a setting for each way to ask."""
+    return Rival("made up", tuple(float(k) for k in range(len(asked))), lambda _: lambda k: [asked[int(k)]])
+
+
+def test_a_rival_is_matched_at_its_most_sensitive_setting_with_no_more_false_alarms() -> None:
+    on, per_min = [recording(EVENT)], 1 / (3 / 60)
+    three, two, one = at((10, 12), (20, 22), (30, 32)), at((10, 12), (20, 22)), at((10, 12))
+    found = matched(rival(three, two, one, at()), on, 2.0 * per_min)
+    assert (found.setting, found.fits) == (1.0, True)
+    assert found.false_per_min == pytest.approx(2.0 * per_min)
+    assert matched(rival(three, two, one, at()), on, 0.0).setting == 3.0
+
+
+def test_a_rival_that_cannot_be_matched_says_so() -> None:
+    found = matched(rival(at((10, 12), (20, 22)), at((10, 12))), [recording(EVENT)], 0.0)
+    assert (found.setting, found.fits) == (1.0, False)
+
+
+def test_perfect_intent_finds_every_event_within_a_sample_and_nothing_else() -> None:
+    for onset_s in (0.0, 0.999, 1.0, 1.0001):
+        of = recording(RiskyEvent(onset_s, None, onset_s + 0.1))
+        told = heard(of, intent(of))
+        assert told.false_s == ()
+        assert told.outcomes[0].delay_s is not None
+        assert 0.0 < told.outcomes[0].delay_s <= 1.0 / RATE_HZ + 1e-9
+
+
+def test_a_detector_that_fires_in_the_air_asks_nothing_and_in_the_hand_holds_until_let_go() -> None:
+    of = recording()
+    of.samples[100:200, 2::3] = 1.0
+    (asked,) = held_until_let_go([of], [at((20, 30), (120, 121), (250, 260))], RULES)
+    assert np.flatnonzero(asked).tolist() == list(range(120, 200 + RULES.release_samples - 1))
+
+
+def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
+    rng = np.random.default_rng(0)
+    of = recording()
+    of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
+    of.samples[:, 2::3] = 2.0
+    cone = next(one for one in rivals(_spec(), RULES) if one.name == CONE)
+    fires = [cone.on([of])(friction)[0] for friction in (0.3, 1.0, 3.0)]
+    firsts = [int(np.argmax(one)) for one in fires]
+    assert fires[2].any()
+    assert firsts == sorted(firsts)
+    assert firsts[0] < firsts[2]
+
+
+def test_the_cone_alone_fires_where_the_step_graphs_own_does() -> None:
+    rng = np.random.default_rng(1)
+    of = recording()
+    of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
+    alone, whole = (
+        everywhere(open_session(graph(_spec()).SerializeToString()), [of], ["detectors"])[0]["detectors"]
+        for graph in (cone_graph, detector_graph)
+    )
+    assert alone.any()
+    assert np.array_equal(alone[:, 0], whole[:, detector_names(_spec()).index("friction_cone")])
+
+
+def test_the_one_line_exists_only_in_newtons() -> None:
+    assert LINE in [one.name for one in rivals(_spec(), RULES)]
+    in_counts = [one.name for one in rivals(replace(_spec(), unit="count"), RULES)]
+    assert LINE not in in_counts
+    assert CONE not in in_counts
+    assert INTENT in in_counts
+
+
+def _spec() -> StepSpec:
+    return StepSpec(n_sensors=6, rate_hz=RATE_HZ, unit="N", groups=("now",))
+
+
+# -- closing in time
+
+FALL = Drop(
+    gross_s=0.02, lost_s=0.09, mass_kg=0.2, grip_n=1.0, squeeze_n_per_m=900.0, skin_n_per_m=5000.0, static=0.6,
+    kinetic=0.48, vanish_s=0.02, arm_n_per_m=0.0, distance_m=0.0, move_s=1.0, cap_n=0.0,
+)  # fmt: skip
+PULL = replace(FALL, mass_kg=0.02, grip_n=4.0, vanish_s=0.0, arm_n_per_m=3000.0, distance_m=0.2, move_s=0.2, cap_n=40.0)
+
+
+def kept(drop: Drop, asked_s: float | None, hand: Hand | None = None) -> bool:
+    return bool(Droppable.of([drop], hand).figures([asked_s])["kept"])
+
+
+def test_a_hand_without_lag_closes_its_stroke_in_the_published_time_and_one_with_lag_is_that_much_later() -> None:
+    assert Hand(lag_s=0.0).travel_m(np.array([-1.0, 0.0, 0.37])).tolist() == pytest.approx([0.0, 0.0, 0.12])
+    assert Hand(lag_s=0.05).travel_m(np.array([1.05])) == pytest.approx(0.12 / 0.37, rel=1e-6)
+
+
+def test_a_falling_object_is_kept_by_a_hand_that_knew_and_lost_by_one_that_is_never_or_too_late_asked() -> None:
+    assert kept(FALL, 0.0)
+    assert not kept(FALL, None)
+    assert not kept(FALL, FALL.lost_s + 0.01)
+
+
+def test_an_object_that_still_slides_is_not_kept_though_it_has_not_gone_so_far() -> None:
+    late = replace(FALL, lost_s=0.59)
+    assert not kept(late, 0.0, Hand(closing_s=200.0))
+
+
+def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_slips() -> None:
+    told = Droppable.of([PULL]).figures([0.0])
+    assert (told["preventable"], told["not_preventable"], told["kept"]) == (0, 1, 0)
+    gentle = slide([replace(PULL, cap_n=2.0)], np.array([np.inf]), Hand())
+    assert gentle.slides_from_s[0] == np.inf
+    assert gentle.slid_m[0] == 0.0
+
+
+def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
+    """A support that vanishes slowly: m g smooth(t / vanish) = 2 mu N, the skin far stiffer than anything moves."""
+    slow = replace(FALL, vanish_s=0.4, lost_s=0.5, skin_n_per_m=20000.0)
+    u = np.linspace(0.0, 1.0, 100_001)
+    load_n = 0.2 * 9.81 * u**3 * (10.0 + u * (6.0 * u - 15.0))
+    expected_s = 0.4 * float(u[np.argmax(load_n > 2.0 * 0.6 * 1.0)])
+    assert slide([slow], np.array([np.inf]), Hand()).slides_from_s[0] == pytest.approx(expected_s, abs=0.004)
+
+
+@settings(max_examples=15, deadline=None)
+@given(earlier_s=st.floats(0.0, 0.1), by_s=st.floats(0.0, 0.1), lag_s=st.floats(0.0, 0.1), grip_n=st.floats(0.3, 1.6))
+def test_who_is_asked_earlier_never_keeps_less(earlier_s: float, by_s: float, lag_s: float, grip_n: float) -> None:
+    drop, hand = replace(FALL, grip_n=grip_n), Hand(lag_s=lag_s)
+    assert kept(drop, earlier_s, hand) >= kept(drop, earlier_s + by_s, hand)
+
+
+def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None:
+    data = load(scenes, windows="natural")
+    pairs = zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
+    drops = [drop_of(event, grasp_of(event, told)) for of, told in pairs for event in of.events]
+    assert [drop is None for drop in drops] == [False, False]
+    told = model_error_ms(drops)
+    assert told is not None
+    assert (told["slips"], told["of"]) == (2, 2)
+    assert abs(told["p50"]) < 30.0
+    assert drop_of(EVENT, Grasp({})) is None
+    assert Droppable.of([None]).figures([0.1])["kept_share"] is None
+
+
+# -- figures
+
+
+def test_a_share_of_all_has_an_exact_interval_that_does_not_say_always() -> None:
+    assert share([True] * 20)["share_ci"] == pytest.approx([0.8316, 1.0], abs=1e-4)
+    assert share([]) == {"share": None, "share_ci": None, "n": 0}
+
+
+def test_mcnemar_counts_only_what_one_of_two_found() -> None:
+    ours = np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool)
+    theirs = np.array([0, 0, 0, 0, 0, 1, 0], dtype=bool)
+    told = mcnemar(ours, theirs)
+    assert (told["only_ours"], told["only_theirs"], told["both"], told["neither"]) == (5, 0, 1, 1)
+    assert told["p"] == pytest.approx(0.0625)
+    assert mcnemar(ours, ours)["p"] == 1.0
+
+
+def test_a_hold_is_specific_without_any_alarm_and_counts_only_if_it_held() -> None:
+    holds = [("dFn", True, True), ("dFn", True, False), ("dFn", False, False), ("dq", True, True)]
+    told = specificity(holds)
+    assert told is not None
+    assert (told["dFn"]["share"], told["dFn"]["n"], told["dFn"]["failed"]) == (0.5, 2, 1)
+    assert (told["dFt"]["n"], told["dq"]["share"]) == (0, 1.0)
+    assert specificity([]) is None
+
+
+def test_safe_acts_are_called_where_the_hand_is_asked_at_any_sample_of_them() -> None:
+    phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
+    told = [Told(recording(phases=phases, action="pass"), (Grasp({"style": style}),)) for style in ("p1", "p1", "p2")]
+    asked = [at((90, 110)), at((90, 99)), at()]
+    figures = line_figures(line(told, asked), told, None, 0)
+    assert figures["safe_acts_called"]["share"] == pytest.approx(1 / 3)
+    assert figures["safe_acts_by_action"]["pass"]["n"] == 3
+    assert figures["by_style"]["styles"]["p1"]["safe_acts_called"]["share"] == 0.5
+    assert figures["false_alarms"] == 2
+    assert figures["collar_40_ms"]["false_alarms"] == 2
+
+
+def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
+    told = [Told(recording(EVENT), (Grasp({}),))]
+    figures = line_figures(line(told, [at((97, 99))]), told, None, 0)
+    assert (figures["recall"], figures["collar_40_ms"]["recall"]) == (0.0, 1.0)
+
+
+def test_probabilities_that_come_true_have_no_calibration_error_and_boasts_have_all_of_it() -> None:
+    label = np.repeat([RISKY_SLIP, NOTHING], [30, 10])
+    p = np.zeros((40, 4), dtype=np.float32)
+    p[:, RISKY_SLIP], p[:, NOTHING] = 0.75, 0.25
+    fair = calibration([answered(np.full(40, GRASP), p=p)], [label])
+    p[:, RISKY_SLIP], p[:, NOTHING] = 1.0, 0.0
+    boast = calibration([answered(np.full(40, GRASP), p=p)], [label])
+    assert fair is not None
+    assert boast is not None
+    assert fair["ece"] == pytest.approx(0.0, abs=1e-6)
+    assert (boast["ece"], boast["ece_risky"]) == (pytest.approx(0.25), pytest.approx(0.25))
+
+
+def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
+    situation = np.array(
+        [UNKNOWN] * 50 + [NOTHING] * 25 + [UNKNOWN] * 5 + [NOTHING] * 20 + [GRASP] * 25 + [NOTHING] * 25
+    )
+    one = answered(situation)
+    assert instability([situation], [one]) == pytest.approx(2 / (95 / RATE_HZ))
+    label = labels_everywhere((Phase(0, 100, NOTHING), Phase(100, 130, GRASP)), len(situation))
+    assert label[130:].tolist() == [UNKNOWN] * 20
+    counts = confusions([one], [label], [None], 0)["four"]["counts"]
+    assert counts[NOTHING] == [45, 0, 0, 0, 55]
+    assert counts[GRASP] == [5, 25, 0, 0, 0]
+
+
+# -- the thesis' table
+
+
+def test_a_pull_is_recognised_if_found_and_nothing_else_was_and_a_pass_if_seen_and_left_alone() -> None:
+    grasps = (Grasp({"style": "p1"}),)
+    pull, quiet = Told(recording(EVENT, action="pull"), grasps), answered(np.full(300, GRASP))
+    assert recognised(pull, quiet, at((102, 120)))
+    assert not recognised(pull, quiet, at((50, 60), (102, 120)))
+    assert not recognised(pull, quiet, at())
+    phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
+    over, seen = (
+        Told(recording(phases=phases, action="pass"), grasps),
+        answered(np.where(at((105, 109)), SAFE_SLIP, GRASP)),
+    )
+    assert recognised(over, seen, at())
+    assert not recognised(over, seen, at((10, 12)))
+    assert not recognised(over, quiet, at())
+    assert recognised(Told(recording(action="pull"), grasps), quiet, at()) is None
+
+
+def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_were_asked_about() -> None:
+    found = [("soft-ball", "p1", "pass", True), ("soft-ball", "p1", "pass", False), ("apple", "author", "pass", True)]
+    rows = {row["object"]: row for row in outcome_table(found)}
+    assert len(outcome_table(found)) == 2
+    assert (rows["soft-ball"]["thesis"], rows["soft-ball"]["ours"]) == ("ok", "part")
+    assert (rows["soft-ball"]["recognised"], rows["soft-ball"]["trials"]) == (1, 2)
+    assert rows["apple"]["ours"] == "ok"
+
+
+# -- the whole
+
+
+@pytest.fixture(scope="module")
+def evaluated(
+    eight_classes: Built, scenes: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[dict[str, Any], str]:
+    """Figures and report of a small model on a made-up set and on scenes, its confidence chosen on another set."""
+    out = tmp_path_factory.mktemp("evaluated")
+    write_fixture(out / "choose", trials_per_cell=1, seed=3)
+    words = ["evaluate", eight_classes.model, "--data", scenes, eight_classes.fixture, "--choose", out / "choose",
+             "--train", out / "choose", "--false-per-min", 2, "--real", out / "nowhere",
+             "--json", out / "figures.json", "--report", out / "report.html"]  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BandsLeftOut)
+        assert main([str(word) for word in words]) == 0
+    return json.loads((out / "figures.json").read_text()), (out / "report.html").read_text()
+
+
+def test_every_set_has_every_line_and_says_where_its_threshold_is_from(evaluated: tuple[dict[str, Any], str]) -> None:
+    figures, _ = evaluated
+    assert len(figures["sets"]) == 2
+    told = figures["thresholds"]
+    assert told["chosen_on"] == told["matched_on"]
+    assert told["false_per_min_there"] <= told["most_false_per_min"] == 2.0
+    lines = set(told["lines"]) | set(told["rivals"])
+    assert lines == {
+        "ours, confidence chosen", "ours, as deployed", "band-pass bank", "friction cone", "one line of code",
+        "raw-window forest", "perfect intent",
+    }  # fmt: skip
+    for one in (*figures["sets"].values(), figures["all"]):
+        assert set(one["rows"]) == lines
+        assert set(one["mcnemar"]) == set(told["rivals"])
+        assert one["rows"]["perfect intent"]["missed"] == one["rows"]["perfect intent"]["false_alarms"] == 0
+        assert one["rows"]["ours, as deployed"]["events"] == one["rows"]["friction cone"]["events"]
+    events = [one["data"]["events"] for one in figures["sets"].values()]
+    assert figures["all"]["rows"]["perfect intent"]["found"] == sum(events)
+
+
+def test_scenes_have_closing_and_specificity_and_a_made_up_set_has_neither(
+    evaluated: tuple[dict[str, Any], str],
+) -> None:
+    ours = [one["rows"]["ours, as deployed"] for one in evaluated[0]["sets"].values()]
+    assert [row["closing"] is None for row in ours] == [False, True]
+    assert [row["specificity"] is None for row in ours] == [False, True]
+    bound = [one["rows"]["perfect intent"]["closing"] for one in evaluated[0]["sets"].values()]
+    assert bound[0]["kept"] <= bound[0]["preventable"] <= bound[0]["modelled"] == 2
+
+
+def test_the_report_answers_first_and_needs_no_other_file(evaluated: tuple[dict[str, Any], str]) -> None:
+    figures, page = evaluated
+    row = figures["all"]["rows"]["ours, confidence chosen"]
+    assert f"Of {row['events']} grips that fail the hand is asked to act in {row['found']}" in page
+    assert page.index("grips that fail") < page.index("<table")
+    assert "src=" not in page
+    assert "href=" not in page.replace("xlink:href=", "")
+    assert page.count("<svg") >= 6
+    assert "make real" in page
+    assert "trained on" in page  # the made-up set is the one the model learned from
+    for title in ("Trials as they went by", "What it stands beside", "How late", "closing hand", "outcomes", "limits"):
+        assert title in page
+
+
+def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(eight_classes: Built, scenes: Path) -> None:
+    figures = evaluate_events(Model(eight_classes.model), Asked((str(scenes),))).figures
+    assert figures["thresholds"]["chosen_on"] is None
+    assert figures["thresholds"]["headline"] == "ours, as deployed"
+    assert "flatters" in figures["thresholds"]["how"]
+    assert "macro_f1" in figures["situations"]  # one set: its window figures stand on top, as ever
+
+
+def test_a_threshold_chosen_on_what_is_scored_is_refused(eight_classes: Built, scenes: Path) -> None:
+    with pytest.raises(UsageError, match="to choose the confidence on and to be scored"):
+        evaluate_events(Model(eight_classes.model), Asked((str(scenes),), choose=(f"{scenes}/../set",)))
+
+
+def test_the_figures_of_ours_are_those_of_its_own_answers(eight_classes: Built, scenes: Path) -> None:
+    model, data = Model(eight_classes.model), load(scenes, windows="natural")
+    figures = evaluate_events(model, Asked((str(scenes),))).figures
+    told = []
+    for of in data.recordings:
+        monitor = GripMonitor(model, clock_ns=lambda: 0)
+        acts = [monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)).act
+                for t, values in enumerate(of.samples)]  # fmt: skip
+        told.append(heard(of, np.array(acts)))
+    expected, got = event_scores(told), figures["all"]["rows"]["ours, as deployed"]
+    assert rules_of(model.card) == RULES
+    assert {key: got[key] for key in ("found", "false_alarms", "already_on")} == {
+        key: expected[key] for key in ("found", "false_alarms", "already_on")
+    }
+
+
+def test_without_real_recordings_the_report_says_how_to_get_them(tmp_path: Path) -> None:
+    assert "make real" in real_figures(tmp_path)["next"]
