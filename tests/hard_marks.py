@@ -62,7 +62,7 @@ OFFSET = HardCase(
 SILENCE = HardCase(
     FILTER,
     "ten minutes of silence",
-    "a filter's memory ends in subnormal numbers, which never leave and cost up to fifty times as much",
+    "a filter's memory ends in subnormal numbers, which never leave and cost more than zeros do",
     "memory below 1e-30 is zero",
 )
 SUBNORMAL = HardCase(
