@@ -73,7 +73,7 @@ SIZES = {
     )
     for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
 }
-"""Three models for the hand, trained on dense windows (docs/what-accuracy-costs.md says what each costs)."""
+"""Three models for the hand, trained on dense windows (`holdfast bench cost` says what each costs)."""
 
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
