@@ -392,7 +392,7 @@ def test_a_warm_magnet_loses_a_fraction_of_its_field_a_degree() -> None:
 
 def test_a_magnet_warms_as_a_body_of_first_order_does() -> None:
     share = loss(warming_degc=10, time_s=300, compensated=0)
-    assert share[5] / share[-1] == pytest.approx(1.0 - 1.0 / np.e)
+    assert share[5] / share[-1] == pytest.approx(1.0 - np.exp(-1.0))
     left = 1.0 - share[:20] / share[-1]
     assert left[1:] / left[:-1] == pytest.approx(np.exp(-60.0 / 300.0))
 
