@@ -1,15 +1,15 @@
-"""`holdfast bench WHAT`: what accuracy costs in time, each as JSON and a table.
+"""`holdfast bench WHAT`: what accuracy costs in time, each as JSON, a picture and tables.
 
-    effects      ns per sample of every effect of a scene
-    latency      one decision beside its peers, in turns; --check holds it against edge_runtime/budget.toml
-    cost         what is found and how late, against trees, depth, features, rate, window and debounce; goes on where
-                 it was; HOLDFAST_DASK=ADDRESS measures on a Dask cluster
-    training     CPU seconds of simulating, features and training against the number of trials
-    instructions a step and a forest counted by callgrind, and a projection to a small board
-    hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
-    onset        error of the slip's start as a camera sees it, over accelerations and on pulls (needs the extra camera)
-    simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
-                 laws of friction and, after `make peers`, MuJoCo on the same hold and pull
+effects      ns per sample of every effect of a scene
+latency      one decision beside its peers, in turns; --check holds it against edge_runtime/budget.toml
+cost         what is found and how late, against trees, depth, features, rate, window and debounce; goes on where
+             it was; HOLDFAST_DASK=ADDRESS measures on a Dask cluster
+training     CPU seconds of simulating, features and training against the number of trials
+instructions a step and a forest counted by callgrind, and a projection to a small board
+hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
+onset        error of the slip's start as a camera sees it, over accelerations and on pulls (needs the extra camera)
+simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
+             laws of friction and, after `make peers`, MuJoCo on the same hold and pull
 """
 
 from __future__ import annotations
@@ -35,22 +35,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, write WHAT.json, print the tables."""
-    from benchmarks.scenes_page import markdown
+    """Measure, write WHAT.json and WHAT.svg, print the tables."""
+    from benchmarks.pictures import PICTURES
 
     require_writable(args.out)
     for what in MEASURES if args.what == "all" else (args.what,):
         figures = MEASURES[what](args.out)
-        path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(), indent=2) + "\n")
-        for title, rows in figures.items():
-            if isinstance(rows, list) and rows and isinstance(rows[0], dict) and "latency_us" not in rows[0]:
-                print(f"{title}\n{markdown(rows)}\n")
-        print(path)
+        path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(what), indent=2) + "\n")
+        picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
+        _print_tables(what, figures)
+        print(f"{path}\n{picture}")
         for line in figures.get("broken", []):
             print(f"over budget: {line}")
         if args.check and figures.get("broken"):
             return 1
     return 0
+
+
+def _print_tables(what: str, figures: dict[str, Any]) -> None:
+    from benchmarks.cost.page import short
+    from benchmarks.scenes_page import markdown
+
+    for title, rows in short(figures).items() if what == "cost" else figures.items():
+        if isinstance(rows, list) and rows and isinstance(rows[0], dict) and "latency_us" not in rows[0]:
+            print(f"{title}\n{markdown(rows)}\n")
 
 
 def _effects(out: Path) -> dict[str, Any]:
@@ -118,7 +126,26 @@ MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
 
 
-def _host() -> dict[str, Any]:
-    machine = {"machine": platform.machine(), "system": platform.system(), "cpus": os.cpu_count()}
-    return {"kind": "simulated", "host": machine, "versions": {"numpy": version("numpy")}}
+KINDS = {"cost": "scenes simulated, people public real data", "hand": "simulated", "onset": "simulated",
+         "effects": "time on this machine", "latency": "time on this machine, samples simulated",
+         "training": "time on this machine, trials simulated", "instructions": "counted by callgrind",
+         "simulator": "simulated, time on this machine"}  # fmt: skip
+LIBRARIES = ("holdfast", "numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
+SEED = 0
 
+
+def _host(what: str) -> dict[str, Any]:
+    """What stands in every JSON: where and with what it was measured. All measures draw from fixed seeds."""
+    machine = {"machine": platform.machine(), "system": platform.system(), "cpus": os.cpu_count(), "cpu": _cpu()}
+    versions = {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
+    return {"kind": KINDS[what], "seed": SEED, "host": machine, "versions": versions}
+
+
+def _cpu() -> str | None:
+    """The processor's name, where Linux tells."""
+    try:
+        text = Path("/proc/cpuinfo").read_text("utf-8")
+    except OSError:
+        return None
+    names = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
+    return names[0] if names else None

@@ -74,6 +74,22 @@ def test_nothing_on_the_front_is_beaten_and_everything_else_is(pairs):
     assert all(any(beats(kept, row) or kept == row for kept in front) for row in rows)
 
 
+@given(st.sampled_from(points()))
+def test_points_with_one_forest_differ_in_nothing_that_is_fitted(point):
+    same = point.fitted
+    assert same == same.fitted
+    assert (same.plan(3), same.groups, same.window_s, same.bands, same.bank, same.rate_hz, same.look_back_s) == (
+        point.plan(3), point.groups, point.window_s, point.bands, point.bank, point.rate_hz, point.look_back_s
+    )  # fmt: skip
+
+
+def test_what_is_only_decided_otherwise_has_the_forest_of_the_default():
+    for of in ("scenes", "human"):
+        assert Point(of, debounce=3).fitted == Point(of, confidence="calibrated").fitted == Point(of)
+    assert Point(trees=20, depth=16).fitted == Point()
+    assert Point("human", trees=60, depth=0).fitted == Point("human")
+
+
 # -- a small surface
 
 
@@ -96,7 +112,9 @@ def test_a_row_tells_what_was_chosen_what_was_found_and_what_it_costs(measured):
         assert 0.0 < row["macro_f1"] <= 1.0
         assert 0.0 < row["forest_us"] < row["step_us"]
         assert row["bytes"] > 1000
-    assert told["fronts"]["scenes"]
+    for good, names in told["fronts"]["scenes"].items():
+        best = max(row[good] for row in told["rows"])
+        assert best in [row[good] for row in told["rows"] if row["what"] in names]
     json.dumps(told, allow_nan=False)
 
 
@@ -162,7 +180,7 @@ def test_the_readme_gets_ten_lines_between_its_marks_and_nothing_else_changes(me
 
 def test_the_page_and_its_figure_hold_what_was_measured(measured):
     rows = [*rows_of(measured), dict(rows_of(measured)[0], what="default", of="scenes")]
-    fronts = {"scenes": rows[:1], "human": rows[-2:-1]}
+    fronts = {of: {key: ["default"] for key in ("recall", "in_time", "macro_f1")} for of in ("scenes", "human")}
     us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
     latency = {"rows": [us], "ratios": {"step_over_own_forest": 5.5}, "memory": [{"process": "floor"}]}
     told = page({"cost": {"rows": rows, "fronts": fronts}, "latency": latency,

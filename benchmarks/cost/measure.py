@@ -1,7 +1,9 @@
-"""One point: fitted, asked about whole streams that it never met, and written as a file for the hand."""
+"""Points that share a forest: fitted, asked about whole streams that it never met, written as a file for the hand."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +19,13 @@ from export.exporting import whole_graph
 from export.forest import Forest
 from export.heads import Calibration, Head
 from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
+from export.spec import StepSpec
 from training.alarms import Answers
 from training.crossval import HeldOut, cross_validate, fit_calibration, fit_forest, main_task
 from training.event_scores import choose_confidence, event_scores, hear
 from training.featurise import FloatRows
 from training.fitting import held_out_figures
-from training.recording import DataSet
+from training.recording import DataSet, Recording
 from training.splits import assign_groups
 
 FOLDS = 3
@@ -30,53 +33,60 @@ MOST_FALSE_PER_MIN = 1.0
 Features = dict[str, FloatRows]
 
 
-def measure(point: Point, folder: Path) -> tuple[dict[str, Any], onnx.ModelProto]:
-    """Figures of a point, and its whole step graph."""
+@dataclass(frozen=True)
+class Voted:
+    """Votes [T, K] of a forest at every sample of some streams that it never met."""
+
+    recordings: list[Recording]
+    votes: list[IntArray]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A forest's figures of held-out windows, its calibration, and its votes. of: (what a threshold is chosen on, what
+    is asked at it), one pair of scenes, a pair a fold of people."""
+
+    figures: dict[str, Any]
+    calibration: Calibration
+    of: list[tuple[Voted, Voted]]
+
+
+def measure(points: Sequence[Point], folder: Path) -> tuple[list[dict[str, Any]], onnx.ModelProto]:
+    """Figures of points that share a forest, and its whole step graph."""
+    point = points[0].fitted
     data = sets.read(folder, point.of, point.rate_hz, "train")
     features, plan, task = sets.windows(folder, point), point.plan(FOLDS), main_task(data)
     forest = fit_forest(data, features[task], plan, task, np.arange(len(data.tasks[task])), 0)
-    asked = _people if point.of == "human" else _grasps
-    held, calibration, heard = asked(point, folder, data, features, forest)
-    situations = held_out_figures(data, held)["situations"]
-    told = {"macro_f1": situations["macro_f1"], "macro_f1_ci": situations["macro_f1_ci"]}
-    head = Head("situation", data.tasks[task].classes, forest, calibration)
-    return told | heard, whole_graph(point.spec(data), [head])
+    fitted = (_people if point.of == "human" else _grasps)(point, folder, data, features, forest)
+    head = Head("situation", data.tasks[task].classes, forest, fitted.calibration)
+    return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(point.spec(data), [head])
 
 
-def _grasps(
-    point: Point, folder: Path, data: DataSet, features: Features, forest: Forest
-) -> tuple[HeldOut, Calibration, dict[str, Any]]:
+def _grasps(point: Point, folder: Path, data: DataSet, features: Features, forest: Forest) -> Fitted:
     """Scenes: the threshold is chosen on one stream of grasps, and the point asked about another."""
     held = cross_validate(data, features, point.plan(FOLDS))
     calibration = fit_calibration(held.shares("classes"), data.tasks["classes"].label)
-    chosen_on, asked = (_answers(point, folder, part, forest, calibration) for part in ("choose", "ask"))
-    permille = choose_confidence(chosen_on, point.rules, MOST_FALSE_PER_MIN)
-    return held, calibration, event_scores(hear(asked, point.rules, permille)) | {"permille": [permille]}
+    chosen_on, asked = (_voted(point, folder, part, forest) for part in ("choose", "ask"))
+    return Fitted(held_out_figures(data, held)["situations"], calibration, [(chosen_on, asked)])
 
 
-def _people(
-    point: Point, folder: Path, data: DataSet, features: Features, forest: Forest
-) -> tuple[HeldOut, Calibration, dict[str, Any]]:
+def _people(point: Point, folder: Path, data: DataSet, features: Features, forest: Forest) -> Fitted:
     """People: each is asked by a forest that never met him, at a threshold chosen on the people of other folds."""
     task, plan = data.tasks["situations"], point.plan(FOLDS)
     folds = assign_groups(data.group_of("situations"), FOLDS)
     of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
     rows = sets.per_recording(data, sets.everywhere(folder, point, "train"))
-    votes: list[IntArray] = [np.empty((0, 4), np.int64)] * len(rows)
+    votes: dict[int, IntArray] = {}
     for fold in range(FOLDS):
         met = fit_forest(data, features["situations"], plan, "situations", np.flatnonzero(of_window != fold), 0)
-        for k in _of_fold(data, folds, fold):
-            votes[k] = reference_votes(met, np.asarray(rows[k]), 4)
+        which = _of_fold(data, folds, fold)
+        votes |= zip(which, _votes(met, [rows[k] for k in which], len(task.classes)), strict=True)
     held = HeldOut({"situations": np.array([votes[t][r] for t, r in zip(task.trial, task.row, strict=True)])})
+    asked = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
+    others = [_of(data, votes, [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))])
+              for fold in range(FOLDS)]  # fmt: skip
     calibration = fit_calibration(held.shares("situations"), task.label)
-    answers = [_answered(point, data, which := _of_fold(data, folds, fold), [votes[k] for k in which], calibration)
-               for fold in range(FOLDS)]  # fmt: skip
-    heard, chosen = [], []
-    for fold in range(FOLDS):
-        others = [one for k, part in enumerate(answers) if k != fold for one in part]
-        chosen.append(choose_confidence(others, point.rules, MOST_FALSE_PER_MIN))
-        heard += hear(answers[fold], point.rules, chosen[-1])
-    return held, calibration, event_scores(heard) | {"permille": chosen}
+    return Fitted(held_out_figures(data, held)["situations"], calibration, list(zip(others, asked, strict=True)))
 
 
 def _of_fold(data: DataSet, folds: dict[str, int], fold: int) -> list[int]:
@@ -84,26 +94,43 @@ def _of_fold(data: DataSet, folds: dict[str, int], fold: int) -> list[int]:
     return [k for k, one in enumerate(data.recordings) if folds[one.group] == fold]
 
 
-def _answers(point: Point, folder: Path, part: str, forest: Forest, calibration: Calibration) -> list[Answers]:
+def _of(data: DataSet, votes: dict[int, IntArray], which: Sequence[int]) -> Voted:
+    return Voted([data.recordings[k] for k in which], [votes[k] for k in which])
+
+
+def _voted(point: Point, folder: Path, part: str, forest: Forest) -> Voted:
     data = sets.read(folder, point.of, point.rate_hz, part)
     rows = sets.per_recording(data, sets.everywhere(folder, point, part))
-    votes = [reference_votes(forest, np.asarray(one), len(data.tasks["classes"].classes)) for one in rows]
-    return _answered(point, data, list(range(len(rows))), votes, calibration)
+    return Voted(list(data.recordings), _votes(forest, rows, len(data.tasks["classes"].classes)))
 
 
-def _answered(
-    point: Point, data: DataSet, which: list[int], votes: list[IntArray], calibration: Calibration
-) -> list[Answers]:
-    settle = point.spec(data).settle_samples - 1
+def _votes(forest: Forest, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:
+    """Of all recordings at once, since to count a forest's leaf votes takes longer than to ask for one recording."""
+    ends = np.cumsum([len(one) for one in rows])
+    return np.split(reference_votes(forest, np.concatenate(rows), n_classes), ends[:-1])
+
+
+def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> dict[str, Any]:
+    """What becomes of the votes by a point's decision."""
+    heard, chosen = [], []
+    for choose, ask in fitted.of:
+        there, here = (_answers(point, voted, fitted.calibration, spec) for voted in (choose, ask))
+        chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
+        heard += hear(here, point.rules, chosen[-1])
+    told = {"macro_f1": fitted.figures["macro_f1"], "macro_f1_ci": fitted.figures["macro_f1_ci"]}
+    return told | event_scores(heard) | {"permille": chosen}
+
+
+def _answers(point: Point, voted: Voted, calibration: Calibration, spec: StepSpec) -> list[Answers]:
     answers = []
-    for k, voted in zip(which, votes, strict=True):
-        by_situation = situation_votes(voted)
+    for recording, votes in zip(voted.recordings, voted.votes, strict=True):
+        by_situation = situation_votes(votes)
         situation = riskier_argmax(by_situation)
-        situation[:settle] = UNKNOWN
-        risky = _probability(voted, calibration) if point.confidence == "calibrated" else (
+        situation[: spec.settle_samples - 1] = UNKNOWN
+        risky = _probability(votes, calibration) if point.confidence == "calibrated" else (
             by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
         )  # fmt: skip
-        answers.append(Answers(data.recordings[k], situation, (1000 * risky).astype(np.int64)))
+        answers.append(Answers(recording, situation, (1000 * risky).astype(np.int64)))
     return answers
 
 

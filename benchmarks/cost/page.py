@@ -48,6 +48,15 @@ How far the features look back (window 100 ms, history 500 ms) and how long a 10
 of an alarm: a new sample counts at once. Computing is the smallest part: a forest ten times as large costs
 microseconds, one more sample of debounce costs 6.7 ms.
 """
+CHOICE = """## Which model
+
+`models/` holds the default; the others are `make models SIZE=tiny` and `make models SIZE=best`. They differ in
+microseconds and kilobytes more than in what they find; the debounce and the rate, which cost nothing to compute, decide
+what comes in time.
+
+"""
+FRONT = """No other point beats one of these in both microseconds and what its last column names. Points within each
+other's intervals change places with the next draw of grasps."""
 HEADS = ("what", "step_us", "forest_us", "kib", "found", "found_95", "in_time", "false_per_min", "delay_ms",
          "lead_used", "macro_f1")  # fmt: skip
 README_ROWS = (
@@ -56,20 +65,24 @@ README_ROWS = (
     Point(rate_hz=50.0), Point(groups="raw window"), Point("human"), Point("human", groups="raw window"),
 )  # fmt: skip
 README_HEADS = ("set", "what", "step_us", "found", "in_time", "delay_ms", "macro_f1")
+RECOMMENDED = {"tiny": Point(trees=8, depth=10), "default": Point(), "best": Point(trees=100, depth=0)}
+GOOD = {"recall": "slips found", "in_time": "found in time", "macro_f1": "macro F1"}
 README_BLOCK = re.compile(r"(<!-- cost: .*? -->\n).*?(\n<!-- /cost -->)", re.DOTALL)
 
 
 def page(bench: dict[str, Any]) -> str:
     """The whole page, from the JSON of each bench by name."""
     rows, fronts, latency = bench["cost"]["rows"], bench["cost"]["fronts"], bench["latency"]
+    by_choice = {(row["of"], row["what"]): row for row in rows}
     default = next(row for row in rows if row["of"] == "scenes" and row["what"] == "default")
     step_us = latency["rows"][0]["p50"]
     ratios = "; ".join(f"{name.replace('_', ' ')} {value:.2f}" for name, value in latency["ratios"].items())
     parts = [INTRO.format(events=default["events"], minutes=default["minutes"], step_ms=1e-3 * step_us)]
+    parts.append(CHOICE + markdown([{"model": name} | line(by_choice[point.of, point.what])
+                                    for name, point in RECOMMENDED.items()]))  # fmt: skip
     for of, title in (("scenes", "Scenes (simulated)"), ("human", "People (public real data)")):
         here = [row for row in rows if row["of"] == of]
-        parts.append(f"## {title}: the front\n\nNothing here is beaten in both microseconds and slips found.\n\n"
-                     + markdown([line(row) for row in fronts[of]]))  # fmt: skip
+        parts.append(f"## {title}: the front\n\n{FRONT}\n\n{markdown(front(here, fronts[of]))}")
         parts.append(f"### Everything that was tried\n\n{markdown([line(row) for row in here])}")
     parts.append("## One decision beside its peers\n\nAll in turns in one run on the same samples, us; the floor is a "
                  f"busy wait as long as our step. {ratios}.\n\n{markdown(latency['rows'])}")  # fmt: skip
@@ -81,6 +94,21 @@ def page(bench: dict[str, Any]) -> str:
                  f"{markdown(bench['training']['rows'])}\n\nThe simulator's time against its step and its error: "
                  "[scenes](scenes.md).")  # fmt: skip
     return "\n\n".join(parts) + "\n"
+
+
+def front(rows: list[dict[str, Any]], fronts: dict[str, list[str]]) -> list[dict[str, Any]]:
+    """Lines of all points on a front, cheapest first, each saying on which."""
+    return [
+        line(row) | {"unbeaten_in": ", ".join(GOOD[good] for good, names in fronts.items() if row["what"] in names)}
+        for row in sorted(rows, key=lambda row: float(row["step_us"]))
+        if any(row["what"] in names for names in fronts.values())
+    ]
+
+
+def short(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """What is printed of a surface: the front of each set."""
+    rows = figures["rows"]
+    return {of: front([row for row in rows if row["of"] == of], told) for of, told in figures["fronts"].items()}
 
 
 def line(row: dict[str, Any]) -> dict[str, Any]:
@@ -110,9 +138,11 @@ def _set(point: Point) -> str:
     return "people, real" if point.of == "human" else "scenes, simulated"
 
 
-def figure(rows: list[dict[str, Any]], fronts: dict[str, list[dict[str, Any]]]) -> str:
+def figure(rows: list[dict[str, Any]], fronts: dict[str, dict[str, list[str]]]) -> str:
     """Scenes: slips found against microseconds with the front, and against the delay by what was changed."""
-    scenes, front = [row for row in rows if row["of"] == "scenes"], fronts["scenes"]
+    scenes = [row for row in rows if row["of"] == "scenes"]
+    by_name = {row["what"]: row for row in scenes}
+    front = [by_name[name] for name in fronts["scenes"]["recall"]]
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(9.4, 3.8))
         drawn.suptitle("simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic")

@@ -92,6 +92,14 @@ class Point:
         return replace(spec_for(data, GROUPS[self.groups]), window_s=self.window_s, bands_hz=BANDS[self.bands])
 
     @property
+    def fitted(self) -> Point:
+        """The point whose forest this one has: how it is decided from its votes changes no forest."""
+        base = BASES[self.of].situation
+        trees = None if self.trees == base.n_estimators else self.trees
+        depth = None if self.depth is not None and (self.depth or None) == base.max_depth else self.depth
+        return replace(self, trees=trees, depth=depth, debounce=SURE.act_samples, confidence="votes")
+
+    @property
     def rules(self) -> DecisionRules:
         """As a decision."""
         return DecisionRules(act_samples=self.debounce)

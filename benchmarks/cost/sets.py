@@ -27,7 +27,7 @@ from training.recording import DataSet
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> card, grasps, seed."""
-PARTS: Parts = {"train": ("thesis", 400, 0), "choose": ("daily", 150, 1), "ask": ("daily", 300, 2)}
+PARTS: Parts = {"train": ("thesis", 400, 0), "choose": ("daily", 150, 1), "ask": ("daily", 600, 2)}
 """What a forest is fitted on, its threshold chosen on, and it is asked about."""
 HUMAN = "human_slip_uskin"
 

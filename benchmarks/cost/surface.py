@@ -34,6 +34,7 @@ from training.featurise import FloatRows
 WORKERS = 2
 TIMED_ROWS = 200
 TURNS, CALLS = 10, 60
+GOOD = ("recall", "in_time", "macro_f1")
 
 
 def cost(
@@ -48,11 +49,19 @@ def cost(
         sets = dict.fromkeys((point.of, point.rate_hz) for point in chosen)
         Parallel()(delayed(prepare)(folder, *one, parts) for one in sets)
         Parallel()(delayed(_features)(folder, point) for point in _by_features(chosen))
-        rows = Parallel()(delayed(_kept)(folder, point) for point in chosen)
-    for row, us in zip(rows, _priced(folder, chosen), strict=True):
-        row |= us
-    fronts = {of: pareto([row for row in rows if row["of"] == of], "step_us", "recall") for of in ("scenes", "human")}
-    return {"rows": rows, "fronts": fronts}
+        alike = _by_forest(chosen)
+        kept = Parallel(batch_size=1, pre_dispatch=2 * WORKERS)(delayed(_kept)(folder, points) for points in alike)
+    told = {(row["what"], row["of"]): row for rows in kept for row in rows}
+    rows = [told[point.what, point.of] | us for point, us in zip(chosen, _priced(folder, chosen), strict=True)]
+    return {"rows": rows, "fronts": fronts(rows)}
+
+
+def _by_forest(chosen: Sequence[Point]) -> list[list[Point]]:
+    """Points that share a forest together, the dearest first, so that no worker is left with it at the end."""
+    alike: dict[Point, list[Point]] = {}
+    for point in chosen:
+        alike.setdefault(point.fitted, []).append(point)
+    return sorted(alike.values(), key=lambda points: -points[0].plan(1).situation.n_estimators)
 
 
 def _by_features(chosen: Sequence[Point]) -> list[Point]:
@@ -60,6 +69,15 @@ def _by_features(chosen: Sequence[Point]) -> list[Point]:
     return list(dict.fromkeys(
         Point(one.of, one.rate_hz, groups=one.groups, window_s=one.window_s, bands=one.bands) for one in chosen
     ))  # fmt: skip
+
+
+def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
+    """Set -> what is good -> the points that no other beats both in it and in the step's time, cheapest first."""
+    return {
+        of: {good: [row["what"] for row in pareto([row for row in rows if row["of"] == of], "step_us", good)]
+             for good in GOOD}
+        for of in dict.fromkeys(row["of"] for row in rows)
+    }  # fmt: skip
 
 
 def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[str, Any]]:
@@ -97,33 +115,36 @@ def _features(folder: Path, point: Point) -> None:
             everywhere(folder, point, part)
 
 
-def _kept(folder: Path, point: Point) -> dict[str, Any]:
-    """A point from its file, or measured and written there."""
-    path = folder / "points" / f"{point.name}.json"
-    if path.is_file():
-        row: dict[str, Any] = json.loads(path.read_text("utf-8"))
-        return row
-    figures, model = measure(point, folder)
-    row = asdict(point) | {"what": point.what} | figures
-    write_whole(path.with_suffix(".onnx"), model.SerializeToString())
-    write_whole(path, json.dumps(row) + "\n")
-    return row
+def _kept(folder: Path, points: Sequence[Point]) -> list[dict[str, Any]]:
+    """Points that share a forest from their files, or measured and written there."""
+    paths = [folder / "points" / f"{point.name}.json" for point in points]
+    model_path = _model(folder, points[0])
+    if not all(path.is_file() for path in [*paths, model_path]):
+        figures, model = measure(points, folder)
+        write_whole(model_path, model.SerializeToString())
+        for path, point, told in zip(paths, points, figures, strict=True):
+            write_whole(path, json.dumps(asdict(point) | {"what": point.what} | told) + "\n")
+    return [json.loads(path.read_text("utf-8")) for path in paths]
+
+
+def _model(folder: Path, point: Point) -> Path:
+    return folder / "points" / f"{point.fitted.name}.onnx"
 
 
 def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
     """Microseconds (p50) of the forest alone and of the whole step, and bytes; all points in turns, one run."""
     calls: dict[str, Callable[[], object]] = {}
-    sizes = []
-    for point in chosen:
-        model = onnx.load(folder / "points" / f"{point.name}.onnx")
-        sizes.append(float(model.ByteSize()))
+    forests = list(dict.fromkeys(point.fitted for point in chosen))
+    for point in forests:
+        model = onnx.load(_model(folder, point))
         calls[f"{point.name} forest"] = _forest_call(model, rows_for_timing(point, folder, TIMED_ROWS))
         calls[f"{point.name} step"] = _step_call(model, point)
     us = {name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()}
     return [
-        {"forest_us": us[f"{point.name} forest"], "step_us": us[f"{point.name} step"], "bytes": size}
-        for point, size in zip(chosen, sizes, strict=True)
-    ]
+        {"forest_us": us[f"{point.fitted.name} forest"], "step_us": us[f"{point.fitted.name} step"],
+         "bytes": float(_model(folder, point).stat().st_size)}
+        for point in chosen
+    ]  # fmt: skip
 
 
 def _forest_call(model: onnx.ModelProto, rows: FloatRows) -> Callable[[], object]:
