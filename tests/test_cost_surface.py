@@ -16,11 +16,15 @@ from hypothesis import strategies as st
 from benchmarks.cost import sets
 from benchmarks.cost.measure import rows_for_timing
 from benchmarks.cost.page import README_ROWS, figure, line, page, readme
-from benchmarks.cost.point import GROUPS, Point, points
-from benchmarks.cost.sets import look_backs_s
+from benchmarks.cost.point import BANDS, GROUPS, Point, points
+from benchmarks.cost.sets import columns, look_backs_s, whole_of
 from benchmarks.cost.surface import cost, pareto
+from edge_runtime.contract import FloatArray
+from edge_runtime.graph import open_session, run_recordings
 from export.features import feature_count
 from export.spec import StepSpec
+from export.step_graph import feature_graph
+from training.featurise import FloatRows
 
 SMALL = {"train": ("thesis", 30, 0), "choose": ("daily", 10, 1), "ask": ("daily", 20, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
@@ -56,6 +60,25 @@ def test_every_feature_says_how_far_back_it_looks(name):
     looks = look_backs_s(spec)
     assert len(looks) == feature_count(spec)
     assert looks.max() <= 0.5
+
+
+@pytest.mark.parametrize("point", [
+    Point(groups="now"), Point(groups="without activity"), Point(groups="now and bands", bands="30 to 55 Hz"),
+    Point(groups="raw window", window_s=0.05), Point(rate_hz=50.0, groups="now and bands"),
+])  # fmt: skip
+def test_the_columns_a_point_takes_are_the_features_its_own_step_would_make(point):
+    spec = StepSpec(6, point.rate_hz, "N", GROUPS[point.groups], window_s=point.window_s, bands_hz=BANDS[point.bands])
+    drawn = np.random.default_rng(0).normal(3.0, 1.0, (80, 18))
+    own, whole = (every_feature(told, drawn) for told in (spec, whole_of(spec)))
+    np.testing.assert_array_equal(whole[:, columns(spec)], own)
+
+
+def every_feature(spec: StepSpec, samples: FloatArray) -> FloatRows:
+    session = open_session(feature_graph(spec).SerializeToString())
+    rows = np.arange(len(samples))
+    told = run_recordings(session, [samples], [np.ones((len(samples), 6), np.bool_)], ["features"], [rows])
+    features: FloatRows = told[0]["features"]
+    return features
 
 
 # -- the front

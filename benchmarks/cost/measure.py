@@ -51,9 +51,8 @@ class Fitted:
     of: list[tuple[Voted, Voted]]
 
 
-def measure(points: Sequence[Point], folder: Path) -> tuple[list[dict[str, Any]], onnx.ModelProto]:
-    """Figures of points that share a forest, and its whole step graph."""
-    point = points[0].fitted
+def measure(point: Point, points: Sequence[Point], folder: Path) -> tuple[list[dict[str, Any]], onnx.ModelProto]:
+    """Figures of points that have the forest of this one, and its whole step graph."""
     data = sets.read(folder, point.of, point.rate_hz, "train")
     features, plan, task = sets.windows(folder, point), point.plan(FOLDS), main_task(data)
     forest = fit_forest(data, features[task], plan, task, np.arange(len(data.tasks[task])), 0)

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from benchmarks.cost.point import Point, Set
+from benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import DataError
-from export.bank import STATES_PER_BAND, step_matrix
+from export.bank import BANDS_HZ, STATES_PER_BAND, step_matrix
 from export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
-from export.spec import StepSpec
+from export.spec import WINDOW_S, StepSpec
 from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
@@ -56,29 +57,55 @@ def windows(folder: Path, point: Point) -> dict[str, FloatRows]:
         rows = everywhere(folder, point, "train")
         return {task: rows[_starts(data)[one.trial] + one.row] for task, one in data.tasks.items()}
     spec = point.spec(data)
-    paths = {task: _kept(folder, point.of, spec, f"train-{task}") for task in data.tasks}
+    whole = whole_of(spec)
+    paths = {task: _kept(folder, point.of, whole, f"train-{task}") for task in data.tasks}
     if not all(path.is_file() for path in paths.values()):
-        for task, rows in features_of(data, spec).items():
+        for task, rows in features_of(data, whole).items():
             _save(paths[task], rows)
     kept = {task: np.load(path) for task, path in paths.items()}
     stale = [paths[task] for task, rows in kept.items() if len(rows) != len(data.tasks[task])]
     if stale:
         raise DataError("features of other windows", where=stale[0], next_step="remove the folder and begin anew")
-    return {task: _seen(rows, spec, point.look_back_s) for task, rows in kept.items()}
+    return {task: _seen(rows[:, columns(spec)], spec, point.look_back_s) for task, rows in kept.items()}
 
 
 def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
     """Features [sum of T, F] at every sample of a part, recording after recording."""
     data = read(folder, point.of, point.rate_hz, part)
     spec = point.spec(data)
-    path = _kept(folder, point.of, spec, part)
+    whole = whole_of(spec)
+    path = _kept(folder, point.of, whole, part)
     if not path.is_file():
-        _save(path, np.concatenate(features_everywhere(data, spec)))
-    rows: FloatRows = np.load(path, mmap_mode="r")
+        _save(path, np.concatenate(features_everywhere(data, whole)))
+    rows: FloatRows = np.load(path, mmap_mode="r")[:, columns(spec)]
     if point.bank == "float32":
         bank = _bank_in_float32(data, spec)
         rows = np.hstack([rows[:, : rows.shape[1] - bank.shape[1]], bank])
     return _seen(rows, spec, point.look_back_s)
+
+
+def whole_of(spec: StepSpec) -> StepSpec:
+    """The spec whose features hold those of every point: they are computed once, each point takes its columns."""
+    if "window" in spec.groups:
+        return replace(spec, groups=GROUPS["raw window"], window_s=max(WINDOWS_S), bands_hz=BANDS_HZ)
+    return replace(spec, groups=GROUPS["default and bands"], window_s=WINDOW_S, bands_hz=BANDS_HZ)
+
+
+def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
+    """[F] where each feature of a spec stands in its whole; windows end together, and bands are told by their Hz."""
+    whole = whole_of(spec)
+    widths = [feature_count(replace(whole, groups=(name,))) for name in whole.groups]
+    start = dict(zip(whole.groups, np.cumsum([0, *widths[:-1]]), strict=True))
+    parts = []
+    for name in spec.groups:
+        own = start[name] + np.arange(feature_count(replace(whole, groups=(name,))))
+        if name == "window":
+            own = own.reshape(spec.n_sensors, whole.window_samples, 3)[:, -spec.window_samples :].ravel()
+        if name == "bands":
+            kept = [hz in spec.carried_bands() for hz in whole.carried_bands()]
+            own = own.reshape(-1, len(kept))[:, kept].ravel()
+        parts.append(own)
+    return np.concatenate(parts)
 
 
 def per_recording(data: DataSet, rows: Any) -> list[Any]:

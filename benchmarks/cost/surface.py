@@ -22,7 +22,7 @@ import onnx
 from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.cost.measure import measure, rows_for_timing
-from benchmarks.cost.point import Point, points
+from benchmarks.cost.point import GROUPS, Point, points
 from benchmarks.cost.sets import PARTS, Parts, everywhere, prepare, windows
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import StepGraph, open_session
@@ -65,10 +65,9 @@ def _by_forest(chosen: Sequence[Point]) -> list[list[Point]]:
 
 
 def _by_features(chosen: Sequence[Point]) -> list[Point]:
-    """One point for each set of features that has to be made."""
-    return list(dict.fromkeys(
-        Point(one.of, one.rate_hz, groups=one.groups, window_s=one.window_s, bands=one.bands) for one in chosen
-    ))  # fmt: skip
+    """One point for each set of features that has to be made: the raw window, and everything else."""
+    raw = {one: "window" in GROUPS[one.groups] for one in chosen}
+    return list({(one.of, one.rate_hz, raw[one]): one for one in chosen}.values())
 
 
 def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
@@ -117,14 +116,15 @@ def _features(folder: Path, point: Point) -> None:
 
 def _kept(folder: Path, points: Sequence[Point]) -> list[dict[str, Any]]:
     """Points that share a forest from their files, or measured and written there."""
-    paths = [folder / "points" / f"{point.name}.json" for point in points]
+    paths = {point: folder / "points" / f"{point.name}.json" for point in points}
     model_path = _model(folder, points[0])
-    if not all(path.is_file() for path in [*paths, model_path]):
-        figures, model = measure(points, folder)
+    missing = [point for point in points if not paths[point].is_file()]
+    if missing or not model_path.is_file():
+        figures, model = measure(points[0].fitted, missing, folder)
         write_whole(model_path, model.SerializeToString())
-        for path, point, told in zip(paths, points, figures, strict=True):
-            write_whole(path, json.dumps(asdict(point) | {"what": point.what} | told) + "\n")
-    return [json.loads(path.read_text("utf-8")) for path in paths]
+        for point, told in zip(missing, figures, strict=True):
+            write_whole(paths[point], json.dumps(asdict(point) | {"what": point.what} | told) + "\n")
+    return [json.loads(path.read_text("utf-8")) for path in paths.values()]
 
 
 def _model(folder: Path, point: Point) -> Path:
