@@ -9,11 +9,8 @@ from contextlib import nullcontext
 from typing import Any
 
 from edge_runtime.command import place, positive, seed
-from edge_runtime.monitor import Model
 from edge_runtime.writing import require_writable, write_whole
-from training.evaluating.real import real_figures
-from training.evaluating.study import MOST_FALSE_PER_MIN, Asked, evaluate_events
-from training.progress import stages
+from training.evaluating import MOST_FALSE_PER_MIN
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
+    from edge_runtime.monitor import Model
+    from training.evaluating.real import real_figures
+    from training.evaluating.study import Asked, evaluate_events
+    from training.progress import stages
+
     for out in (args.json, args.report):
         if out is not None:
             require_writable(out.parent)

@@ -7,8 +7,10 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
+import termios
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
@@ -178,20 +180,41 @@ def until(stopped: Callable[[], bool], clock: Any, seconds: float | None) -> Cal
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], bool]]:
-    """SIGINT and SIGTERM ask to stop after the sample under way; a second one has its usual effect."""
+    """SIGINT, SIGTERM and SIGHUP ask to stop after the sample under way; a second one has its usual effect.
+
+    Not so SIGHUP, which comes twice where an SSH connection drops, from the shell and from the system; under nohup it
+    is left ignored. A terminal that is gone with it is replaced by nothing: a word to it would be an error.
+    """
     asked = False
+    terminals = [handle for handle in (0, 1, 2) if os.isatty(handle)]
 
     def ask(number: int, frame: object) -> None:
         nonlocal asked
         asked = True
-        signal.signal(number, before[number])
+        if number == signal.SIGHUP:
+            _let_go(terminals)
+        else:
+            signal.signal(number, before[number])
 
-    before: dict[int, Any] = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    under_nohup = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    wanted = (signal.SIGINT, signal.SIGTERM) if under_nohup else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before: dict[int, Any] = {number: signal.signal(number, ask) for number in wanted}
     try:
         yield lambda: asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _let_go(terminals: list[int]) -> None:
+    """Lead the descriptors of terminals that are gone to /dev/null; those still there stay as they are."""
+    for handle in terminals:
+        try:
+            termios.tcgetattr(handle)
+        except termios.error:
+            nothing = os.open(os.devnull, os.O_RDWR)
+            os.dup2(nothing, handle)
+            os.close(nothing)
 
 
 @contextmanager

@@ -90,7 +90,10 @@ def loaded_by(*words: str) -> tuple[str, set[str]]:
     return done.stdout, {name.split(".")[0] for name in json.loads(done.stderr)}
 
 
-@pytest.mark.parametrize("words", [("--help",), ("--version",), ("train", "--help"), ("export", "--help")])
+OFTEN = ("train", "export", "evaluate", "record", "watch", "onset", "repair")
+
+
+@pytest.mark.parametrize("words", [("--help",), ("--version",), *((verb, "--help") for verb in OFTEN)])
 def test_help_loads_no_package_that_takes_time(words: tuple[str, ...]) -> None:
     out, modules = loaded_by(*words)
     assert "holdfast" in out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import fcntl
 import json
 import os
 import pty
@@ -47,7 +48,9 @@ from holdfast.cli import main
 from holdfast.recorder.card import ACTIONS, Task, left, read_protocol, word
 from holdfast.recorder.folder import opened
 from holdfast.recorder.keys import KEYS, Keys
+from holdfast.recorder.recording import record as record_trials
 from holdfast.recorder.session import Asked, Session
+from holdfast.run import stop_signals
 from holdfast.sources import open_source
 from simulation import protocol as simulated
 from training.datasets import load, thesis
@@ -115,7 +118,7 @@ def recorded(out: Path, *words: object, source: object = REST, person: str = "p0
     """One run of the verb on a clock that costs nothing, without a key; what it said."""
     said: list[str] = []
     args = told("--source", source, "--out", out, "--person", person, "--at-once", *words)
-    record.record(args, VirtualClock(7_000_000_000), Keys(None), said.append, never)
+    record_trials(args, VirtualClock(7_000_000_000), Keys(None), said.append, never)
     return said
 
 
@@ -438,7 +441,13 @@ def heard(run: subprocess.Popen[str], word_: str) -> str:
     return next(line for line in run.stderr if word_ in line)
 
 
-@pytest.mark.parametrize("way", ["keys", "SIGTERM", "error"])
+def terminal_of_its_own() -> None:
+    """Make stdin the terminal of a new session, as a login does."""
+    os.setsid()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+@pytest.mark.parametrize("way", ["keys", "SIGTERM", "SIGHUP", "error"])
 def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
     master, slave = pty.openpty()
     before = termios.tcgetattr(slave)
@@ -446,13 +455,7 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
     fault = f"{REST}?fault=nack:2@0%2B99"
     words[1] = fault if way == "error" else REST
 
-    def own_terminal() -> None:
-        os.setsid()
-        import fcntl
-
-        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-
-    with start(*words, stdin=slave, preexec_fn=own_terminal) as run:
+    with start(*words, stdin=slave, preexec_fn=terminal_of_its_own) as run:
         if way != "error":
             heard(run, "next: cup, pull")
             assert not termios.tcgetattr(slave)[3] & termios.ICANON
@@ -464,15 +467,70 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
             os.write(master, b"k")
             heard(run, "kept")
             os.write(master, b"q")
-        if way == "SIGTERM":
-            run.send_signal(signal.SIGTERM)
+        if way in ("SIGTERM", "SIGHUP"):
+            run.send_signal(signal.Signals[way])
         run.communicate(timeout=60)
     assert run.returncode == (3 if way == "error" else 0)
     assert termios.tcgetattr(slave) == before
     states = [meta_of(path.parent)["state"] for path in (tmp_path / "out").rglob("tactile.csv")]
-    assert states == {"keys": ["kept"], "SIGTERM": ["interrupted"], "error": []}[way]
+    assert states == {"keys": ["kept"], "SIGTERM": ["interrupted"], "SIGHUP": ["interrupted"], "error": []}[way]
     os.close(master)
     os.close(slave)
+
+
+def told_on(master: int, word_: str) -> None:
+    """Read a terminal's screen until a word is on it."""
+    screen = b""
+    while word_.encode() not in screen:
+        screen += os.read(master, 4096)
+
+
+@pytest.mark.hard_case(
+    AREA, "an SSH connection that drops while a trial is recorded",
+    elsewhere="the recorder dies with the terminal, and its trial says for ever that it is being recorded",
+    here="the trial ends as by SIGTERM: whole, interrupted, and it comes up again",
+)  # fmt: skip
+def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
+    master, slave = pty.openpty()
+    words = ["--source", REST, "--out", tmp_path / "out", "--person", "p01", "--object", "cup", "--action", "pull"]
+    command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own
+    ) as run:
+        os.close(slave)
+        told_on(master, "next: cup, pull")
+        os.write(master, b" ")
+        told_on(master, "recording p01")
+        folder = tmp_path / "out/p01/cup/pull/trial_1"
+        while (folder / "tactile.csv").read_bytes().count(b"\n") < 20:
+            os.sched_yield()
+        os.close(master)
+        assert run.wait(timeout=60) == 0
+    meta = meta_of(folder)
+    assert meta["state"] == "interrupted"
+    assert "why" not in meta, "no error ended it"
+    assert meta["quality"]["samples"] == len(read_trial(folder / "tactile.csv").t_s) >= 19
+    assert [path.name for path in folder.parent.iterdir()] == ["trial_1"]
+
+
+@pytest.fixture
+def hangup_as_before() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGHUP)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+def test_a_hangup_may_come_twice_and_none_counts_under_nohup(hangup_as_before):
+    with stop_signals() as stopped:
+        assert not stopped()
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
+        assert stopped()
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with stop_signals() as stopped:
+        signal.raise_signal(signal.SIGHUP)
+        assert not stopped()
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
 
 
 # -- kill, power cut, full disk

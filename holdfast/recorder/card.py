@@ -29,8 +29,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from edge_runtime.errors import CardError, DataNotFound, UsageError
 from edge_runtime.reading import require_file
 
@@ -70,6 +68,8 @@ class Protocol:
 
     def ordered(self, seed: int, person: str) -> list[Task]:
         """The trials in the random order of a seed and a person."""
+        import numpy as np
+
         of_person = int.from_bytes(hashlib.sha256(person.encode()).digest()[:4])
         return [self.tasks[k] for k in np.random.default_rng([seed, of_person]).permutation(len(self.tasks))]
 

@@ -7,7 +7,7 @@ import select
 import termios
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 KEYS = {
     " ": "begin", "\n": "begin", "k": "keep", "r": "redo", "q": "stop",
@@ -35,7 +35,10 @@ class Keys:
             return ""
         if not select.select([self._handle], [], [], wait_s)[0]:
             return ""
-        byte = os.read(self._handle, 1)
+        try:
+            byte = os.read(self._handle, 1)
+        except OSError:  # a terminal that is gone
+            byte = b""
         if not byte:
             self._handle = None
         return KEYS.get(byte.decode("ascii", "replace").lower(), "")
@@ -58,4 +61,5 @@ def listening(handle: int) -> Iterator[Keys]:
         tty.setcbreak(handle)
         yield Keys(handle)
     finally:
-        termios.tcsetattr(handle, termios.TCSADRAIN, before)
+        with suppress(termios.error):  # a terminal that is gone
+            termios.tcsetattr(handle, termios.TCSADRAIN, before)

@@ -17,6 +17,7 @@ from export.spec import StepSpec
 from training.alarms import acts
 from training.crossval import Say
 from training.datasets import find, load
+from training.evaluating import MOST_FALSE_PER_MIN
 from training.evaluating.answers import OUTPUTS, Said, everywhere, rules_of, said
 from training.evaluating.closing import LAGS_S, Drop, Droppable, Hand, drop_of, model_error_ms
 from training.evaluating.figures import (
@@ -40,7 +41,6 @@ from training.objects import read_json
 from training.recording import DataSet, Recording
 
 DEPLOYED, CHOSEN = "ours, as deployed", "ours, confidence chosen"
-MOST_FALSE_PER_MIN = 0.5
 SHOWN = (("pass", "full-bottle", False), ("pull", "", False), ("fall", "", False), ("put-down", "", False),
          ("pass", "full-bottle", True))  # fmt: skip
 """Action, object and whether it must be that object (else must not be): one picture each."""
