@@ -63,12 +63,16 @@ def run(args: argparse.Namespace) -> int:
 
 def in_words(figures: dict[str, Any]) -> list[str]:
     """The figures as lines for people, with what must stand beside them."""
+    from training.evaluating.watched import onsets_in_words
+
     lines = [line for one in figures["sets"].values() for line in _set_in_words(one["windows"])]
     headline = figures["thresholds"]["headline"]
-    for name, one in figures["sets"].items():
-        lines.append(_events_in_words(f"{name}, {headline}", one["rows"][headline]))
-    if len(figures["sets"]) > 1:
-        lines.append(_events_in_words(f"all, {headline}", figures["all"]["rows"][headline]))
+    rows = {name: one["rows"][headline] for name, one in figures["sets"].items()}
+    if len(rows) > 1:
+        rows["all"] = figures["all"]["rows"][headline]
+    for name, row in rows.items():
+        lines += [_events_in_words(f"{name}, {headline}", row), *_camera_in_words(name, row["camera"])]
+    lines += [f"{name}: {words}" for name, one in figures["sets"].items() if (words := onsets_in_words(one["data"]))]
     return [*lines, f"threshold: {figures['thresholds']['how']}"]
 
 
@@ -80,6 +84,28 @@ def _events_in_words(name: str, row: dict[str, Any]) -> str:
         f"{name}: {row['found']} of {row['events']} risky events found{delay}; "
         f"{row['false_per_min']:.2f} false alarms a minute in {row['minutes']:.1f} min"
     )
+
+
+def _camera_in_words(name: str, seen: dict[str, Any] | None) -> list[str]:
+    """The alarm against the slip as a camera saw it, and beside it by the scene's truth; nothing without a camera."""
+    if seen is None:
+        return []
+    if not seen["found"]:
+        return [f"{name}, by the camera: {seen['onsets']} onsets, no event of them found"]
+    delay, lead = (f"{seen[key]['p50']:+.0f} ms" for key in ("delay_ms", "lead_ms"))
+    lines = [
+        f"{name}, by the camera: {seen['found']} of {seen['events']} events found; act {delay} from its onset "
+        f"(sd {seen['start_sd_ms']['p50']:.1f} ms), {lead} left to its gross slip (medians)"
+    ]
+    truth = seen["truth"]
+    if truth is None:
+        return [*lines, f"{name}: no scene knows the truth of these"]
+    delay, lead, start, gross = (
+        "not known" if truth[key] is None else f"{truth[key]['p50']:+.0f} ms"
+        for key in ("delay_ms", "lead_ms", "start_off_ms", "gross_off_ms")
+    )
+    return [*lines, f"{name}, by the scene's truth: act {delay} from the first sliding, {lead} left to gross slip; "
+                    f"the camera's times are {start} and {gross} from these"]  # fmt: skip
 
 
 def _set_in_words(figures: dict[str, Any]) -> list[str]:

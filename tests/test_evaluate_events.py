@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
 from edge_runtime.decision import UNKNOWN, DecisionRules
-from edge_runtime.errors import UsageError
+from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.graph import open_session
 from edge_runtime.monitor import GripMonitor, Model
 from export.detectors import detector_names
@@ -54,6 +55,7 @@ from training.evaluating.rivals import (
 )
 from training.evaluating.study import Asked, evaluate_events
 from training.evaluating.truths import Act, Grasp, grasp_of, grasps_beside, safe_acts
+from training.evaluating.watched import Seen, onsets_by, seen_beside
 from training.event_scores import event_scores, heard
 from training.fixture import write_fixture
 from training.recording import Recording
@@ -345,6 +347,48 @@ def test_safe_acts_are_called_where_the_hand_is_asked_at_any_sample_of_them() ->
     assert figures["by_style"]["styles"]["p1"]["safe_acts_called"]["share"] == 0.5
     assert figures["false_alarms"] == 2
     assert figures["collar_40_ms"]["false_alarms"] == 2
+
+
+def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> None:
+    slips = (Seen(2.5, 0.005, 2.6), Seen(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05))
+    told = [Told(recording(EVENT), (Grasp({}),), slips), Told(recording(EVENT), (Grasp({}),), slips[1:])]
+    figures = line_figures(line(told, [at((103, 150)), at()]), told, None, 0)["camera"]
+    assert (figures["onsets"], figures["events"], figures["found"]) == (3, 2, 1), "one onset belongs to no event"
+    assert figures["start_sd_ms"]["p50"] == pytest.approx(5.0)
+    assert (figures["delay_ms"]["p50"], figures["lead_ms"]["p50"]) == (pytest.approx(10.0), pytest.approx(30.0))
+    truth = figures["truth"]
+    assert (truth["delay_ms"]["p50"], truth["lead_ms"]["p50"]) == (pytest.approx(20.0), pytest.approx(20.0))
+    assert (truth["start_off_ms"]["p50"], truth["gross_off_ms"]["p50"]) == (pytest.approx(10.0), pytest.approx(10.0))
+
+
+def test_without_a_camera_nothing_is_said_of_one_and_without_a_scene_nothing_of_a_truth() -> None:
+    told = [Told(recording(EVENT), (Grasp({}),))]
+    assert line_figures(line(told, [at((103, 150))]), told, None, 0)["camera"] is None
+    told = [Told(recording(EVENT), (Grasp({}),), (Seen(1.02, 0.005, 1.06),))]
+    figures = line_figures(line(told, [at()]), told, None, 0)["camera"]
+    assert (figures["found"], figures["delay_ms"], figures["truth"]) == (0, None, None)
+
+
+def camera_says(label: str, **without: None) -> dict[str, Any]:
+    told = {"t0_s": 7.05, "t1_s": 7.3, "gross_s": 7.09, "uncertainty_s": 0.005, "label": label, "provenance": "camera"}
+    return {key: value for key, value in told.items() if key not in without}
+
+
+def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(scenes: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(scenes, tmp_path / "set")
+    pull = copy / "soft-ball/pull/trial_1.csv"
+    truth = json.loads(pull.with_suffix(".truth.json").read_text())
+    onset = pull.with_suffix(".onset.json")
+    interval = camera_says("risky_slip") | {"t0_s": truth["incipient_slip_s"] + 0.004}
+    onset.write_text(json.dumps({"phases": [interval, camera_says("safe_slip")]}))
+    recordings = load(copy, windows="natural").recordings
+    (slip,) = [slip for slips in seen_beside(copy, recordings) for slip in slips]
+    assert slip.true_start_s == truth["incipient_slip_s"]
+    assert slip.start_s == pytest.approx(truth["incipient_slip_s"] + 0.004)
+    assert onsets_by(copy, recordings)["scene"] >= 2
+    onset.write_text(json.dumps({"phases": [camera_says("risky_slip", gross_s=None)]}))
+    with pytest.raises(LabelError, match=r"onset\.json.*without its times"):
+        seen_beside(copy, recordings)
 
 
 def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:

@@ -19,6 +19,7 @@ from edge_runtime.trial_file import read_trial
 from holdfast.cli import main
 from training.datasets import load
 
+ROOT = Path(__file__).resolve().parent.parent
 CARD = """
 [record]
 rate_hz = 150
@@ -83,6 +84,26 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert abs(seen["gross_s"] - scene["gross_slip_s"]) < 0.015
     assert json.loads((folder / "tactile.truth.json").read_text()) == scene, "a scene is believed before a camera"
 
+    model = str(ROOT / "models/holdfast-150hz.onnx")
+    asked = ["evaluate", model, "--data", str(tmp_path / "out"), "--json", str(tmp_path / "figures.json")]
+    capsys.readouterr()
+    assert main([*asked, "--report", str(tmp_path / "report.html")]) == 0
+    row = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]["rows"]["ours, as deployed"]
+    by_camera, truth = row["camera"], row["camera"]["truth"]
+    assert (by_camera["onsets"], by_camera["events"], by_camera["found"]) == (1, 1, row["found"]) == (1, 1, 1)
+    load_to_slip_ms = 1e3 * (scene["incipient_slip_s"] - scene["load_onset_s"])
+    assert truth["delay_ms"]["p50"] == pytest.approx(row["delay_ms"]["p50"] - load_to_slip_ms, abs=0.01)
+    assert truth["lead_ms"]["p50"] == pytest.approx(row["lead_ms"]["p50"], abs=0.01)
+    off = {"delay_ms": -(seen["t0_s"] - scene["incipient_slip_s"]), "lead_ms": seen["gross_s"] - scene["gross_slip_s"]}
+    for name, by_s in off.items():
+        assert by_camera[name]["p50"] == pytest.approx(truth[name]["p50"] + 1e3 * by_s, abs=0.01)
+    said = capsys.readouterr().out
+    assert f"act {by_camera['delay_ms']['p50']:+.0f} ms from its onset" in said
+    assert f"by the scene's truth: act {truth['delay_ms']['p50']:+.0f} ms from the first sliding" in said
+    report = (tmp_path / "report.html").read_text()
+    assert "By a camera, and by the truth" in report
+    assert "<td>1 of 1<td>" in report
+
     only_seen = [line for line in lines if line["provenance"] == "camera"]
     (folder / "events.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in only_seen))
     assert main(["onset", str(folder)]) == 0
@@ -93,6 +114,12 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert alone["contact_s"] == pytest.approx(scene["contact_s"], abs=0.15)
     (event,) = load(tmp_path / "out", windows="natural").recordings[0].events
     assert event.gross_s == pytest.approx(seen["gross_s"])
+    assert main(asked) == 0
+    data = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]
+    assert data["data"]["onsets_by"] == {"camera": 1}
+    assert data["rows"]["ours, as deployed"]["camera"]["truth"] is None
+    assert "no scene knows the truth" in (said := capsys.readouterr().out)
+    assert "load onsets are those of camera 1" in said
 
 
 @pytest.mark.hard_case(

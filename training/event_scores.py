@@ -113,10 +113,10 @@ def event_scores(streams: Sequence[Heard], *, seed: int = 0, n_draws: int = DRAW
         "recall": found / events if events else None,
         "recall_ci": _interval(drawn, 0, 1), "false_per_min": false / minutes if minutes else None,
         "false_per_min_ci": _interval(drawn, 2, 3), "false_per_hour": 60.0 * false / minutes if minutes else None,
-        "delay_ms": _spread([1e3 * _known(one.delay_s) for one in caught]),
-        "lead_ms": _spread([1e3 * _known(one.lead_s) for one in timed]),
-        "available_ms": _spread([1e3 * _known(one.available_s) for one in timed]),
-        "lead_used": _spread([_known(one.delay_s) / max(_known(one.available_s), 1e-3) for one in timed]),
+        "delay_ms": spread([1e3 * _known(one.delay_s) for one in caught]),
+        "lead_ms": spread([1e3 * _known(one.lead_s) for one in timed]),
+        "available_ms": spread([1e3 * _known(one.available_s) for one in timed]),
+        "lead_used": spread([_known(one.delay_s) / max(_known(one.available_s), 1e-3) for one in timed]),
         "in_time": sum(_known(one.lead_s) > 0.0 for one in timed) / events if events else None,
     }  # fmt: skip
 
@@ -126,7 +126,8 @@ def _known(value: float | None) -> float:
     return value
 
 
-def _spread(values: Sequence[float]) -> dict[str, float] | None:
+def spread(values: Sequence[float]) -> dict[str, float] | None:
+    """Median, 5th and 95th percentile; None of nothing."""
     if not values:
         return None
     return {f"p{percent}": float(np.percentile(values, percent)) for percent in (5, 50, 95)}

@@ -20,6 +20,7 @@ from edge_runtime.decision import UNKNOWN
 from training.evaluating.answers import NO_CLASS, Said
 from training.evaluating.closing import Droppable
 from training.evaluating.truths import DISTURBANCES, Grasp, safe_acts, style_of
+from training.evaluating.watched import Seen, camera_figures
 from training.event_scores import COLLAR_S, COLLARS_S, Heard, event_scores, heard
 from training.metrics import Labels, situation_scores
 from training.recording import Recording
@@ -31,10 +32,11 @@ BINS = 15
 
 @dataclass(frozen=True)
 class Told:
-    """One recording with the grasps its truth tells of, without its samples."""
+    """One recording with the grasps its truth tells of, and what a camera saw of it, without its samples."""
 
     recording: Recording
     grasps: tuple[Grasp, ...]
+    seen: tuple[Seen, ...] = ()
 
 
 def without_samples(recording: Recording) -> Recording:
@@ -110,6 +112,7 @@ def line_figures(of: Line, told: Sequence[Told], drops: Droppable | None, seed: 
     figures["safe_acts_by_action"] = {a: share([c for _, b, c in of.acts_called if a == b]) for a in actions}
     figures["specificity"] = specificity(of.holds)
     figures["closing"] = None if drops is None else drops.figures(of.asked_s())
+    figures["camera"] = camera_figures(of.heard, [one.seen for one in told])
     return figures
 
 

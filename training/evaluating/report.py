@@ -13,6 +13,7 @@ from training.evaluating.closing import CLOSING_S, LAG_S, MOST_N, STROKE_MM
 from training.evaluating.outcomes import COLUMNS, STYLES, THESIS
 from training.evaluating.rivals import INTENT
 from training.evaluating.study import DEPLOYED, Evidence
+from training.evaluating.watched import onsets_in_words
 from training.report import key, write_page
 from training.scenes.pictures import SITUATION_COLOURS
 
@@ -43,8 +44,8 @@ LIMITS = (
 
 def write_event_report(path: Path, evidence: Evidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
-    sections = (_answer, _timelines, _tables, _distributions, _safe_and_specific, _closing, _states, _outcomes, _real,
-                _data, _made)  # fmt: skip
+    sections = (_answer, _timelines, _tables, _distributions, _camera, _safe_and_specific, _closing, _states,
+                _outcomes, _real, _data, _made)  # fmt: skip
     texts = [text for section in sections if (text := section(evidence))]
     return write_page(path, "Holdfast, evaluation", [CLOSE, *texts])
 
@@ -215,6 +216,37 @@ def _distributions(evidence: Evidence) -> str:
 <p>Of the events found: from the load's onset to the first sample called risky_slip and to the request to act; and of the lead
 there was, from load onset to gross slip, what was left when the hand was asked (below 0: it slid already).</p>
 {draw.distributions(evidence.timed, kind_of(evidence))}"""
+
+
+def _camera(evidence: Evidence) -> str:
+    """Alarms against the slip as a camera saw it, beside the scene's truth of the same events."""
+    told = [
+        (name, line, row["camera"])
+        for name, one in evidence.figures["sets"].items()
+        for line, row in one["rows"].items()
+        if row["camera"] is not None
+    ]
+    if not told:
+        return ""
+    rows = "".join(
+        f"<tr class='{'ours' if line.startswith('ours') else ''}'><td>{html.escape(name)}: {html.escape(line)}<td>{seen['onsets']}"
+        f"<td>{seen['found']} of {seen['events']}<td>{_spread(seen['delay_ms'])}<td>{_spread(seen['lead_ms'])}"
+        + "".join(f"<td>{_spread((seen['truth'] or {}).get(key))}"
+                  for key in ("delay_ms", "lead_ms", "start_off_ms", "gross_off_ms"))
+        for name, line, seen in told
+    )  # fmt: skip
+    sd = ", ".join(
+        f"{html.escape(name)} {_ms(seen['start_sd_ms'], 'p50')} ms" for name, line, seen in told if line == _headline(evidence)
+    )
+    return f"""{_head(evidence, "By a camera, and by the truth")}
+<p>A camera beside the hand saw the object begin to move in it, and go a fixed distance; no tactile sample had a say in that. Left
+the alarm against these two; right, where a scene knows them, against the first part that slid and gross slip, and how far the
+camera's times are off. ms, median and 5 to 95 %; a delay below 0 is an alarm before the object moved. Its start is known to
+(standard deviation, median) {sd}. Soft pads let an object move before anything slips: a start may come early, and the lead to
+it look short.</p>
+<div class=wide><table class=close><tr><th>line<th>onsets seen<th>events found<th>camera: act after the start<th>camera: lead left to
+gross slip<th>truth: act after the first sliding<th>truth: lead left to gross slip<th>camera less truth, start<th>gross
+{rows}</table></div>"""
 
 
 def _safe_and_specific(evidence: Evidence) -> str:
@@ -412,10 +444,15 @@ def _data(evidence: Evidence) -> str:
     )
     limits = "".join(f"<li>{html.escape(one)}</li>" for one in LIMITS)
     caveats = " ".join(dict.fromkeys(one["data"]["caveat"] for one in evidence.figures["sets"].values()))
+    onsets = " ".join(
+        f"{html.escape(name)}: {html.escape(words)}."
+        for name, one in evidence.figures["sets"].items()
+        if (words := onsets_in_words(one["data"]))
+    )
     return f"""<h2>The data, what is simulated and what is real, and limits</h2>
 <div class=wide><table class=close><tr><th>set<th style='text-align:left'>what<th>kind<th>recordings<th>minutes<th>risky events<th>seed<th>Hz<th>card<th>trained on
 {rows}</table></div>
-<p class=note>Effects: {effects}. {html.escape(caveats)}</p>
+<p class=note>Effects: {effects}. {html.escape(caveats)} {onsets}</p>
 <p>{html.escape(SIMULATED)} Real: what stands under "Real recordings", the published figures of the hand, and the thesis' words.</p>
 <ul>{limits}</ul>"""
 

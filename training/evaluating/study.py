@@ -34,6 +34,7 @@ from training.evaluating.figures import (
 from training.evaluating.outcomes import Outcome, outcome_table, outcomes
 from training.evaluating.rivals import LAWS, Matched, Rival, false_per_min, matched, raw_forest, rivals
 from training.evaluating.truths import grasp_of, grasps_beside
+from training.evaluating.watched import onsets_by, seen_beside
 from training.evaluation import at_windows, heads_asked, require_model_fits, window_figures
 from training.event_scores import choose_confidence
 from training.fitting import with_situations
@@ -232,8 +233,8 @@ def _score(
     model: Model, root: Path, data: DataSet, answered: list[Said], thresholds: Thresholds, windows: dict[str, Any],
     seed: int,
 ) -> _SetResult:  # fmt: skip
-    told = [Told(without_samples(one), grasps) for one, grasps in
-            zip(data.recordings, grasps_beside(root, data.recordings), strict=True)]  # fmt: skip
+    beside = zip(data.recordings, grasps_beside(root, data.recordings), seen_beside(root, data.recordings), strict=True)
+    told = [Told(without_samples(one), grasps, seen) for one, grasps, seen in beside]
     rules = rules_of(model.card)
     asked = {name: _asked(answered, rules, permille) for name, permille in thresholds.ours.items()}
     asked |= {m.rival.name: m.rival.on(data.recordings)(m.setting) for m in thresholds.matched}
@@ -291,6 +292,7 @@ def _described(root: Path, data: DataSet, windows: dict[str, Any]) -> dict[str, 
         "name": data.name, "kind": data.kind, **meta, "rate_hz": data.rate_hz, "unit": data.unit,
         "recordings": len(data.recordings), "groups": len(data.groups()), "minutes": minutes,
         "events": sum(len(one.events) for one in data.recordings), "samples": data.notes.get("samples"),
+        "onsets_by": onsets_by(root, data.recordings),
         "trained_on_recordings": windows["trained_on_recordings"], "caveat": data.caveat,
     }  # fmt: skip
 
