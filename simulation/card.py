@@ -20,6 +20,9 @@
     count = 5
     [effects.hall_noise]
 
+    [hand]                   # another than the thesis' (six contacts)
+    finger = 4               # contacts on each finger
+
     [camera]                 # with [effects.camera_frames]: films every trial, tags on object and hand
     fps = 60
 
@@ -39,6 +42,7 @@ from edge_runtime.contract import UNITS, Unit
 from edge_runtime.errors import CardError
 from simulation.camera.frames import CAMERA
 from simulation.effects import EFFECTS, conversion_s
+from simulation.hand import HAND, Hand
 from simulation.objects import OBJECT_KEYS, OBJECTS, Thing, thing
 from simulation.protocol import ACTIONS, COMMON, least_grip_n
 from simulation.values import Parameter
@@ -50,7 +54,7 @@ CONSTANTS = {"averaging": "averages", "brush": "count"}
 """What all trials of a card have in common, so that they can be stepped together."""
 MAX_GRIP_N = 70.0
 """The Michelangelo hand's greatest opposition grip."""
-SECTIONS = ("title", "about", "record", "physics", "trials", "effects", "objects", "camera")
+SECTIONS = ("title", "about", "record", "physics", "trials", "effects", "objects", "camera", "hand")
 ROW_KEYS = ("objects", "action", "style", "count")
 RECORD = {
     "rate_hz": Parameter(150.0, "Hz", 40, 10000, "samples a second"),
@@ -85,6 +89,7 @@ class Card:
     effects: dict[str, dict[str, Any]]
     objects: dict[str, Thing]
     camera: dict[str, float] | None
+    hand: Hand
     text: str
 
     @property
@@ -153,7 +158,7 @@ class _Reader:
         effects = self.effects(self.table(raw, "effects"))
         card = Card(
             self.path.stem, str(raw.get("title", self.path.stem)), said["rate_hz"], unit, int(said["join"]), step_s,
-            tuple(self.rows(raw.get("trials"), objects)), effects, objects, self.camera(raw), text,
+            tuple(self.rows(raw.get("trials"), objects)), effects, objects, self.camera(raw), self.hand(raw), text,
         )  # fmt: skip
         self.agree(card)
         return card
@@ -203,6 +208,13 @@ class _Reader:
 
     def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
         return self.numbers("camera", self.table(raw, "camera"), CAMERA) if "camera" in raw else None
+
+    def hand(self, raw: Mapping[str, Any]) -> Hand:
+        counts = self.numbers("hand", self.table(raw, "hand"), HAND)
+        for name, count in counts.items():
+            if count != int(count):
+                self.refuse(f"hand.{name}", count, "a whole number")
+        return Hand(**{name: int(count) for name, count in counts.items()})
 
     def thing(self, name: str, told: Any) -> Thing:
         key = f"objects.{name}"

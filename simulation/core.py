@@ -1,9 +1,11 @@
-"""The core: six brush contacts on an object in three dimensions, one implicit step, many trials at once.
+"""The core: brush contacts on an object in three dimensions, one implicit step, many trials at once.
+
+Six contacts, unless a card asks for a hand with more (hand.py).
 
 Hand frame: x from the thumb to the fingers (contact normal), y across, z along the object's axis, upwards; origin
 where the object is taken. Arrays are [.., B] with trials (lanes) last; every lane has a step of its own.
 
-Contact i (two of the thumb, four fingers) presses by how deep its finger is closed into the object:
+Contact i (those of the thumb, then the fingers') presses by how deep its finger is closed into the object:
 
     depth_i = closure_i(t) - s_i x - r_i,   r_i = (curvature_y dy^2 + curvature_z dz^2) / 2,   s = +1 thumb, -1 finger
     N_i = max(0, k_i depth_i + c_i d(depth_i)/dt)
@@ -23,18 +25,26 @@ marching", 1998). Friction by return mapping: Simo & Hughes, "Computational inel
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from edge_runtime.contract import FloatArray
 from simulation.effect import NO_EFFECTS, PhysicsEffects
 
-N_CONTACTS = 6
-SIDE = np.array([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])[:, None]
-"""Which way a contact pushes the object: two of the thumb, then index, middle, ring, little."""
 TINY = 1e-300
 RHO_TOLERANCE = 2e-3
 MAX_SWEEPS = 60
+
+
+@cache
+def sides(contacts: int, thumb: int) -> FloatArray:
+    """[S, 1] which way a contact pushes the object: the thumb's, which come first, along x, the fingers' against it."""
+    return np.where(np.arange(contacts) < thumb, 1.0, -1.0)[:, None]
+
+
+SIDE = sides(6, 2)
+"""Of the thesis' hand: two of the thumb, then index, middle, ring, little."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,8 @@ class Body:
     at_m [2, 6, B]: where in the hand a contact sits (y, z), from where it meets the apex or the middle of the object;
     stiffness_n_per_m, damping_n_s_per_m [6, B]: normal; brush_n_per_m [E, 6, B]: each element's spring;
     pressure [E, 1, 1]: share of the normal an element bears; static, kinetic [B]: friction; stribeck_m_s: slip speed
-    at which friction is half way; loss_s: a finger's damping along the surface over its stiffness (none in sliding).
+    at which friction is half way; loss_s: a finger's damping along the surface over its stiffness (none in sliding);
+    thumb: how many of the contacts, the first, are the thumb's. 6 here and below is S where a hand has S contacts.
     """
 
     mass_kg: FloatArray
@@ -61,6 +72,12 @@ class Body:
     kinetic: FloatArray
     stribeck_m_s: float = 2e-3
     loss_s: float = 2e-3
+    thumb: int = 2
+
+    @property
+    def side(self) -> FloatArray:
+        """[S, 1] which way each contact pushes."""
+        return sides(len(self.stiffness_n_per_m), self.thumb)
 
 
 @dataclass(frozen=True)
@@ -122,16 +139,16 @@ class State:
 
 def at_rest(body: Body, closure_m: FloatArray) -> State:
     """Nothing moves, nothing is stretched; closure_m [6, B]."""
-    elements, _, lanes = body.brush_n_per_m.shape
+    elements, contacts, lanes = body.brush_n_per_m.shape
     offset = offset_m(body, np.zeros((2, lanes)))
     state = State(
         np.zeros((3, lanes)),
         np.zeros((3, lanes)),
-        np.zeros((2, elements, N_CONTACTS, lanes)),
-        np.ones((elements, N_CONTACTS, lanes)),
-        np.zeros((elements, N_CONTACTS, lanes)),
-        np.zeros((N_CONTACTS, lanes)),
-        np.zeros((N_CONTACTS, lanes)),
+        np.zeros((2, elements, contacts, lanes)),
+        np.ones((elements, contacts, lanes)),
+        np.zeros((elements, contacts, lanes)),
+        np.zeros((contacts, lanes)),
+        np.zeros((contacts, lanes)),
         np.zeros((3, lanes)),
         np.zeros(lanes),
         offset,
@@ -167,7 +184,7 @@ def step(
         given_j = given_j - _taken_by_lags_j(body, old, state, inputs.closure_m, dt_s, effects)
     _keep_the_balance(body, old, state, inputs.closure_m, given_j)
     if effects.lags:
-        state.depth_m = inputs.closure_m - state.recess_m - SIDE * state.position_m[0]
+        state.depth_m = inputs.closure_m - state.recess_m - body.side * state.position_m[0]
         change_m = np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0)
         for lag in effects.lags:
             lag.moved(change_m, state.normal_n > 0.0, dt_s)
@@ -191,7 +208,7 @@ def brush_j(body: Body, state: State) -> FloatArray:
 
 def normal_j(body: Body, closure_m: FloatArray, x_m: FloatArray, recess: FloatArray) -> FloatArray:
     """[B] energy in the normal springs with the object at x_m [B] and the surface recessed by [6, B]."""
-    depth = np.maximum(closure_m - recess - SIDE * x_m, 0.0)
+    depth = np.maximum(closure_m - recess - body.side * x_m, 0.0)
     energy: FloatArray = 0.5 * (body.stiffness_n_per_m * (depth * depth)).sum(axis=0)
     return energy
 
@@ -200,9 +217,9 @@ def _taken_by_lags_j(
     body: Body, old: State, state: State, closure_m: FloatArray, dt_s: FloatArray, effects: PhysicsEffects
 ) -> FloatArray:
     """[B] what the object's own motion puts into the lags; what the fingers' motion does is not the object's to pay."""
-    was_m = np.maximum(closure_m - old.recess_m - SIDE * old.position_m[0], 0.0)
+    was_m = np.maximum(closure_m - old.recess_m - body.side * old.position_m[0], 0.0)
     recess = recess_m(body, offset_m(body, state.position_m[1:]))
-    depth_m = np.maximum(closure_m - recess - SIDE * state.position_m[0], 0.0)
+    depth_m = np.maximum(closure_m - recess - body.side * state.position_m[0], 0.0)
     taken_j = np.zeros_like(dt_s)
     for lag in effects.lags:
         stiffness, held_n = lag.terms(dt_s)
@@ -292,8 +309,8 @@ def _normals(
 
     Which contacts press is found by trying: those that would pull are left out, until none changes.
     """
-    sideways_m = state.position_m[1:] + state.velocity_m_s[1:] * dt_s
-    stays_m = closure_m - recess_m(body, offset_m(body, sideways_m)) - SIDE * state.position_m[0]
+    side, sideways_m = body.side, state.position_m[1:] + state.velocity_m_s[1:] * dt_s
+    stays_m = closure_m - recess_m(body, offset_m(body, sideways_m)) - side * state.position_m[0]
     before_m = np.maximum(state.depth_m, 0.0)
     remembers, memory_n = body.damping_n_s_per_m / dt_s, None
     for lag in effects.lags:
@@ -307,14 +324,14 @@ def _normals(
     speed = state.velocity_m_s[0]
     pressing = None
     for _ in range(MAX_SWEEPS):
-        moved_m = SIDE * (speed * dt_s)
+        moved_m = side * (speed * dt_s)
         tried = (still_n > slope * moved_m) & (stays_m > moved_m)
         if pressing is not None and np.array_equal(tried, pressing):
             break
         pressing = tried
-        push_n = np.where(pressing, SIDE * still_n, 0.0).sum(axis=0)
+        push_n = np.where(pressing, side * still_n, 0.0).sum(axis=0)
         speed = (drive + dt_s * push_n) / (mass + dt_s * dt_s * np.where(pressing, slope, 0.0).sum(axis=0))
-    moved_m = SIDE * (speed * dt_s)
+    moved_m = side * (speed * dt_s)
     state.depth_m = stays_m - moved_m
     state.normal_n = np.where(state.depth_m > 0.0, np.maximum(still_n - slope * moved_m, 0.0), 0.0)
     return speed

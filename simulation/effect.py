@@ -23,7 +23,7 @@ Drawn = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Signal:
-    """What six fingertips report: t_s [T], values [T, 6, 3] (shear x, shear y, normal z), valid [T, 6]."""
+    """What S fingertips (6, or the card's) report: t_s [T], values [T, S, 3] (shear x, y, normal z), valid [T, S]."""
 
     t_s: FloatArray
     values: FloatArray

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from simulation.effect import stream
+from simulation.hand import Hand
 from simulation.objects import Thing
 from simulation.values import Parameter
 
@@ -99,7 +100,8 @@ class Trial:
     """One trial to be simulated: numbers drawn, nothing left to chance but its effects.
 
     number: counts the trials of a card, and picks every random stream. told: what the card says of the action;
-    drawn: every parameter's value. thumb and fingers: finger_n_per_m, share [6], at_m [2, 6].
+    drawn: every parameter's value. contact by contact of the hand:
+    finger_n_per_m, share [S], at_m [2, S].
     """
 
     number: int
@@ -113,25 +115,29 @@ class Trial:
     finger_n_per_m: np.ndarray
     at_m: np.ndarray
     push: np.ndarray
+    hand: Hand
 
 
-def draw_trial(number: int, thing: Thing, action: str, style: str, told: Mapping[str, Any], seed: int) -> Trial:
+def draw_trial(
+    number: int, thing: Thing, action: str, style: str, told: Mapping[str, Any], seed: int, hand: Hand
+) -> Trial:
     """Draw a trial from the stream of its number; told: values of the card over those of its style."""
     rng = stream(seed, number, "protocol")
     table = COMMON | ACTIONS[action]
     drawn = {name: p.draw(told.get(name, p.default), rng) for name, p in table.items()}
-    share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, 6)
-    share[:2] /= share[:2].sum()
-    share[2:] /= share[2:].sum()
+    share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
+    share[: hand.thumb] /= share[: hand.thumb].sum()
+    share[hand.thumb :] /= share[hand.thumb :].sum()
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
     return Trial(
         number, thing, action, style, drawn,
         supported=weak,
         grip_n=_grip_n(thing, drawn, weak, 0.0 if action == "fall" else drawn["gentlest_n"]),
         share=share,
-        finger_n_per_m=drawn["finger_n_per_m"] * rng.uniform(0.8, 1.25, 6),
-        at_m=_places_m(thing, drawn, rng),
+        finger_n_per_m=drawn["finger_n_per_m"] * rng.uniform(0.8, 1.25, hand.n_contacts) * hand.part,
+        at_m=_places_m(thing, drawn, rng, hand),
         push=_direction(rng),
+        hand=hand,
     )  # fmt: skip
 
 
@@ -146,11 +152,11 @@ def _grip_n(thing: Thing, drawn: dict[str, float], weak: bool, gentlest_n: float
     return max(drawn["weak_grip"] * least, gentlest_n) if weak else max(drawn["grip_n"], drawn["spare"] * least)
 
 
-def _places_m(thing: Thing, drawn: dict[str, float], rng: np.random.Generator) -> np.ndarray:
-    """[2, 6]: fingers stand along a cylinder, and about the apex of a ball, which they wrap."""
-    places = 1e-3 * drawn["offset_mm"] * rng.normal(size=(2, 6))
+def _places_m(thing: Thing, drawn: dict[str, float], rng: np.random.Generator, hand: Hand) -> np.ndarray:
+    """[2, S]: fingers stand along a cylinder, and about the apex of a ball, which they wrap."""
+    places = 1e-3 * drawn["offset_mm"] * rng.normal(size=(2, hand.n_contacts))
     if not thing.axial_radius_mm:
-        places[1] += 1e-3 * np.array([12.0, -12.0, 33.0, 11.0, -11.0, -33.0])
+        places[1] += hand.along_m
     return places
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
-from simulation.core import N_CONTACTS, SIDE, State, at_rest, step
+from simulation.core import Body, State, at_rest, step
 from simulation.effect import NO_EFFECTS, PhysicsEffects
 from simulation.protocol import Trial
 from simulation.script import Grid, Interval, Script, body_of, grid_of
@@ -39,7 +39,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Motion:
-    """What one trial left: forces_n [T, 6, 3] at t_s [T], and per step [K] what really happened.
+    """What one trial left: forces_n [T, S, 3] at t_s [T], and per step [K] what really happened.
 
     position_m [T, 3] of the object; per step: at_s,
     agents_n [K, 3], gripped [K] (any contact), slips and slides [K] (any, every touching element slides),
@@ -60,8 +60,8 @@ class Motion:
 class _Tape:
     """Arrays that a batch writes while it runs."""
 
-    def __init__(self, n_steps: int, n_samples: int, lanes: int) -> None:
-        self.forces = np.zeros((lanes, n_samples, N_CONTACTS, 3))
+    def __init__(self, n_steps: int, n_samples: int, contacts: int, lanes: int) -> None:
+        self.forces = np.zeros((lanes, n_samples, contacts, 3))
         self.position = np.zeros((lanes, n_samples, 3))
         self.agents = np.zeros((n_steps, 3, lanes), dtype=np.float32)
         self.gripped, self.slips, self.slides = (np.zeros((n_steps, lanes), dtype=np.bool_) for _ in range(3))
@@ -77,9 +77,9 @@ def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
     script = Script(trials, body)
     before_s = np.vstack([[grid.start_s for grid in grids], at_s[:-1]])
     state = at_rest(body, script.chunk(before_s[:1])[0].closure_m)
-    tape = _Tape(len(at_s), max(grid.n_samples for grid in grids), len(trials))
-    mean = _Mean(loop, body.mass_kg.shape[0]) if loop.average_s else None
-    travel = np.zeros((N_CONTACTS, len(trials)))
+    tape = _Tape(len(at_s), max(grid.n_samples for grid in grids), *state.normal_n.shape)
+    mean = _Mean(loop, *state.normal_n.shape) if loop.average_s else None
+    travel = np.zeros(state.normal_n.shape)
     for start in range(0, len(at_s), CHUNK):
         inputs = script.chunk(at_s[start : start + CHUNK])
         for k, now in enumerate(inputs, start):
@@ -88,10 +88,10 @@ def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
             travel += state.slip_m_s.mean(axis=0) * dt_s
             _note(tape, k, state, travel)
             if mean is not None:
-                mean.add(body.brush_n_per_m, state, at_s[k], dt_s)
+                mean.add(body, state, at_s[k], dt_s)
             ends = np.flatnonzero(sample[k] >= 0)
             if ends.size:
-                _sample(tape, sample[k, ends], ends, body.brush_n_per_m, state, mean)
+                _sample(tape, sample[k, ends], ends, body, state, mean)
     return [_motion(tape, loop.rate_hz, lane, grid) for lane, grid in enumerate(grids)]
 
 
@@ -117,39 +117,39 @@ def _note(tape: _Tape, k: int, state: State, travel: FloatArray) -> None:
     tape.slip[k] = (travel * touching).sum(axis=0) / np.maximum(count, 1)
 
 
-def _forces(brush: FloatArray, state: State, lanes: IntArray) -> FloatArray:
-    """[6, 3, n] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it moves."""
-    shear = (brush[..., lanes] * state.stretch_m[..., lanes]).sum(axis=1)
-    return np.stack([shear[0], shear[1] * -SIDE, state.normal_n[:, lanes]], axis=1)
+def _forces(body: Body, state: State, lanes: IntArray) -> FloatArray:
+    """[S, 3, n] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it moves."""
+    shear = (body.brush_n_per_m[..., lanes] * state.stretch_m[..., lanes]).sum(axis=1)
+    return np.stack([shear[0], shear[1] * -body.side, state.normal_n[:, lanes]], axis=1)
 
 
 class _Mean:
     """Averaging as the chip does: the mean of the forces over its conversion time before each sample."""
 
-    def __init__(self, loop: Loop, lanes: int) -> None:
+    def __init__(self, loop: Loop, contacts: int, lanes: int) -> None:
         self.window_s, self.period_s = loop.average_s, 1.0 / loop.rate_hz
-        self.total, self.weight_s = np.zeros((N_CONTACTS, 3, lanes)), np.zeros(lanes)
+        self.total, self.weight_s = np.zeros((contacts, 3, lanes)), np.zeros(lanes)
         self.lanes = np.arange(lanes)
 
-    def add(self, brush: FloatArray, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
+    def add(self, body: Body, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
         """The part of the step that lies within the window before the next sample counts."""
         opens_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s - self.window_s
         weight_s = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))
         lanes = np.flatnonzero(weight_s > 0.0)
-        self.total[..., lanes] += _forces(brush, state, lanes) * weight_s[lanes]
+        self.total[..., lanes] += _forces(body, state, lanes) * weight_s[lanes]
         self.weight_s += weight_s
 
     def take(self, lanes: IntArray) -> FloatArray:
-        """[6, 3, n] the mean, and begin anew."""
+        """[S, 3, n] the mean, and begin anew."""
         mean: FloatArray = self.total[..., lanes] / self.weight_s[lanes]
         self.total[..., lanes], self.weight_s[lanes] = 0.0, 0.0
         return mean
 
 
 def _sample(
-    tape: _Tape, rows: IntArray, lanes: IntArray, brush: FloatArray, state: State, mean: _Mean | None
+    tape: _Tape, rows: IntArray, lanes: IntArray, body: Body, state: State, mean: _Mean | None
 ) -> None:
-    forces = _forces(brush, state, lanes) if mean is None else mean.take(lanes)
+    forces = _forces(body, state, lanes) if mean is None else mean.take(lanes)
     tape.position[lanes, rows] = state.position_m[:, lanes].T
     tape.forces[lanes, rows] = np.moveaxis(forces, 2, 0)
 

@@ -67,7 +67,7 @@ class Scene:
     def trial(self, row: Row, name: str | None, number: int) -> Trial:
         """One trial; its number picks its random streams."""
         thing = self.card.objects[name] if name else next(iter(self.card.objects.values()))
-        return draw_trial(number, thing, row.action, row.style, row.told, self.seed)
+        return draw_trial(number, thing, row.action, row.style, row.told, self.seed, self.card.hand)
 
     def run(self, trials: Sequence[Trial]) -> Iterator[Told]:
         """Simulate trials, long ones together with long ones; yields them as they are done."""

@@ -144,6 +144,7 @@ def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
     finger = np.stack([t.finger_n_per_m for t in trials], axis=1)
     stuff = np.array([t.thing.stiffness_n_per_m for t in trials])
     friction = np.array([t.thing.friction * t.drawn["friction_factor"] for t in trials])
+    stuff = stuff * trials[0].hand.part[:, None]
     normal = finger * stuff / (finger + stuff)
     elements = len(pressure)
     return Body(
@@ -158,6 +159,7 @@ def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
         pressure=pressure[:, None, None],
         static=friction,
         kinetic=friction * np.array([t.thing.kinetic_share for t in trials]),
+        thumb=trials[0].hand.thumb,
     )
 
 
@@ -218,7 +220,7 @@ class Script:
     def _closure(self, shut: FloatArray, pulse: FloatArray) -> FloatArray:
         grip = 1.0 + self.d("grip_change") * pulse
         closure = shut * (OPEN_GAP_M + self.closed_m * grip) - OPEN_GAP_M
-        closure[2:] += 1e-3 * self.d("motor_mm") * pulse * shut
+        closure[self.body.thumb :] += 1e-3 * self.d("motor_mm") * pulse * shut
         return closure
 
     def _giver(self, t_s: FloatArray) -> tuple[FloatArray, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from edge_runtime.contract import FloatArray
 from simulation.effect import Drawn, Effect
+from simulation.protocol import Trial
 from simulation.values import Parameter
 
 MOST_ELEMENTS = 50
@@ -20,10 +21,11 @@ class Texture:
     slip (Johansson & Flanagan, Nat. Rev. Neurosci. 10, 2009). Phases are random for every element; needs fine steps.
     """
 
-    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
+    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]) -> None:
         self.depth = np.array([d["depth"] for d in drawn])
         self.per_m = 2e3 * np.pi / np.array([d["wavelength_mm"] for d in drawn])
-        self.phase = np.stack([rng.uniform(0.0, 2.0 * np.pi, (MOST_ELEMENTS, 6)) for rng in rngs], axis=2)
+        shape = MOST_ELEMENTS, len(trials[0].finger_n_per_m)
+        self.phase = np.stack([rng.uniform(0.0, 2.0 * np.pi, shape) for rng in rngs], axis=2)
         self.slipped_m: FloatArray | None = None
 
     def scale(self, slipped_m: FloatArray) -> FloatArray:

@@ -21,7 +21,6 @@ NORMAL_N_PER_M, SHEAR_N_PER_M = 30e3, 15e3
 STIFFENING_N = 30.0
 """Silicone stiffens: displacement = F / (k (1 + |F| / STIFFENING_N))."""
 EARTH_UT = np.array([20.0, 0.0, 43.0])
-N_SENSORS = 6
 
 
 def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArray:
@@ -79,10 +78,11 @@ def gain_tilt(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
 
     Values become gain * R v, R the rotation; drawn once a recording, so that no calibration can be learned.
     """
-    gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(N_SENSORS, 1))
-    angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, N_SENSORS))
+    sensors = signal.values.shape[1]
+    gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
+    angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
     (cx, cy), (sx, sy) = np.cos(angle), np.sin(angle)
-    zero, one = np.zeros(N_SENSORS), np.ones(N_SENSORS)
+    zero, one = np.zeros(sensors), np.ones(sensors)
     about_x = np.array([[one, zero, zero], [zero, cx, -sx], [zero, sx, cx]])
     about_y = np.array([[cy, zero, sy], [zero, one, zero], [-sy, zero, cy]])
     turn = np.einsum("ijs,jks->sik", about_y, about_x)

@@ -1,0 +1,135 @@
+"""Hands with more contacts than the thesis': the same physics, more places to feel it, nobody else's bytes moved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_runtime.errors import CardError
+from edge_runtime.trial_file import read_trial
+from simulation.card import read_card
+from simulation.core import SIDE, sides
+from simulation.folder import write_set
+from simulation.hand import Hand
+from simulation.protocol import Trial
+from simulation.run import Loop, Motion, run_batch
+from simulation.scene import Scene, Told
+from training.datasets.thesis import load
+
+TWENTY = Hand(thumb=4, finger=4)
+DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)
+ROWS = """
+[record]
+rate_hz = 60
+[[trials]]
+objects = ["soft-ball", "full-bottle"]
+action = "pull"
+[[trials]]
+objects = ["empty-bottle"]
+action = "hold"
+motor_mm = 2.0
+[effects.brush]
+"""
+FOURS = "[hand]\nthumb = 4\nfinger = 4\n"
+EVERY_LOOP_EFFECT = "[effects.texture]\n[effects.lag]\n[effects.rotation]\n[effects.tremor]\n"
+SENSOR = "[effects.dipole]\n[effects.cross_talk]\n[effects.gain_tilt]\n[effects.hall_noise]\n[effects.saturation]\n"
+
+
+def scene(tmp_path: Path, text: str) -> Scene:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return Scene(read_card(str(path)), 0)
+
+
+def told(tmp_path: Path, text: str) -> list[Told]:
+    made = scene(tmp_path, text)
+    return made.run_together(made.trials())
+
+
+def even(trial: Trial, hand: Hand, digits: np.ndarray) -> Trial:
+    """The trial with all fingers alike and at the apex, so that only the number of their contacts differs."""
+    share = hand.part / np.array([2.0, 4.0])[np.where(digits > 0, 1, 0)]
+    at_m = np.zeros((2, len(digits)))
+    return replace(trial, hand=hand, finger_n_per_m=600.0 * hand.part, share=share, at_m=at_m)
+
+
+def summed(motion: Motion, digits: np.ndarray) -> np.ndarray:
+    """[T, 5, 3] forces of each digit."""
+    return np.stack([motion.forces_n[:, digits == k].sum(axis=1) for k in range(5)], axis=1)
+
+
+def test_the_thesis_hand_is_the_default(tmp_path):
+    assert scene(tmp_path, ROWS).card.hand == Hand() == Hand(thumb=2, finger=1)
+    assert Hand().part.tolist() == [1.0] * 6
+    assert (1e3 * Hand().along_m).tolist() == [12.0, -12.0, 33.0, 11.0, -11.0, -33.0]
+    assert SIDE.tolist() == sides(6, 2).tolist() == [[1.0], [1.0], [-1.0], [-1.0], [-1.0], [-1.0]]
+
+
+def test_a_card_that_says_the_default_hand_gives_the_same_bytes(tmp_path):
+    text = ROWS + EVERY_LOOP_EFFECT + SENSOR
+    for one, other in zip(
+        told(tmp_path, text), told(tmp_path, text + "[hand]\nthumb = 2\nfinger = 1\n"), strict=True
+    ):
+        assert one.signal.values.tobytes() == other.signal.values.tobytes()
+        assert one.truth == other.truth
+
+
+def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
+    """Its places bear together what the finger on one bore, and the object moves alike, through slip and all."""
+    made = scene(tmp_path, ROWS)
+    loop = Loop(60.0, made.card.step_s, made.pressure)
+    motions = [
+        run_batch([even(trial, hand, digits) for trial in made.trials()], loop)
+        for hand, digits in zip((Hand(), TWENTY), DIGITS, strict=True)
+    ]
+    for six, twenty in zip(*motions, strict=True):
+        assert (six.forces_n.shape[1], twenty.forces_n.shape[1]) == (6, 20)
+        np.testing.assert_allclose(summed(twenty, DIGITS[1]), summed(six, DIGITS[0]), atol=1e-6)
+        np.testing.assert_allclose(twenty.position_m, six.position_m, atol=1e-8)
+        assert np.abs(twenty.position_m).max() > 1e-3
+
+
+def test_a_hand_of_twenty_presses_from_both_sides_alike(tmp_path):
+    for one in told(tmp_path, ROWS + FOURS):
+        held = int((one.truth.load_onset_s or 5.0) * 60) - 6
+        normal = one.signal.values[held, :, 2]
+        assert normal.shape == (20,)
+        assert normal[:4].sum() == pytest.approx(normal[4:].sum(), rel=0.15)
+        assert normal.min() >= 0.0 < normal.sum()
+
+
+def test_along_a_bottle_the_places_stand_finger_by_finger():
+    along_mm = 1e3 * TWENTY.along_m
+    assert along_mm[:4] == pytest.approx([18.0, 6.0, -6.0, -18.0])
+    assert along_mm[4:].reshape(4, 4).mean(axis=1) == pytest.approx([33.0, 11.0, -11.0, -33.0])
+    assert np.diff(along_mm[4:]) == pytest.approx(np.full(15, -5.5))
+
+
+def test_every_effect_knows_a_hand_of_twenty(tmp_path):
+    for one in told(tmp_path, ROWS + FOURS + EVERY_LOOP_EFFECT + SENSOR):
+        assert one.signal.values.shape[1:] == (20, 3)
+        assert np.isfinite(one.signal.values).all()
+
+
+def test_a_set_of_twenty_sensors_is_written_and_read(tmp_path):
+    write_set(scene(tmp_path, ROWS + FOURS), tmp_path / "set")
+    assert read_trial(tmp_path / "set/soft-ball/pull/trial_1.csv").raw.shape[1] == 60
+    assert load(tmp_path / "set", windows="natural").n_sensors == 20
+
+
+@pytest.mark.parametrize(
+    ("said", "named"),
+    [
+        ("thumb = 1", ["hand.thumb", "1", "2 to 20"]),
+        ("finger = 1.5", ["hand.finger", "1.5", "whole number"]),
+        ("fingers = 2", ["hand", "fingers", "finger"]),
+    ],
+)
+def test_a_hand_that_cannot_be_is_refused(tmp_path, said, named):
+    with pytest.raises(CardError) as error:
+        scene(tmp_path, ROWS + f"[hand]\n{said}\n")
+    for word in named:
+        assert word in str(error.value)
