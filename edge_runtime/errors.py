@@ -12,6 +12,7 @@
     |   |-- UnitError                 a unit that does not fit the model
     |   |-- ChannelError              a number of channels that does not fit
     |   |-- LabelError                what labels need (mass, action, truth) is missing or broken
+    |   |   `-- TagError              printed tags contradict each other, or the size they are said to have
     |   |-- CardError                 a scene's card says what cannot be
     |   |-- ClassMissing              a class without a single window
     |   `-- TooFewGroups              fewer people (or blocks) than a split needs
@@ -108,6 +109,10 @@ class ChannelError(DataError):
 
 class LabelError(DataError):
     """What labels need (an object's mass, its action, its truth) is missing or broken."""
+
+
+class TagError(LabelError):
+    """Printed tags contradict each other, or the size they are said to have: no millimetre can be believed."""
 
 
 class CardError(DataError):

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edge_runtime.command import place, positive
-from edge_runtime.errors import LabelError, NotANumber, UsageError
+from edge_runtime.errors import DataError, LabelError, NotANumber, UsageError
+from holdfast.watch import printed_mm
 
 if TYPE_CHECKING:
     from training.onset import Motion, Slip
@@ -40,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-slip", type=place, nargs="+", default=[], metavar="TRIAL", help=held)
     number, ever = positive, float("inf")
     parser.add_argument("--gross-mm", type=number, metavar="MM", help="gross slip is so far (default 2)")
-    parser.add_argument("--tag-mm", type=number, metavar="MM", help="the printed side, if it is not what was recorded")
+    parser.add_argument("--tag-mm", type=printed_mm, metavar="MM", help="the printed side, if not as recorded")
     parser.add_argument("--apart-mm", type=number, metavar="MM", help="between the tags' centres at first: a check")
     parser.add_argument("--from", type=float, default=-ever, dest="from_s", metavar="S", help="look only from here")
     parser.add_argument("--until", type=float, default=ever, dest="until_s", metavar="S", help="and to here")
@@ -107,11 +108,23 @@ def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | N
     tracks = read_tracks(folder)
     try:
         moved = motion(
-            tracks.t_s, tracks.of(OBJECT_TAG), tracks.of(HAND_TAG), tag_mm or float(about["tag_mm"]), apart_mm
+            tracks.t_s, tracks.of(OBJECT_TAG), tracks.of(HAND_TAG),
+            tag_mm or float(about["tag_mm"]), apart_mm or about.get("apart_mm"),
         )
     except LabelError as error:
-        raise LabelError(error.what, where=trial, cause=error.cause, next_step=error.next_step) from None
+        raise type(error)(error.what, where=trial, cause=error.cause, next_step=error.next_step) from None
     return Trial(trial, moved, 0.0 if about.get("clock") == "trial" else _starts_s(trial, moved))
+
+
+def doubt(folder: Path) -> LabelError | None:
+    """What is wrong with the tags of a folder just watched: sizes, squareness, distance, or never seen together."""
+    try:
+        watched(folder, folder, None, None)
+    except LabelError as error:
+        return error
+    except DataError:
+        return None
+    return None
 
 
 def _starts_s(folder: Path, moved: Motion) -> float:

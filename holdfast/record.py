@@ -16,7 +16,7 @@ from contextlib import ExitStack, suppress
 
 from edge_runtime.command import place, positive, seed
 from holdfast.recorder.card import ACTIONS
-from holdfast.watch import EXPOSURE_MS, FPS
+from holdfast.watch import EXPOSURE_MS, FPS, printed_mm
 
 RATE_HZ = 150.0
 
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trials", type=int, metavar="N", help="so many and no more")
     parser.add_argument("--at-once", action="store_true", help="begin every trial without waiting for a key")
     parser.add_argument("--camera", metavar="oak|scene|FILE", help="film every trial (docs/camera.md)")
-    parser.add_argument("--tag-mm", type=positive, metavar="MM", help="oak: the printed side of the tags, measured")
+    parser.add_argument("--tag-mm", type=printed_mm, metavar="MM", help="oak: the printed side of the tags, measured")
     parser.add_argument("--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}")
     parser.add_argument("--exposure-ms", type=positive, default=EXPOSURE_MS, metavar="MS", help="oak: default 2")
 

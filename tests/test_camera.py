@@ -32,7 +32,7 @@ from edge_runtime.contract import FloatArray
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, HoldfastError, NotANumber, TimeError
 from holdfast.cli import main
 from simulation.camera.apriltag import cells
-from simulation.camera.frames import CAMERA, GREY, HAND_TAG, OBJECT_TAG, Camera, Frames
+from simulation.camera.frames import AWAY_SIDES, CAMERA, GREY, HAND_TAG, OBJECT_TAG, Camera, Frames
 from training.timeline import read_truth
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -287,16 +287,54 @@ def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(
     assert json.loads(pull.with_suffix(".onset.json").read_text("utf-8"))["pad_shear"] == "measured"
 
 
-def test_a_tag_printed_in_another_size_is_refused_by_its_size(tmp_path, capsys):
-    stamps_s = np.arange(1, 31) / FPS
+def two_sizes(path: Path, n: int = 30) -> Path:
+    """Frames of the object's tag at 10 mm and the hand's at 8, both said to be 10."""
+    stamps_s = np.arange(1, n + 1) / FPS
     away = np.array([1e4, 0.0])
     both = camera().draw(np.zeros(2), away) + camera(tag_mm=8.0).draw(away, np.zeros(2)) - GREY
     frames = np.repeat(np.rint(both).astype(np.uint8)[None], len(stamps_s), axis=0)
-    path = write_frames(tmp_path / "trial_1.frames.npz", stamps_s, frames)
+    return write_frames(path, stamps_s, frames)
+
+
+def test_a_tag_printed_in_another_size_is_refused_by_its_size(tmp_path):
+    path = two_sizes(tmp_path / "trial_1.frames.npz")
     done = command("onset", path, "--action", "pull")
     assert done.returncode == 3
+    assert "TagError" in done.stderr
     assert "if the hand's tag is 10 mm, the object's is 12.5" in done.stderr
     assert not (tmp_path / "trial_1.onset.json").exists()
+
+
+def test_tags_of_two_sizes_are_told_as_soon_as_they_were_watched_and_what_was_watched_is_kept(tmp_path):
+    done = command("watch", "--camera", two_sizes(tmp_path / "some.frames.npz"), "--out", tmp_path / "out")
+    assert done.returncode == 3
+    assert [line for line in done.stderr.splitlines() if "TagError" in line and "12.5" in line]
+    assert read_about(tmp_path / "out")["void"] is None
+    assert len(read_tracks(tmp_path / "out").t_s) == 30
+    assert (tmp_path / "out/camera.mkv").stat().st_size > 0
+
+
+def test_a_measured_distance_finds_two_tags_that_a_printer_scaled_alike_and_stays_with_the_recording(drawn, tmp_path):
+    apart_mm = 2.0 * AWAY_SIDES * 10.0
+    for name, factor, code in (("right", 1.0, 0), ("wrong", 0.92, 3)):
+        out = tmp_path / name
+        done = command("watch", "--camera", drawn[0], "--out", out, "--apart-mm", f"{factor * apart_mm:g}")
+        assert done.returncode == code, done.stderr
+        assert read_about(out)["apart_mm"] == pytest.approx(factor * apart_mm)
+        again = command("onset", out, "--action", "pull")
+        assert ("TagError" in done.stderr, "TagError" in again.stderr) == (code == 3, code == 3)
+    assert "printed at 92 % of that size" in done.stderr
+
+
+@pytest.mark.parametrize("side", ["0.00996", "0.996", "996", "0", "nan", "one"])
+def test_a_printed_side_that_is_no_millimetre_is_a_usage_error(tmp_path, capsys, side):
+    for words in (("watch", "--camera", "oak"), ("record", "--source", "x", "--person", "p01"), ("onset",)):
+        out = ("--out", str(tmp_path / "new")) if words != ("onset",) else (str(tmp_path),)
+        assert main([*words, *out, "--tag-mm", side]) == 2
+        err = capsys.readouterr().err
+        assert "--tag-mm" in err
+        assert err.count("\n") == 1
+    assert not (tmp_path / "new").exists()
 
 
 # -- what goes wrong

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.contract import FloatArray
-from edge_runtime.errors import LabelError
+from edge_runtime.errors import LabelError, TagError
 from training.onset import (
     FLOOR_PX,
     GROSS_MM,
@@ -106,7 +106,7 @@ def test_tags_never_seen_together_are_an_error():
 
 def test_tags_printed_in_two_sizes_are_refused_with_the_size_the_other_has():
     places = np.tile([100.0, 100.0], (20, 1))
-    with pytest.raises(LabelError, match=r"hand's tag is 10 mm, the object's is 12\.00 mm.*two sizes"):
+    with pytest.raises(TagError, match=r"hand's tag is 10 mm, the object's is 12\.00 mm.*two sizes"):
         motion(np.arange(20.0), tag(places + 80.0, 48.0), tag(places, 40.0), TAG_MM)
     motion(np.arange(20.0), tag(places + 80.0, 41.0), tag(places, 40.0), TAG_MM)
 
@@ -114,7 +114,7 @@ def test_tags_printed_in_two_sizes_are_refused_with_the_size_the_other_has():
 def test_a_tag_that_is_no_square_is_refused():
     places = np.tile([100.0, 100.0], (20, 1))
     flat = tag(np.zeros((20, 2))) * [1.0, 0.9] + [180.0, 100.0]
-    with pytest.raises(LabelError, match=r"object's tag is 40\.0 px wide and 36\.0 px high.*face"):
+    with pytest.raises(TagError, match=r"object's tag is 40\.0 px wide and 36\.0 px high.*face"):
         motion(np.arange(20.0), flat, tag(places), TAG_MM)
 
 
@@ -122,7 +122,7 @@ def test_both_tags_printed_too_small_are_found_by_their_distance():
     places = np.tile([100.0, 100.0], (20, 1))
     hand, thing = tag(places), tag(places + np.array([80.0, 0.0]))
     motion(np.arange(20.0), thing, hand, 9.7, apart_mm=19.4)
-    with pytest.raises(LabelError, match=r"19\.4 mm apart, and 21\.00 mm.*92 %.*--tag-mm"):
+    with pytest.raises(TagError, match=r"19\.4 mm apart, and 21\.00 mm.*92 %.*--tag-mm"):
         motion(np.arange(20.0), thing, hand, 10.5, apart_mm=19.4)
 
 

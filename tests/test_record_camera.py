@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_camera import two_sizes
 from test_record import columns_of, heard, meta_of, start
 
 from drivers.camera.recording import read_about, read_tracks
@@ -71,6 +72,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     scene = json.loads((folder / "tactile.truth.json").read_text())
     assert meta_of(folder)["quality"]["samples"] > 800
     assert meta_of(folder)["camera"]["void"] is None
+    assert meta_of(folder)["camera"]["doubt"] is None
     tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
     frames_s = read_tracks(folder).t_s
     assert frames_s[0] < tactile_s[0], "a trial begins when the camera films"
@@ -144,6 +146,22 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_
     assert "no camera part in this trial" in err
     assert read_about(folder)["void"] == "interrupted"
     assert main(["onset", str(folder)]) == 3, "a void part gets no label"
+
+
+def test_tags_of_two_sizes_are_told_after_the_trial_and_everything_is_kept(tmp_path):
+    two_sizes(tmp_path / "some.frames.npz", n=90)
+    words = ["--source", "virtual://ft232h", "--camera", tmp_path / "some.frames.npz", "--out", tmp_path / "out"]
+    words += ["--person", "p01", "--at-once", "--object", "soft-ball", "--action", "pull", "--trials", "1"]
+    with start(*words, "--seconds", "1") as run:
+        _, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err
+    (warning,) = [line for line in err.splitlines() if "TagError" in line]
+    assert "if the hand's tag is 10 mm, the object's is 12.5" in warning
+    meta = meta_of(trial_in(tmp_path))
+    assert (meta["state"], meta["camera"]["void"]) == ("kept", None)
+    assert "TagError" in meta["camera"]["doubt"]
+    assert len(read_tracks(trial_in(tmp_path)).t_s) == 90
+    assert len(read_trial(trial_in(tmp_path) / "tactile.csv").t_s) > 100
 
 
 def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from edge_runtime.contract import FloatArray
-from edge_runtime.errors import LabelError
+from edge_runtime.errors import LabelError, TagError
 
 SIGMAS, FLOOR_PX = 5.0, 0.15
 IN_A_ROW = 3
@@ -102,7 +102,8 @@ def motion(
     """Object in the hand's axes; corners [K, 4, 2] of both tags (column, row; clockwise from top left), nan if hidden.
 
     tag_mm: the printed side, margin not counted, the same for both. apart_mm: between the tags' centres at the first
-    frames, if somebody measured it. Raises LabelError where the tags contradict that, or are never seen together.
+    frames, if somebody measured it. Raises TagError where the tags contradict that or each other, LabelError where they
+    are never seen together.
     """
     both = np.isfinite(np.concatenate([object_px, hand_px], axis=1).reshape(len(t_s), -1)).all(axis=1)
     if both.sum() < REST_FRAMES:
@@ -133,14 +134,14 @@ def _require_one_size(object_px: FloatArray, hand_px: FloatArray, tag_mm: float)
     thing, hand = sides_px(object_px), sides_px(hand_px)
     for name, side in (("object", thing), ("hand", hand)):
         if abs(side[0] / side[1] - 1.0) > DIFFER:
-            raise LabelError(
+            raise TagError(
                 f"the {name}'s tag is {side[0]:.1f} px wide and {side[1]:.1f} px high: not a square",
                 cause="a tag that does not face the camera, or a printer that scales one way",
                 next_step="turn the tag to the camera; measure both its sides",
             )
     share = float(thing.mean() / hand.mean())
     if abs(share - 1.0) > DIFFER:
-        raise LabelError(
+        raise TagError(
             f"if the hand's tag is {tag_mm:g} mm, the object's is {tag_mm * share:.2f} mm",
             cause="tags printed in two sizes, or one nearer to the camera than the other",
             next_step="measure both printed sides, and put the tags in one plane before the camera",
@@ -150,7 +151,7 @@ def _require_one_size(object_px: FloatArray, hand_px: FloatArray, tag_mm: float)
 def _require_apart(distance_mm: FloatArray, apart_mm: float | None, tag_mm: float) -> None:
     found_mm = float(np.median(distance_mm))
     if apart_mm is not None and abs(found_mm / apart_mm - 1.0) > DIFFER:
-        raise LabelError(
+        raise TagError(
             f"the tags are {apart_mm:g} mm apart, and {found_mm:.2f} mm if their side is {tag_mm:g} mm",
             cause=f"tags printed at {100.0 * apart_mm / found_mm:.0f} % of that size",
             next_step="measure the printed side and give it as --tag-mm",

@@ -191,8 +191,8 @@ class _Watch:
         lens = self.source.lens
         write_about(self.out, {
             "source": self.source.name, "fps": lens.fps, "exposure_ms": lens.exposure_ms, "tag_mm": lens.tag_mm,
-            "clock": lens.clock, "family": FAMILY, "quad_decimate": QUAD_DECIMATE, "frames": self.frames,
-            "in_video": in_video, "lost": self.lost, "backwards": self.backwards, "void": void,
+            "apart_mm": lens.apart_mm, "clock": lens.clock, "family": FAMILY, "quad_decimate": QUAD_DECIMATE,
+            "frames": self.frames, "in_video": in_video, "lost": self.lost, "backwards": self.backwards, "void": void,
             "depthai": version("depthai"),
         })  # fmt: skip
 

@@ -132,7 +132,8 @@ def read_about(folder: Path) -> dict[str, Any]:
     path = folder / ABOUT
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
-        if not all(math.isfinite(number) and number > 0.0 for number in (float(about[name]) for name in LENS)):
+        numbers = [float(about[name]) for name in (*LENS, "apart_mm") if name in LENS or about.get(name) is not None]
+        if not all(math.isfinite(number) and number > 0.0 for number in numbers):
             raise ValueError("not positive")
         return dict(about)
     except FileNotFoundError:

@@ -42,18 +42,22 @@ class Frame:
 class Lens:
     """What holds for all frames: fps, exposure, printed side of the tags, and whose clock the stamps are.
 
-    clock: "monotonic" (this machine's), or "trial" (from the trial's first sample).
+    clock: "monotonic" (this machine's), or "trial" (from the trial's first sample). apart_mm: between the tags' centres
+    in the first frames, if somebody measured it.
     """
 
     fps: float
     exposure_ms: float
     tag_mm: float
     clock: str
+    apart_mm: float | None = None
 
     @classmethod
     def of(cls, told: Any, clock: str) -> Lens:
         """From numbers by name."""
-        return cls(float(told["fps"]), float(told["exposure_ms"]), float(told["tag_mm"]), clock)
+        apart = told.get("apart_mm")
+        fps, exposure_ms, tag_mm = (float(told[name]) for name in LENS)
+        return cls(fps, exposure_ms, tag_mm, clock, None if apart is None else float(apart))
 
 
 class Source(Protocol):

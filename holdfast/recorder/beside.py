@@ -12,6 +12,7 @@ from typing import Any
 
 from drivers.camera.recording import TAGS, read_about
 from edge_runtime.errors import CameraUnavailable, DataError
+from holdfast.onset import doubt
 
 LONGEST_START_S, LONGEST_END_S = 40.0, 120.0
 POLL_S = 0.02
@@ -51,7 +52,7 @@ class Beside:
         return self._said() or f"its process ended with {self._process.returncode}"
 
     def stop(self) -> dict[str, Any]:
-        """End it and say how it went: {"void": why or None, "frames": .., "lost": ..}."""
+        """End it and say how it went: {"void": why or None, "frames": .., "lost": .., "doubt": why or None}."""
         if self._process is None:
             return {"void": "was not started"}
         if self._process.stdin is not None:
@@ -68,7 +69,9 @@ class Beside:
         except DataError as error:
             return {"void": self._said() or str(error)}
         void = about.get("void") or (self._said() or "its process failed" if failed else None)
-        return {"void": void, "frames": about.get("frames"), "lost": about.get("lost")}
+        wrong = None if void else doubt(self._folder)
+        told = {"void": void, "frames": about.get("frames"), "lost": about.get("lost")}
+        return told | {"doubt": None if wrong is None else f"{type(wrong).__name__}: {wrong}"}
 
     def _films(self) -> bool:
         """Whether a frame has been read."""

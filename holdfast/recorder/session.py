@@ -184,6 +184,8 @@ class Session:
             self.say(f"not kept, and to be recorded again: {told['why']}")
         if filmed.get("camera", {}).get("void"):
             self.say(f"no camera part in this trial: {filmed['camera']['void']}")
+        if filmed.get("camera", {}).get("doubt"):
+            self.say(f"warning: the camera's tags: {filmed['camera']['doubt']}; what was recorded is kept")
         if told["state"] == REDONE:
             self.say(f"moved to {discard(self.asked.root, self.asked.person, trial.folder)}")
         if told["state"] == KEPT:
