@@ -14,7 +14,8 @@ TRANSFER_NS = 125_000
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY, SIO_BITMODE, SIO_GET_PINS = 0x00, 0x09, 0x0A, 0x0B, 0x0C
 MPSSE = 2
-LENGTHS = {0x80: 3, 0x82: 3, 0x86: 3, 0x9E: 3, 0x10: 3, 0x11: 3, 0x20: 3, 0x24: 3, 0x12: 3, 0x13: 3, 0x22: 2, 0x26: 2}
+SET_PINS = 0x80
+LENGTHS = {0x82: 3, 0x86: 3, 0x9E: 3, 0x10: 3, 0x11: 3, 0x20: 3, 0x24: 3, 0x12: 3, 0x13: 3, 0x22: 2, 0x26: 2}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
 BYTE_WRITES = (0x10, 0x11)
 SIMPLE = {0x81, 0x83, 0x84, 0x85, 0x87, 0x8A, 0x8B, 0x8C, 0x8D, 0x96, 0x97}
@@ -50,6 +51,27 @@ class Pins:
         level = self._clocked(bit)
         self.scl = False
         return level
+
+    def byte_out(self, byte: int) -> None:
+        """Eight bits from the master; at once where a byte begins and nobody holds the line."""
+        if self._state == "listen" and not self._count and not self.wire.held_low:
+            self._byte, self._count = byte, 8
+            self._acked = self.wire.write(byte)
+            self.master, self.scl = bool(byte & 1), False
+            return
+        for k in range(8):
+            self.clock(bool(byte >> 7 - k & 1))
+
+    def byte_in(self) -> int:
+        """Eight bits, the master's side left as it is; at once where a chip's byte begins."""
+        if self._state == "talk" and not self._count and self.master and not self.wire.held_low:
+            self._byte, self._count = self.wire.read(), 8
+            self.scl = False
+            return self._byte
+        byte = 0
+        for _ in range(8):
+            byte = byte << 1 | self.clock(self.master)
+        return byte
 
     def _start(self) -> None:
         self.wire.start()
@@ -143,16 +165,18 @@ class VirtualFt232h(Device):
     # -- bulk
 
     def write(self, endpoint: int, data: bytes) -> None:
-        """Commands; an incomplete one waits for its rest."""
+        """Commands; an incomplete one waits for its rest. What we take to compute is part of the transfer's time."""
         self.hand.clock.spend(TRANSFER_NS)
         if self._mode != MPSSE:
             return
         self.hand.suffer()
         self._commands += data
-        bits = self.hand.wire.bits
-        while self._commands and (used := self._step(self._commands)):
-            self._commands = self._commands[used:]
-        self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz()))
+        bits, from_ns, at = self.hand.wire.bits, self.hand.clock.now_ns(), 0
+        while at < len(self._commands) and (used := self._step(at)):
+            at += used
+        self._commands = self._commands[at:]
+        lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
+        self.hand.clock.spend(from_ns + lasts_ns - self.hand.clock.now_ns())
 
     def read(self, endpoint: int, length: int) -> bytes:
         """Packets, each with its status; without a flush they wait for the latency timer."""
@@ -178,9 +202,12 @@ class VirtualFt232h(Device):
     def _levels(self) -> int:
         return self._pins.scl * SCL | self._pins.master * SDA | self._pins.sda * SDA_IN
 
-    def _step(self, commands: bytes) -> int:
-        """Carry out the first command; how many bytes it took, 0 while it is incomplete."""
-        opcode = commands[0]
+    def _step(self, at: int) -> int:
+        """Carry out the command that begins at a byte; how many bytes it took, 0 while it is incomplete."""
+        commands = self._commands
+        opcode = commands[at]
+        if opcode == SET_PINS:
+            return self._set_pins(at)
         if opcode in SIMPLE:
             self._simple(opcode)
             return 1
@@ -188,13 +215,25 @@ class VirtualFt232h(Device):
             self._answers += bytes([0xFA, opcode])
             return 1
         used = LENGTHS[opcode]
-        if len(commands) < used:
+        if len(commands) < at + used:
             return 0
         if opcode in BYTE_WRITES:
-            used += 1 + int.from_bytes(commands[1:3], "little")
-            if len(commands) < used:
+            used += 1 + int.from_bytes(commands[at + 1 : at + 3], "little")
+            if len(commands) < at + used:
                 return 0
-        self._with_arguments(opcode, commands[1:used])
+        self._with_arguments(opcode, commands[at + 1 : at + used])
+        return used
+
+    def _set_pins(self, at: int) -> int:
+        """A pin write and those after it that repeat it, which move nothing; how many bytes, 0 while incomplete."""
+        told = self._commands[at : at + 3]
+        if len(told) < 3:
+            return 0
+        _, levels, driven = told
+        self._pins.set(bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA))
+        used = 3
+        while self._commands[at + used : at + used + 3] == told:
+            used += 3
         return used
 
     def _simple(self, opcode: int) -> None:
@@ -210,19 +249,16 @@ class VirtualFt232h(Device):
             self._phases = 3 if opcode == 0x8C else 2
 
     def _with_arguments(self, opcode: int, told: bytes) -> None:
-        if opcode == 0x80:
-            levels, driven = told
-            self._pins.set(bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA))
-        elif opcode == 0x86:
+        if opcode == 0x86:
             self._divider = int.from_bytes(told, "little")
         elif opcode in BYTE_WRITES:
             for byte in told[2:]:
-                self._shift_out(byte, 8)
+                self._pins.byte_out(byte)
         elif opcode in (0x12, 0x13):
             self._shift_out(told[1], told[0] + 1)
         elif opcode in (0x20, 0x24):
             for _ in range(int.from_bytes(told, "little") + 1):
-                self._answers += bytes([self._shift_in(8)])
+                self._answers += bytes([self._pins.byte_in()])
         elif opcode in (0x22, 0x26):
             self._answers += bytes([self._shift_in(told[0] + 1)])
 
