@@ -5,6 +5,8 @@ The code words and the order of their bits are the family's (Olson, ICRA 2011; A
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from edge_runtime.contract import FloatArray
@@ -17,10 +19,13 @@ _QUARTER_ROWS, _QUARTER_COLUMNS = [0, 0, 0, 0, 0, 1, 1, 1, 2], [0, 1, 2, 3, 4, 1
 """Where the first nine bits lie in the six by six; each next nine lie a quarter turn (clockwise) further."""
 
 
+@cache
 def cells(tag: int) -> FloatArray:
-    """[10, 10] of a tag with its white margin, 1 white and 0 black, first row on top."""
+    """[10, 10] of a tag with its white margin, 1 white and 0 black, first row on top; read only."""
     bits = [CODES[tag] >> (35 - k) & 1 for k in range(36)]
     data = np.zeros((6, 6))
     for quarter in range(4):
         np.rot90(data, quarter)[_QUARTER_ROWS, _QUARTER_COLUMNS] = bits[9 * quarter : 9 * quarter + 9]
-    return np.pad(np.pad(data, 1), 1, constant_values=1.0)
+    whole = np.pad(np.pad(data, 1), 1, constant_values=1.0)
+    whole.flags.writeable = False
+    return whole
