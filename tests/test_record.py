@@ -682,6 +682,27 @@ def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
         one_pull(tmp_path / "file")
 
 
+def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(tmp_path):
+    one_pull(tmp_path / "out")
+    for within in ("out/p02", "out/p01/soft-ball", "out/p01/new/newer"):
+        with pytest.raises(OutputError, match=r"within a folder of recordings.*--out"):
+            one_pull(tmp_path / within)
+    assert [path.parent.name for path in tmp_path.rglob("tactile.csv")] == ["trial_1"]
+    one_pull(tmp_path / "out2")
+
+
+def test_an_object_that_nobody_weighed_is_told_while_it_is_at_hand(tmp_path):
+    words = ("--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
+    said = recorded(tmp_path / "out", *words)
+    assert [line for line in said if "nobody knows how heavy 'cup' is" in line and "cup/meta.json" in line]
+    (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
+    for told_ in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
+        assert not any("heavy" in line for line in told_)
+    (tmp_path / "two.toml").write_text(PROTOCOL)
+    said = recorded(tmp_path / "out", "--protocol", tmp_path / "two.toml", "--seconds", "0.5", "--trials", "1")
+    assert not any("heavy" in line for line in said)
+
+
 def test_two_recorders_do_not_share_a_folder(tmp_path):
     one_pull(tmp_path / "out")
     with opened(tmp_path / "out", "N", "simulated"):

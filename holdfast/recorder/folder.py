@@ -57,6 +57,7 @@ def alone(place: Path) -> Iterator[None]:
 
 def require_ours(root: Path) -> dict[str, Any]:
     """meta.json of a folder of recordings; empty for a new or empty folder. Raises OutputError."""
+    _require_not_within(root)
     if root.is_dir():
         meta = read_meta(root)
         if meta.get("recorder") == FORMAT or not any(path.name != LOCK for path in root.iterdir()):
@@ -67,6 +68,16 @@ def require_ours(root: Path) -> dict[str, Any]:
         "is there and no folder of recordings", where=root, cause="another folder's name",
         next_step="name a new folder; nothing is ever written over",
     )  # fmt: skip
+
+
+def _require_not_within(root: Path) -> None:
+    """Raise OutputError below somebody's recordings: a person would be in two folders, and delete one of them."""
+    for above in root.absolute().parents:
+        if (above / LOCK).is_file() and read_meta(above).get("recorder") == FORMAT:
+            raise OutputError(
+                "lies within a folder of recordings", where=root, cause="the person's folder is made by itself",
+                next_step=f"--out {above}",
+            )  # fmt: skip
 
 
 def _require_same(root: Path, there: dict[str, Any], unit: str, kind: str) -> None:

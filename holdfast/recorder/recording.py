@@ -15,7 +15,7 @@ from typing import Any
 
 from drivers.calibration import Bias, bias_of, read_calibration
 from drivers.live_hand import LiveHand
-from edge_runtime.errors import DataError, UsageError
+from edge_runtime.errors import DataError, LabelError, UsageError
 from edge_runtime.live import Source
 from holdfast.bias import unloaded
 from holdfast.live_sources import open_live, scene_of
@@ -203,5 +203,18 @@ def _tell_before(root: Path, person: str, plan: Plan, say: Callable[[str], None]
     for folder, meta in trials_of(root, person):
         if meta.get("state") == RECORDING:
             say(f"{folder} was cut off and does not count; holdfast repair {folder} mends it")
+    for thing in dict.fromkeys(task.thing for task in plan.tasks if task.action != NOTHING):
+        if plan.protocol is None or thing not in plan.protocol.mass_g:
+            _tell_weight(root / person / thing, say)
     if not plan.tasks:
         say("every trial of the card is recorded")
+
+
+def _tell_weight(folder: Path, say: Callable[[str], None]) -> None:
+    """What training will miss, while the object is still at hand."""
+    from training.objects import mass_g
+
+    try:
+        mass_g(folder)
+    except LabelError as error:
+        say(f"warning: {error}")
