@@ -13,6 +13,9 @@ MODEL  ?= models/holdfast-150hz.onnx
 EVALUATED := thesis:thesis:600:1000 thesis-texture:build/evaluate/thesis-texture.toml:300:1001 apple:apple:200:1002 \
     p1:p1:450:1003 p2:p2:450:1004 perturbed-hold:perturbed-hold:300:1005 daily:daily:370:1006 \
     choose:daily:370:1007 train:thesis:500:1008
+# the same, for make wall
+WALL := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
+    author:thesis:300:1000 p1:p1:450:1003 p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
 ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
@@ -27,7 +30,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate ablation bench peers lint lock clean docs hard-cases
+.PHONY: help setup demo test soak fuzz real scenes models evaluate wall ablation bench peers lint lock clean docs hard-cases
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -66,6 +69,12 @@ evaluate: setup  ## the default model on fresh sets it never met, beside its riv
 	$(BIN)/holdfast evaluate $(MODEL) --data $(addprefix build/evaluate/,thesis thesis-texture apple p1 p2 perturbed-hold daily) \
 	    --choose build/evaluate/choose --train build/evaluate/train --real build/real \
 	    --json build/evaluate/figures.json --report build/evaluate/report.html $(ARGS)
+
+wall: setup  ## what could tell a fast hand-over from a pull, one idea at a time, into build/wall
+	rm -rf build/wall
+	echo $(WALL) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
+	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/wall/$$0'
+	$(BIN)/python -m training.wall build/wall --out build/wall $(ARGS)
 
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)

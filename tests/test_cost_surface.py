@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.cost import sets
-from benchmarks.cost.measure import rows_for_timing
 from benchmarks.cost.page import README_ROWS, figure, line, page, readme
 from benchmarks.cost.point import BANDS, GROUPS, Point, points
 from benchmarks.cost.sets import columns, look_backs_s, whole_of
@@ -159,11 +158,11 @@ def test_a_run_goes_on_where_it_was(measured):
 def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(measured):
     folder, _ = measured
     short = replace(TINY, look_back_s=0.05)
-    rows = rows_for_timing(short, folder, 50)
+    rows = sets.some(folder, short, "ask", 50)
     beyond = look_backs_s(short.spec(sets.read(folder, "scenes", 50.0, "ask"))) > 0.051
     assert beyond.any()
     assert not rows[:, beyond].any()
-    np.testing.assert_array_equal(rows[:, ~beyond], rows_for_timing(TINY, folder, 50)[:, ~beyond])
+    np.testing.assert_array_equal(rows[:, ~beyond], sets.some(folder, TINY, "ask", 50)[:, ~beyond])
 
 
 @pytest.fixture

@@ -139,9 +139,3 @@ def _probability(votes: IntArray, calibration: Calibration) -> FloatArray:
     odds = np.exp(logits - logits.max(axis=1, keepdims=True))
     risky: npt.NDArray[Any] = situation_votes(odds / odds.sum(axis=1, keepdims=True))[:, RISKY_SLIP]
     return risky
-
-
-def rows_for_timing(point: Point, folder: Path, count: int) -> FloatRows:
-    """Some of the rows that were asked about, as the step hands them to the forest."""
-    rows = sets.everywhere(folder, point, "train" if point.of == "human" else "ask")
-    return np.array(rows[:: max(1, len(rows) // count)][:count])

@@ -73,15 +73,28 @@ def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
     """Features [sum of T, F] at every sample of a part, recording after recording."""
     data = read(folder, point.of, point.rate_hz, part)
     spec = point.spec(data)
-    whole = whole_of(spec)
-    path = _kept(folder, point.of, whole, part)
-    if not path.is_file():
-        _save(path, np.concatenate(features_everywhere(data, whole)))
-    rows: FloatRows = np.load(path, mmap_mode="r")[:, columns(spec)]
+    rows = whole_rows(folder, point, part)[:, columns(spec)]
     if point.bank == "float32":
         bank = _bank_in_float32(data, spec)
         rows = np.hstack([rows[:, : rows.shape[1] - bank.shape[1]], bank])
     return _seen(rows, spec, point.look_back_s)
+
+
+def some(folder: Path, point: Point, part: str, count: int) -> FloatRows:
+    """So many rows of a part, evenly spaced; of a bank in float64 whatever the point has."""
+    spec, rows = point.spec(read(folder, point.of, point.rate_hz, part)), whole_rows(folder, point, part)
+    return _seen(np.array(rows[:: max(1, len(rows) // count)][:count][:, columns(spec)]), spec, point.look_back_s)
+
+
+def whole_rows(folder: Path, point: Point, part: str) -> FloatRows:
+    """Every feature any point takes [sum of T, F], on disk, made once."""
+    data = read(folder, point.of, point.rate_hz, part)
+    whole = whole_of(point.spec(data))
+    path = _kept(folder, point.of, whole, part)
+    if not path.is_file():
+        _save(path, np.concatenate(features_everywhere(data, whole)))
+    rows: FloatRows = np.load(path, mmap_mode="r")
+    return rows
 
 
 def whole_of(spec: StepSpec) -> StepSpec:

@@ -21,9 +21,9 @@ import numpy as np
 import onnx
 from joblib import Parallel, delayed, parallel_config
 
-from benchmarks.cost.measure import measure, rows_for_timing
+from benchmarks.cost.measure import measure
 from benchmarks.cost.point import GROUPS, Point, points
-from benchmarks.cost.sets import PARTS, Parts, everywhere, prepare, windows
+from benchmarks.cost.sets import PARTS, Parts, prepare, some, whole_rows, windows
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
@@ -45,12 +45,13 @@ def cost(
     folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same folder.
     """
     chosen = points() if chosen is None else chosen
-    with _workers(dask):
+    with _workers(dask) as where:
         sets = dict.fromkeys((point.of, point.rate_hz) for point in chosen)
-        Parallel()(delayed(prepare)(folder, *one, parts) for one in sets)
-        Parallel()(delayed(_features)(folder, point) for point in _by_features(chosen))
+        Parallel(**where)(delayed(prepare)(folder, *one, parts) for one in sets)
+        Parallel(**where)(delayed(_features)(folder, point) for point in _by_features(chosen))
         alike = _by_forest(chosen)
-        kept = Parallel(batch_size=1, pre_dispatch=2 * WORKERS)(delayed(_kept)(folder, points) for points in alike)
+        one_by_one = Parallel(**where, batch_size=1, pre_dispatch=2 * WORKERS)
+        kept = one_by_one(delayed(_kept)(folder, points) for points in alike)
     told = {(row["what"], row["of"]): row for rows in kept for row in rows}
     rows = [told[point.what, point.of] | us for point, us in zip(chosen, _priced(folder, chosen), strict=True)]
     return {"rows": rows, "fronts": fronts(rows)}
@@ -94,24 +95,27 @@ def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[st
 
 
 @contextmanager
-def _workers(dask: str | None) -> Iterator[None]:
-    """Where the points are measured."""
+def _workers(dask: str | None) -> Iterator[dict[str, Any]]:
+    """Where the points are measured, as joblib is told. Named call by call: a worker's forests keep to its threads."""
     if dask is None:
-        with parallel_config(backend="multiprocessing", n_jobs=WORKERS):
-            yield
+        yield {"backend": "multiprocessing", "n_jobs": WORKERS}
         return
     from distributed import Client
 
     with Client(dask), parallel_config(backend="dask"):
-        yield
+        yield {}
 
 
 def _features(folder: Path, point: Point) -> None:
     """Make the features of a point, unless they are there."""
     windows(folder, point)
-    for part in PARTS if point.of == "scenes" else ("train",):
-        if part != "train" or point.of == "human":
-            everywhere(folder, point, part)
+    for part in dict.fromkeys(("train",) if point.of == "human" else ("choose", _asked(point))):
+        whole_rows(folder, point, part)
+
+
+def _asked(point: Point) -> str:
+    """The part whose streams a point is asked about."""
+    return "train" if point.of == "human" else "ask"
 
 
 def _kept(folder: Path, points: Sequence[Point]) -> list[dict[str, Any]]:
@@ -137,7 +141,7 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
     forests = list(dict.fromkeys(point.fitted for point in chosen))
     for point in forests:
         model = onnx.load(_model(folder, point))
-        calls[f"{point.name} forest"] = _forest_call(model, rows_for_timing(point, folder, TIMED_ROWS))
+        calls[f"{point.name} forest"] = _forest_call(model, some(folder, point, _asked(point), TIMED_ROWS))
         calls[f"{point.name} step"] = _step_call(model, point)
     us = {name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()}
     return [

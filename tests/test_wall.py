@@ -1,0 +1,162 @@
+"""The study of what tells a fast hand-over from a pull: ideas, learners, the bound, and the whole on a few trials."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_runtime.contract import FloatArray
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from simulation.script import Times
+from training.evaluating.truths import Grasp
+from training.plan import ForestPlan
+from training.recording import Recording
+from training.wall.ideas import HARD, IDEAS, Idea
+from training.wall.learners import Boosting, Forest, Learner, TwoStages
+from training.wall.sets import context, joined, labelled, streams, without
+from training.wall.study import ASKED, CHOOSE, bounds, macro_f1, opens_at_s, study
+
+SMALL = ForestPlan(n_estimators=8, max_depth=8)
+CARDS = {"thesis": "thesis", "broad": "broad", CHOOSE: "daily",
+         "author": "thesis", "p1": "p1", "p2": "p2", "asked-holds": "perturbed-hold"}  # fmt: skip
+TRIALS = {"thesis": 45, "broad": 27, "p1": 45, "p2": 45, "daily": 6, "perturbed-hold": 9}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("wall")
+    for number, (name, card) in enumerate(CARDS.items()):
+        write_set(Scene(read_card(card, rate_hz=50), number), place / name, TRIALS[card])
+    return place
+
+
+# -- ideas and learners
+
+
+def test_every_idea_has_a_name_of_its_own_and_the_default_comes_first():
+    assert len({idea.name for idea in IDEAS}) == len(IDEAS)
+    assert IDEAS[0] == Idea("default", objects_left_out=True)
+    assert {name for idea in IDEAS for name in idea.trained_on} == set(HARD)
+
+
+LEARNERS = (Forest(SMALL), Forest(SMALL, classes=4), TwoStages(SMALL), Boosting(10, 8, threads=1))
+
+
+@pytest.mark.parametrize("learner", LEARNERS)
+def test_every_learner_learns_what_is_plain_to_see(learner: Learner):
+    label = np.repeat(np.arange(8), 60)
+    features = np.random.default_rng(0).normal(0.0, 0.1, (480, 3)).astype(np.float32)
+    features[:, 0] += label
+    learner.fit(features, label, 0)
+    situation, permille = learner.answer(features)
+    assert np.mean(situation == label // 2) > 0.97
+    assert permille[label >= 6].min() > 500 > permille[label < 4].max() >= 0
+    assert learner.models
+
+
+def test_the_dearer_a_missed_slip_the_more_is_called():
+    label = np.random.default_rng(1).integers(0, 8, 800)
+    features = np.random.default_rng(2).normal(0.0, 1.0, (800, 2)).astype(np.float32) + label[:, None] / 4
+    called = []
+    for weight in (1 / 3, 1.0, 3.0):
+        learner = Forest(ForestPlan(n_estimators=20, max_depth=4), risky_weight=weight)
+        learner.fit(features, label, 0)
+        called.append(int((learner.answer(features)[0] == 3).sum()))
+    assert called == sorted(called)
+    assert called[0] < called[-1]
+
+
+# -- what stands beside a sample
+
+
+def standing(samples: FloatArray) -> Recording:
+    return Recording("one", "one", samples, np.ones((len(samples), 6), np.bool_), 50.0, "N")
+
+
+@given(st.integers(1, 199), st.floats(-5.0, 5.0))
+def test_the_context_of_a_sample_knows_nothing_of_later_ones(row: int, change: float):
+    samples = np.random.default_rng(0).normal(2.0, 1.0, (200, 18))
+    later = samples.copy()
+    later[row:] += change
+    np.testing.assert_array_equal(context(standing(samples))[:row], context(standing(later))[:row])
+
+
+def test_the_context_of_a_steady_grip_is_the_grip():
+    assert context(standing(np.full((200, 18), 2.0))) == pytest.approx(np.full((200, 3), 12.0))
+
+
+def test_an_object_left_out_is_in_no_window(folder):
+    part = joined([labelled(folder / name, "balanced", "default") for name in ("thesis", "broad")])
+    name = str(part.held_object[part.held_object != ""][0])
+    rest = without(part, name)
+    assert name not in rest.held_object
+    assert len(rest.label) == len(rest.features) == len(part.label) - int((part.held_object == name).sum())
+
+
+# -- the bound, and the opening command
+
+
+def test_who_knows_the_truth_at_once_is_always_right_and_who_is_late_is_worse(folder):
+    asked = streams(folder / "author", "balanced", "default")
+    late = [row["f1_author"] for row in bounds(asked)]
+    assert late[0] == 1.0
+    assert late == sorted(late, reverse=True)
+    assert late[-1] < 0.98
+
+
+def test_windows_just_past_a_change_can_be_left_out(folder):
+    asked = streams(folder / "author", "balanced", "default")
+    first = np.flatnonzero((asked.truth == 3) & (np.roll(asked.truth, 1) != 3))
+    wrong = asked.truth.copy()
+    wrong[first] = 1
+    assert macro_f1(replace(asked, row=first), wrong) == 0.0
+    both = replace(asked, row=np.sort([*first, *(first + 2)]))
+    assert macro_f1(both, wrong) < 1.0
+    assert macro_f1(both, wrong, past_s=1.5 / 50) == 1.0
+
+
+@pytest.mark.parametrize("card", ["thesis", "p1"])
+def test_the_opening_command_is_when_the_scene_opens_the_hand(card, tmp_path):
+    scene = Scene(read_card(card, rate_hz=50), 0)
+    write_set(scene, tmp_path / "set", 45)
+    drawn = {trial.number: trial for trial in scene.trials(45)}
+    told = [json.loads(path.read_text("utf-8")) for path in (tmp_path / "set").rglob("*.truth.json")]
+    opening = {one["number"]: opens_at_s(Grasp(one)) for one in told}
+    for number, opens_s in opening.items():
+        if opens_s is not None:
+            assert opens_s == pytest.approx(Times.of(drawn[number]).open, abs=1e-4)
+    assert {drawn[n].action for n, opens_s in opening.items() if opens_s is not None} == {"pass", "put-down"}
+
+
+# -- the whole
+
+
+def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
+    chosen = [
+        Idea("forest", learner=lambda: Forest(SMALL), objects_left_out=True),
+        Idea("veto", learner=lambda: Forest(SMALL), decision="veto"),
+        Idea("personal", learner=lambda: Forest(SMALL), decision="personal"),
+        Idea("context", learner=lambda: Forest(SMALL), features="with context"),
+    ]
+    said: list[str] = []
+    figures: dict[str, Any] = study(folder, 0, said.append, chosen)
+    assert said == [idea.name for idea in chosen]
+    for row in figures["rows"]:
+        assert 0.3 < row["f1_author"] <= 1.0
+        assert row["learner_us"] > 0.0
+        assert all(row[name]["events"] > 0 for name in ("author", "p1", "p2"))
+        assert set(row["asked-holds"]["specificity"]) == {"dFn", "dFt", "dq"}
+    forest, veto, personal, _ = figures["rows"]
+    assert 0.0 < forest["worst_object"] <= 1.0
+    assert all(personal["permille"][name] >= forest["permille"][name] for name in ASKED)
+    assert veto["author"]["recall"] >= forest["author"]["recall"] - 0.2
+    json.dumps(figures, allow_nan=False)

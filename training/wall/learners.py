@@ -1,0 +1,115 @@
+"""Ways to learn situations from features: fitted on labels of eight classes, asked for a situation and how sure it is
+of a risky slip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.utils.class_weight import compute_sample_weight
+from threadpoolctl import threadpool_limits
+
+from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SITUATIONS
+from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
+from training.featurise import FloatRows
+from training.plan import ForestPlan
+
+Answer = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+"""[T] situation 0..3, and [T] thousandths for a risky slip."""
+
+
+class Learner(Protocol):
+    """What is fitted; models are for timing, each asked once a sample."""
+
+    def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
+        """Fit on rows [M, F] with labels 0..7 [M]."""
+
+    def answer(self, features: FloatRows) -> Answer:
+        """Of rows [T, F]."""
+
+    @property
+    def models(self) -> Sequence[Any]:
+        """The fitted scikit-learn models."""
+
+
+@dataclass
+class Forest:
+    """A forest of a plan, of eight classes or (weight left to a head of its own) of the four situations."""
+
+    plan: ForestPlan
+    classes: int = 8
+    risky_weight: float = 1.0
+
+    def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
+        """See Learner. risky_weight: a risky slip counts so much more than its class would."""
+        target = label if self.classes == 8 else label // 2
+        weight = compute_sample_weight("balanced", target) * np.where(label // 2 == RISKY_SLIP, self.risky_weight, 1.0)
+        self.forest = replace(self.plan, class_weight=None).build(seed).fit(features, target, sample_weight=weight)
+
+    def answer(self, features: FloatRows) -> Answer:
+        """See Learner."""
+        votes = situation_votes(reference_votes(self.forest, features, self.classes))
+        return riskier_argmax(votes), (1000 * votes[:, RISKY_SLIP]) // votes.sum(axis=1)
+
+    @property
+    def models(self) -> Sequence[Any]:
+        """See Learner."""
+        return [self.forest]
+
+
+@dataclass
+class TwoStages:
+    """First whether anything is held, then, of what is held, which situation; each a forest of a plan."""
+
+    plan: ForestPlan
+
+    def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
+        """See Learner."""
+        held = label // 2 != NOTHING
+        self.contact = self.plan.build(seed).fit(features, held.astype(np.int64))
+        self.situation = self.plan.build(seed).fit(features[held], label[held] // 2 - GRASP)
+
+    def answer(self, features: FloatRows) -> Answer:
+        """See Learner."""
+        held = riskier_argmax(reference_votes(self.contact, features, 2)) == 1
+        votes = reference_votes(self.situation, features, len(SITUATIONS) - GRASP)
+        situation = np.where(held, GRASP + riskier_argmax(votes), NOTHING)
+        return situation, (1000 * votes[:, RISKY_SLIP - GRASP]) // votes.sum(axis=1)
+
+    @property
+    def models(self) -> Sequence[Any]:
+        """See Learner."""
+        return [self.contact, self.situation]
+
+
+@dataclass
+class Boosting:
+    """Gradient boosting over histograms, four situations; it exports to the same operator as a forest."""
+
+    iterations: int = 150
+    leaves: int = 31
+    threads: int = 2
+
+    def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
+        """See Learner."""
+        model = HistGradientBoostingClassifier(
+            max_iter=self.iterations, max_leaf_nodes=self.leaves, class_weight="balanced", early_stopping=False,
+            random_state=seed,
+        )  # fmt: skip
+        with threadpool_limits(self.threads):  # more than there are cores wait for each other
+            self.model = model.fit(features, label // 2)
+
+    def answer(self, features: FloatRows) -> Answer:
+        """See Learner."""
+        with threadpool_limits(self.threads):
+            probability = self.model.predict_proba(features)
+        return probability.argmax(axis=1).astype(np.int64), (1000 * probability[:, RISKY_SLIP]).astype(np.int64)
+
+    @property
+    def models(self) -> Sequence[Any]:
+        """See Learner."""
+        return [self.model]
