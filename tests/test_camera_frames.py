@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from edge_runtime.errors import CardError
 from simulation.camera import frames as film
@@ -88,6 +89,20 @@ def test_a_tag_moves_exactly_as_far_as_it_is_moved(x_mm, z_mm, blur_px):
     assert light == pytest.approx(total, rel=1e-9)
     assert column_there_px - column_px == pytest.approx(one.px_per_mm * x_mm, abs=1e-5)
     assert row_there_px - row_px == pytest.approx(-one.px_per_mm * z_mm, abs=1e-5)
+
+
+def test_an_exposure_is_the_mean_of_whole_pictures_to_the_last_bit_though_only_the_tags_are_averaged():
+    one = camera(exposure_ms=12.0)
+    t_s = np.linspace(0.0, 1.0, 200)
+    thing, hand = np.zeros((200, 3)), np.zeros((200, 3))
+    thing[:, 2], hand[:, 0] = -0.012 * t_s**2, 0.006 * t_s**3
+    shoot = one.shooting(t_s, thing, hand, np.random.default_rng(0))
+    places = CubicSpline(t_s, np.hstack([thing + hand, hand]))
+    for end_s in (0.1, 0.5, 0.8, 1.0):
+        at = 1e3 * places(end_s - 1e-3 * one.exposure_ms * (1.0 - film.EXPOSED_AT))
+        whole = np.mean([one.draw(x[[0, 2]], x[[3, 5]]) for x in at], axis=0)
+        assert (shoot(end_s) == np.rint(whole)).all()
+    assert 0.1 < (whole == GREY).mean() < 0.97
 
 
 def test_a_tag_out_of_sight_leaves_the_background():

@@ -81,20 +81,39 @@ class Camera:
 
         def shoot(end_s: float) -> Frames:
             at_s = np.clip(end_s - 1e-3 * self.exposure_ms * (1.0 - EXPOSED_AT), t_s[0], t_s[-1])
-            exact = np.mean([self.draw(at[[0, 2]], at[[3, 5]]) for at in 1e3 * places(at_s)], axis=0)
-            return self._read(exact, rng)
+            return self._read(self._blurred(1e3 * places(at_s)), rng)
 
         return shoot
 
     def draw(self, object_mm: FloatArray, hand_mm: FloatArray) -> FloatArray:
         """[H, W] levels at one instant, tags moved by (x, z) in mm from where they rest; no noise, not rounded."""
         image = np.full((int(self.height_px), int(self.width_px)), GREY)
+        for rows, columns, light in self._tags(object_mm, hand_mm):
+            image[rows, columns] += light
+        return image
+
+    def _blurred(self, at_mm: FloatArray) -> FloatArray:
+        """[H, W] the mean of what is drawn at [E, 6]; averaged only where a tag ever is, which alters no bit."""
+        drawn = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
+        reach = [[(one.start, one.stop) for one in (rows, columns)] for tags in drawn for rows, columns, _ in tags]
+        (top, left), (bottom, right) = np.min(reach, axis=0)[:, 0], np.max(reach, axis=0)[:, 1]
+        parts = np.full((len(drawn), bottom - top, right - left), GREY)
+        for part, tags in zip(parts, drawn, strict=True):
+            for rows, columns, light in tags:
+                part[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] += light
+        image = np.full((int(self.height_px), int(self.width_px)), GREY)
+        image[top:bottom, left:right] = np.mean(parts, axis=0)
+        return image
+
+    def _tags(self, object_mm: FloatArray, hand_mm: FloatArray) -> list[tuple[slice, slice, FloatArray]]:
+        """Of each tag: the rows and columns it reaches, and what it adds to the grey there."""
+        found = []
         for tag, moved_mm in ((OBJECT_TAG, object_mm), (HAND_TAG, hand_mm)):
             column_px, row_px = self.centre_px(tag, moved_mm)
             (rows, down), (columns, across) = self._seen(row_px, self.height_px), self._seen(column_px, self.width_px)
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
-            image[rows, columns] += down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T - GREY * covered
-        return image
+            found.append((rows, columns, down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T - GREY * covered))
+        return found
 
     def centre_px(self, tag: int, moved_mm: FloatArray) -> tuple[float, float]:
         """(column, row) of a tag's centre; the first pixel reaches from 0 to 1."""
