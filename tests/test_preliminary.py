@@ -1,0 +1,310 @@
+"""The preliminary study: what a window may see, who is on which side, and the thesis' numbers as they were printed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.naive_bayes import GaussianNB
+
+from edge_runtime.errors import ClassMissing, DataNotFound
+from edge_runtime.preparation import Preparation
+from training.datasets import keep_groups, load
+from training.preliminary import __main__ as program
+from training.preliminary import study as learners
+from training.preliminary.cases import CASES, bare_ratios, first_components, friction_ratios
+from training.preliminary.points import (
+    KINDS,
+    SLIPPING,
+    Points,
+    cone_rows,
+    first_component,
+    labelled,
+    points_of,
+    thesis_cone_rows,
+    windows,
+)
+from training.preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
+from training.preliminary.report import summary, write_preliminary_report
+from training.preliminary.study import MAKE, balanced, case_figures, late_share, repetitions
+from training.recording import DataSet, Recording
+from training.timeline import Phase, RiskyEvent
+
+RATE_HZ, SENSORS = 60.0, 20
+BY_NAME = {case.name: case for case in CASES}
+
+
+def made_trial(number: int, rng: np.random.Generator, group: str) -> Recording:
+    """A grasp at 2 s, a disturbance at 5 s, and at 7 s a slip: risky in every other trial, which jumps more."""
+    n, risky = 600, number % 2 == 1
+    load = np.clip((np.arange(n) - 120) / 12.0, 0.0, 1.0) * (np.arange(n) < 480)
+    forces = np.zeros((n, SENSORS, 3))
+    forces[..., 2] = load[:, None] * rng.uniform(0.5, 2.0, SENSORS)
+    forces[..., 1] = 0.3 * forces[..., 2]
+    forces[300:330, :, 1] -= 0.5 * forces[300:330, :, 2]
+    forces[420:480, :, 0] += (1.5 if risky else 0.6) * forces[420:480, :, 2]
+    forces += 0.01 * rng.standard_normal(forces.shape)
+    phases = (Phase(0, 120, 0), Phase(120, 420, 1), Phase(420, 480, 3 if risky else 2), Phase(480, n, 0))
+    return Recording(
+        f"trial_{number}", group, forces.reshape(n, -1), np.ones((n, SENSORS), dtype=np.bool_), RATE_HZ, "N",
+        phases=phases, events=(RiskyEvent(7.0, None, 8.0),) if risky else (),
+    )  # fmt: skip
+
+
+def made_set(n_trials: int = 24, groups: int = 8) -> DataSet:
+    rng = np.random.default_rng(0)
+    recordings = [made_trial(k, rng, f"person_{k // 2 % groups}") for k in range(n_trials)]
+    return DataSet("made", recordings, {}, RATE_HZ, "N", Preparation(), "simulated", True, "Made up.")
+
+
+@pytest.fixture(scope="module")
+def data() -> DataSet:
+    return made_set()
+
+
+@pytest.fixture(scope="module")
+def points(data: DataSet) -> Points:
+    return points_of(data)
+
+
+def test_the_thesis_numbers_stand_as_published():
+    """Tables 4.1 and 4.2, read again from the thesis."""
+    assert LEARNERS == (
+        "random forest", "k-nearest neighbours", "naive Bayes", "gradient boosting", "neural network"
+    )  # fmt: skip
+    assert ACCURACY_PERCENT == {
+        "1": (86.25, 78.57, 64.64, 82.32, 84.57),
+        "2": (48.39, 53.57, 49.11, 50.89, 49.29),
+        "3": (45.58, 53.85, 43.27, 46.15, 42.12),
+        "4": (84.42, None, None, 83.85, 80.58),
+        "5": (73.49, None, None, 71.16, 67.91),
+    }
+    assert {case.published for case in CASES} - {None} == set(ACCURACY_PERCENT) == set(SHAPES)
+
+
+def test_on_twenty_sensors_every_case_has_the_shape_of_the_thesis(data, points):
+    for case in CASES:
+        samples = windows(data, points, case.first, case.last)
+        shape = case.features(samples, samples).shape
+        assert shape == (len(points), *SHAPES[case.published or "2"])
+
+
+@pytest.mark.parametrize("sensors", [6, 16])
+def test_with_other_sensors_the_shapes_scale(sensors):
+    samples = np.random.default_rng(0).normal(size=(9, 7, 3 * sensors))
+    columns = {case.name: case.features(samples, samples).shape[1:] for case in CASES}
+    assert columns == {
+        "1": (7, 3 * sensors), "2": (7, 2 * sensors), "2, bare": (7, 2 * sensors), "3": (7, 3),
+        "4": (7, 3 * sensors), "5": (7, 3 * sensors),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["4", "5"])
+def test_a_predicting_window_sees_neither_the_critical_sample_nor_what_follows(data, points, name):
+    """Everything from the point on may be anything, and the features stay; one sample earlier, and they do not."""
+    case = BY_NAME[name]
+
+    def features(from_point: int) -> np.ndarray:
+        recordings = list(data.recordings)
+        for k, row in zip(points.trial[:1], points.row[:1], strict=True):
+            samples = recordings[k].samples.copy()
+            samples[row + from_point :] = 1e6
+            recordings[k] = replace(recordings[k], samples=samples)
+        seen = windows(replace(data, recordings=recordings), points, case.first, case.last)[:1]
+        return case.features(seen, seen)
+
+    untouched = windows(data, points, case.first, case.last)[:1]
+    np.testing.assert_array_equal(features(0), untouched)
+    assert (features(-1) != untouched).any()
+    assert untouched.shape[1] == 7
+
+
+def test_a_detecting_window_has_the_point_in_its_middle(data, points):
+    seen = windows(data, points, BY_NAME["1"].first, BY_NAME["1"].last)
+    for window, trial, row in zip(seen, points.trial, points.row, strict=True):
+        np.testing.assert_array_equal(window[3], data.recordings[trial].samples[row])
+
+
+def test_a_point_is_what_the_truth_says_around_it_and_not_what_a_sensor_does(data, points):
+    assert set(points.kind) == set(range(len(KINDS)))
+    for trial, row, kind in zip(points.trial, points.row, points.kind, strict=True):
+        near = [p.situation for p in data.recordings[trial].phases if p.first <= row + 3 and row - 3 < p.stop]
+        assert {0: 1, 1: 1, 2: 2, 3: 3}[int(kind)] == max(near)
+        assert (kind == 1) == (max(near) == 1 and row >= 120 + 90)
+
+
+def test_points_without_contact_or_without_a_label_are_left_out(data):
+    recording = data.recordings[0]
+    assert labelled(recording) != []
+    assert labelled(replace(recording, phases=(Phase(0, 600, 0),))) == []
+    assert labelled(replace(recording, phases=())) == []
+
+
+def test_critical_points_keep_their_distance_from_each_other_and_from_the_ends(data):
+    for recording in data.recordings[:6]:
+        for rows in (cone_rows(recording.samples, RATE_HZ), thesis_cone_rows(recording.samples, RATE_HZ)):
+            assert len(rows) > 0
+            assert (np.diff(rows) > 30).all()
+            assert rows.min() >= 60
+            assert rows.max() < len(recording.samples) - 60
+
+
+def test_the_thesis_cone_needs_a_jump_and_a_move():
+    rng = np.random.default_rng(1)
+    noise = rng.normal(size=(600, 6))
+    assert len(thesis_cone_rows(np.zeros((600, 6)), RATE_HZ)) == 0
+    slow = np.outer(np.sin(np.arange(600) / 100.0), np.ones(6)) + 1e-6 * noise
+    assert len(thesis_cone_rows(slow, RATE_HZ)) == 0
+    assert len(thesis_cone_rows(noise[:100], RATE_HZ)) == 0
+
+
+def test_the_first_component_has_no_arbitrary_sign_and_ignores_dead_channels():
+    x = np.outer(np.arange(50.0), [1.0, 2.0, 0.0])
+    score = first_component(x)
+    assert (np.diff(score) > 0).all()
+    np.testing.assert_allclose(first_component(x[:, :2]), score)
+
+
+def test_a_ratio_is_shear_over_normal_and_bounded_where_nothing_presses():
+    window = np.zeros((1, 7, 6))
+    window[..., [0, 1, 2]] = 1.0, -2.0, 4.0
+    window[..., [3, 4]] = 0.2, 0.4
+    kept = friction_ratios(window, window)[0, 0]
+    np.testing.assert_allclose(kept, [0.25, -0.5, 0.2 / 0.4, 0.4 / 0.4])
+    np.testing.assert_allclose(bare_ratios(window, window)[0, 0], [0.25, -0.5, 0.0, 0.0])
+    window[..., 5] = 1e-6
+    assert np.abs(bare_ratios(window, window)).max() > 1e5 > np.abs(friction_ratios(window, window)).max()
+
+
+def test_the_third_case_is_length_direction_and_normal():
+    rng = np.random.default_rng(0)
+    training = np.zeros((30, 7, 6))
+    scale = rng.normal(size=(30, 7, 3))
+    training[..., 0::3] = training[..., 1::3] = training[..., 2::3] = scale[..., :2].sum(axis=-1)[..., None]
+    window = np.zeros((1, 7, 6))
+    window[..., 0::3], window[..., 1::3], window[..., 2::3] = 3.0, 4.0, 2.0
+    np.testing.assert_allclose(
+        first_components(training, window)[0, 0], [5.0 * np.sqrt(2.0), np.arctan2(4.0, 3.0), 2.0 * np.sqrt(2.0)]
+    )
+
+
+@pytest.mark.parametrize("name", ["2", "3"])
+def test_what_a_case_learns_it_learns_from_the_training_windows_alone(name):
+    rng = np.random.default_rng(0)
+    training, test = rng.normal(size=(20, 7, 18)), rng.normal(size=(8, 7, 18))
+    features = BY_NAME[name].features
+    np.testing.assert_allclose(features(training, test)[:3], features(training, test[:3]), rtol=1e-12)
+    assert (features(3.0 * training[:5], test) != features(training, test)).any()
+
+
+@pytest.mark.parametrize("name", ["1", "5"])
+def test_no_group_is_on_both_sides(points, name):
+    draws = repetitions(points, BY_NAME[name], seed=0)
+    assert len(draws) == 5
+    for draw in draws:
+        assert not set(points.group[draw.train]) & set(points.group[draw.test])
+        assert 0 < len(draw.test) < len(draw.train)
+        assert not set(draw.train) & set(draw.test)
+    leaky = repetitions(points, BY_NAME[name], seed=0, leaky=True)
+    assert any(set(points.group[draw.train]) & set(points.group[draw.test]) for draw in leaky)
+
+
+def test_repetitions_differ_and_the_same_seed_repeats_them(points):
+    first, again, other = (repetitions(points, BY_NAME["1"], seed) for seed in (0, 0, 1))
+    for one, two in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.test, two.test)
+        assert one.seed == two.seed
+    assert len({tuple(draw.test) for draw in (*first, *other)}) == 10
+
+
+def test_classes_are_equal_and_so_are_the_kinds_within_one():
+    kind = np.repeat(np.arange(4), [50, 20, 30, 45])
+    two = np.bincount(kind[balanced(kind, BY_NAME["1"], 0)])
+    assert two.tolist() == [15, 15, 15, 45]
+    assert np.bincount(kind[balanced(kind, BY_NAME["5"], 0)]).tolist() == [20, 20, 20, 20]
+    scarce = np.repeat(np.arange(4), [50, 4, 30, 45])
+    assert np.bincount(scarce[balanced(scarce, BY_NAME["1"], 0)]).tolist() == [4, 4, 4, 12]
+    with pytest.raises(ClassMissing, match="safe slip"):
+        balanced(kind[kind != 2], BY_NAME["1"], 0)
+
+
+@pytest.mark.parametrize("name", ["1", "4"])
+def test_the_same_seed_gives_the_same_figures_and_another_others(data, points, name):
+    first, again, other = (case_figures(data, points, BY_NAME[name], seed) for seed in (0, 0, 1))
+    assert first == again
+    assert first != other
+    assert set(first["learners"]) == set(LEARNERS) == set(MAKE)
+
+
+def test_labels_drawn_by_lot_are_answered_by_chance(data, points):
+    """No way round the split: where there is nothing to learn, nothing is learned."""
+    lots = np.random.default_rng(0).permutation(points.kind)
+    figures = case_figures(data, replace(points, kind=lots), BY_NAME["1"], seed=0)
+    for score in figures["learners"].values():
+        assert score["balanced_accuracy"]["mean"] == pytest.approx(0.5, abs=0.2)
+    learned = case_figures(data, points, BY_NAME["1"], seed=0)
+    assert learned["learners"]["random forest"]["balanced_accuracy"]["mean"] > 0.75
+
+
+def test_how_many_marks_come_too_late_is_counted(points):
+    since = np.array([np.nan, 1.0, 0.0, 5.0, 7.0])
+    some = replace(
+        points, trial=np.arange(5), row=np.arange(5), kind=np.array([SLIPPING] * 4 + [0]),
+        group=np.array(list("abcde")), since_onset=since,
+    )  # fmt: skip
+    assert late_share(some) == pytest.approx(2 / 3)
+    assert late_share(replace(some, since_onset=np.full(5, np.nan))) is None
+    slips = points.since_onset[points.kind == SLIPPING]
+    np.testing.assert_array_equal(slips, points.row[points.kind == SLIPPING] - 420)
+
+
+def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(tmp_path, data, monkeypatch):
+    monkeypatch.setattr(program, "read_scene", lambda folder: data)
+    monkeypatch.setattr(
+        program, "load", lambda *_, **__: replace(data, name="people", kind="real, recorded by others: made up")
+    )
+    monkeypatch.setattr(learners, "MAKE", dict.fromkeys(LEARNERS, lambda seed: GaussianNB()))
+    lines = []
+    figures = program.run(tmp_path, 0, lines.append)
+    assert len(lines) + 1 == program.STAGES
+    json.dumps(figures, allow_nan=False)
+    page = write_preliminary_report(tmp_path / "report.html", figures).read_text("utf-8")
+    for word in ("thesis, published", "made, simulated", "people, real", "86.25", "17", "SoftHand", "<svg", "chance"):
+        assert word in page
+    assert len(summary(figures)) == 1 + len(CASES)
+    assert "case 1: 86.25 |" in "\n".join(summary(figures))
+
+
+def test_without_a_scene_the_command_that_makes_one_is_named(tmp_path):
+    with pytest.raises(DataNotFound, match="holdfast simulate twenty-sensors"):
+        program.read_scene(tmp_path / "scene")
+
+
+def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path):
+    """From card to case: 60 channels, every kind of point, a truth that is the physics'."""
+    from simulation.card import read_card
+    from simulation.folder import write_set
+    from simulation.scene import Scene
+
+    write_set(Scene(read_card("twenty-sensors"), 0), tmp_path / "scene", 40)
+    data = program.read_scene(tmp_path / "scene")
+    assert (data.n_sensors, data.rate_hz) == (20, 60.0)
+    found = points_of(data)
+    assert set(found.kind) == set(range(len(KINDS)))
+    assert windows(data, found, -3, 3).shape[1:] == (7, 60)
+    assert len(set(found.group)) > 20
+
+
+def test_the_real_set_has_every_kind_of_point_and_people_as_groups(real_set: Callable[[str], Path], monkeypatch):
+    monkeypatch.setattr(learners, "MAKE", {"random forest": MAKE["random forest"]})
+    data = keep_groups(load(real_set("human_slip_uskin"), channels=48), 5)
+    found = points_of(data)
+    assert set(found.kind) == set(range(len(KINDS)))
+    assert len(set(found.group)) == 5
+    assert windows(data, found, -3, 3).shape[1:] == (7, 48)
+    figures = case_figures(data, found, BY_NAME["1"], seed=0)
+    assert 0.4 < figures["learners"]["random forest"]["balanced_accuracy"]["mean"] < 0.95
