@@ -20,13 +20,13 @@ DIFFERENCES = (
     "pressing along the thumb's axis; it is no SoftHand and has no palm. The recordings: 16 taxels on the book.",
     "<b>Safe and risky.</b> Who said which of the thesis' windows was risky, and how many were, is not written. Here "
     "the truth says so and never a sensor: in the scene the physics, in the recordings a rotation of 15 degrees or "
-    "more. Their 'safe slip' is an involuntary rotation of 5 to 15 degrees, not a hand that lets go.",
+    "more. 'Safe slip' in the recordings is an involuntary rotation of 5 to 15 degrees, not a hand that lets go.",
     "<b>Seven samples.</b> The thesis calls three samples '0.05 milliseconds', which can only be seconds: 60 Hz. The "
     "scene runs at that, the recordings at about 59, so seven samples are the same 0.1 s in all.",
     "<b>Critical points.</b> By the friction cone alone, as in the study: its own on first components, and ours sensor "
     "by sensor (training/preliminary/points.py).",
     "<b>Split.</b> Not written in the thesis. Here a trial of the scene, and a person of the recordings, is never on "
-    "both sides; the last row shows what windows split at random would have reported.",
+    "both sides; the last rows show what windows split at random would have reported.",
     "<b>Figure.</b> The thesis gives accuracy, without a spread. Our classes are equal in number, so our accuracy and "
     "balanced accuracy nearly agree and chance is 50 %, and 25 % in case 5.",
 )
@@ -75,7 +75,7 @@ def _first(one: dict[str, Any] | None) -> str:
 
 
 def _table(figures: dict[str, Any]) -> str:
-    head = "".join(f"<th>{name}" for name in LEARNERS)
+    head = "".join(f"<th>{name.replace(' ', '<br>')}" for name in LEARNERS)
     rows = [line for case in CASES for line in _case_rows(case.name, case.published, case.what, figures["sets"])]
     for one in figures["sets"]:
         rows.append(_row("warning", f"case 1, {one['data']}, windows split at random", one["leaky"]))
@@ -97,7 +97,7 @@ def _case_rows(name: str, published: str | None, what: str, sets: list[dict[str,
 
 def _row(kind: str, name: str, case: dict[str, Any]) -> str:
     cells = "".join(
-        f"<td>{_score(score['accuracy'])}<br><span class=note>{_score(score['balanced_accuracy'])}</span>"
+        f"<td>{_score(score['accuracy'])}<br><small>{_score(score['balanced_accuracy'])}</small>"
         for score in case["learners"].values()
     )
     return (
