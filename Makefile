@@ -30,7 +30,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate wall ablation bench peers lint lock clean docs hard-cases
+.PHONY: help setup demo test soak fuzz real scenes models evaluate wall preliminary ablation bench peers lint lock clean docs hard-cases
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -75,6 +75,11 @@ wall: setup  ## what could tell a fast hand-over from a pull, one idea at a time
 	echo $(WALL) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
 	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/wall/$$0'
 	$(BIN)/python -m training.wall build/wall --out build/wall $(ARGS)
+
+preliminary: setup  ## the thesis' preliminary study again, into build/preliminary
+	rm -rf build/preliminary
+	$(BIN)/holdfast simulate twenty-sensors --out build/preliminary/scene
+	$(BIN)/python -m training.preliminary --out build/preliminary $(ARGS)
 
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)

@@ -130,7 +130,7 @@ KINDS = {"cost": "scenes simulated, people public real data", "hand": "simulated
          "effects": "time on this machine", "latency": "time on this machine, samples simulated",
          "training": "time on this machine, trials simulated", "instructions": "counted by callgrind",
          "simulator": "simulated, time on this machine"}  # fmt: skip
-LIBRARIES = ("holdfast", "numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
 SEED = 0
 
 

@@ -38,6 +38,7 @@ from training.scenes.baselines import (
     raw_windows,
     windows_alone,
 )
+from training.scenes.generalising import learning_curve, styles_left_out
 from training.scenes.pictures import FINGER_COLOURS, SITUATION_COLOURS
 from training.scenes.report import SceneEvidence, demo_report, write_scene_report
 from training.scenes.scores import (
@@ -59,13 +60,13 @@ from training.scenes.study import (
     RETRAININGS,
     STAGES,
     RateStudy,
-    Way,
     never_met,
     objects_held_out,
     read_trained,
     study_rate,
     ways,
 )
+from training.scenes.way import Way
 
 FEW = ForestPlan(n_estimators=10, min_samples_leaf=8, max_features=0.3)
 SHARP = ForestPlan(n_estimators=10)
@@ -347,6 +348,38 @@ def test_no_window_of_a_held_out_object_is_trained_on(data: DataSet) -> None:
     np.testing.assert_array_equal(answers_at(everything, "eight"), number)
 
 
+def halves(data: DataSet) -> dict[str, DataSet]:
+    """The trials dealt to two styles, each named after its own."""
+    names = sorted(one.trial_id for one in data.recordings)
+    parts = {"even": data.of_groups(frozenset(names[::2])), "odd": data.of_groups(frozenset(names[1::2]))}
+    return {style: replace(part, name=style) for style, part in parts.items()}
+
+
+def test_no_trial_of_a_style_that_is_left_out_is_trained_on(data: DataSet) -> None:
+    sets, fitted = halves(data), []
+
+    class Watched(Way):
+        def votes(self, data: DataSet, *rest: Any) -> IntArray:
+            fitted.append({one.trial_id for one in data.recordings})
+            return super().votes(data, *rest)
+
+    ours = SMALL[OURS]
+    told = styles_left_out(sets, {OURS: Watched(ours.plan, ours.features)}, 0, lambda line: None)
+    for met, (style, figures) in zip(fitted, told.items(), strict=True):
+        other = sets["odd" if style == "even" else "even"]
+        assert met == {one.trial_id for one in other.recordings}
+        assert figures["trained_on_trials"] == len(met)
+        assert figures["rows"][OURS]["n_windows"] == len(sets[style].tasks["classes"])
+
+
+def test_a_learning_curve_asks_for_no_more_trials_than_there_are(data: DataSet) -> None:
+    features = {OURS: features_of(data, spec_for(data, SMALL[OURS].plan.groups))["classes"]}
+    rows = learning_curve(data, features, {OURS: SMALL[OURS]}, 0, (30, 60, 1000))
+    assert [row["trials"] for row in rows] == [30, 60]
+    assert rows[0]["windows"] < rows[1]["windows"] == len(data.tasks["classes"])
+    assert rows[1][OURS]["eight"]["macro_f1"] > 0.3
+
+
 def test_trials_of_the_streams_are_met_by_no_forest_that_answers_them(folder: Path, data: DataSet) -> None:
     """Risky slip exists in the shown trials only: a forest that met none of them cannot say it."""
     shown, task = shown_trials(data), data.tasks["classes"]
@@ -400,7 +433,7 @@ def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_aske
 
 
 def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: Studied) -> None:
-    assert len(studied.said) == STAGES - 2  # p1 and p2 are not there
+    assert len(studied.said) == STAGES - 5  # p1 and p2 are not there, so no style is left out either
 
 
 # Retrainings

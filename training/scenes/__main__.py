@@ -23,7 +23,8 @@ from training.fitting import versions
 from training.progress import stages
 from training.real import host
 from training.scenes.report import SceneEvidence, write_scene_report
-from training.scenes.study import CAVEAT, OURS, STAGES, RateStudy, Way, study_rate, ways
+from training.scenes.study import CAVEAT, OURS, STAGES, RateStudy, study_rate, ways
+from training.scenes.way import Way
 
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
 

@@ -49,7 +49,7 @@ def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
     sections = [
         _answer(evidence), _leak(evidence), _table(evidence), _confusion(evidence), _objects(evidence),
-        _others(evidence), _rates(evidence), _streams(evidence), _made(evidence),
+        _others(evidence), _styles(evidence), _curve(evidence), _rates(evidence), _streams(evidence), _made(evidence),
     ]  # fmt: skip
     return write_page(path, "Holdfast, scenes", [section for section in sections if section])
 
@@ -221,6 +221,40 @@ def _others(evidence: SceneEvidence) -> str:
 others (not balanced). p1 and p2 are styles: ranges of parameters, not people.</p>
 <div class=wide><table><tr><th>asked about, {html.escape(evidence.kind)}<th>windows<th>4, F1<th>7, F1<th>risky called
 <th>safe called<th>grasp called
+{lines}</table></div>"""
+
+
+def _styles(evidence: SceneEvidence) -> str:
+    styles = evidence.headline.get("styles")
+    if not styles:
+        return ""
+    lines = "\n".join(
+        f"<tr><td>{html.escape(style)}: {html.escape(name)}<td>{study['trained_on_trials']}<td>{row['n_windows']}"
+        + "".join(f"<td>{_cell(row, level)}" for level in ("four", "seven"))
+        for style, study in styles.items()
+        for name, row in study["rows"].items()
+    )
+    return f"""{_head(evidence, "A style left out")}
+<p>Each style left out in turn, trained on the trials of the others alone; balanced windows.</p>
+<div class=wide><table><tr><th>style left out, {html.escape(evidence.kind)}<th>trials trained on<th>windows<th>4, F1
+<th>7, F1
+{lines}</table></div>"""
+
+
+def _curve(evidence: SceneEvidence) -> str:
+    curve = evidence.headline.get("learning_curve")
+    if not curve:
+        return ""
+    names = [name for name in curve[0] if name not in ("trials", "windows")]
+    heads = "".join(f"<th>{level}, F1, {html.escape(name)}" for name in names for level in ("4", "8"))
+    lines = "\n".join(
+        f"<tr><td>{row['trials']}<td>{row['windows']}"
+        + "".join(f"<td>{_cell(row[name], level)}" for name in names for level in ("four", "eight"))
+        for row in curve
+    )
+    return f"""{_head(evidence, "How many trials it takes")}
+<p>So many of the trials, trials held out within them. The thesis recorded 600, then 1000.</p>
+<div class=wide><table><tr><th>trials, {html.escape(evidence.kind)}<th>windows{heads}
 {lines}</table></div>"""
 
 

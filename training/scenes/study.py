@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import CLASSES
 from edge_runtime.errors import DataNotFound, UnitError
-from export.reference import IntArray, reference_votes
 from export.spec import window_samples
-from training.crossval import HeldOut, Say, cross_validate, fit_forest
+from training.crossval import HeldOut, Say, cross_validate
 from training.datasets import load
 from training.datasets.joined import require_alike
 from training.featurise import FloatRows, features_of, spec_for
@@ -26,10 +24,13 @@ from training.objects import read_json
 from training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from training.recording import DataSet
 from training.scenes.baselines import ONE_LINE, clock_features, one_line_at, raw_windows
+from training.scenes.generalising import learning_curve, styles_left_out
 from training.scenes.scores import calls, confusion, leak_check, scores, spread_of
 from training.scenes.streams import StreamPicture, held_out_streams
+from training.scenes.way import Way
 
 TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
+STYLES = ("p1", "p2")
 OURS, RAW = "ours, clock-free", "raw-window forest"
 CLOCK, LINE = "WARNING: a clock, time since contact and summed force", "one line of code"
 RETRAININGS = 5
@@ -38,21 +39,8 @@ CAVEAT = (
     "people. The figures show what the method can tell apart in the scenes' physics, not how good it is on a hand."
 )
 """Stands beside every number of the study."""
-STAGES = 10 + RETRAININGS
+STAGES = 14 + RETRAININGS
 """Lines one rate says, for the progress bar, when every card is there."""
-
-
-@dataclass(frozen=True)
-class Way:
-    """A way to answer: its plan, and what it sees of the windows of "classes" [M, F]."""
-
-    plan: TrainingPlan
-    features: Callable[[DataSet], FloatRows]
-
-    def votes(self, data: DataSet, features: FloatRows, train: IntArray, asked: FloatRows, seed: int) -> IntArray:
-        """Votes [K, 8] on rows asked [K, F] of a forest fitted on some windows of a set."""
-        forest = fit_forest(data, features, self.plan, "classes", train, seed)
-        return reference_votes(forest, asked, len(CLASSES))
 
 
 def step_graph(plan: TrainingPlan) -> Callable[[DataSet], FloatRows]:
@@ -98,6 +86,12 @@ def study_rate(folder: Path, chosen: dict[str, Way], seed: int, say: Say) -> Rat
     say(f"{folder.name}: objects held out")
     figures["objects"] = {name: objects_held_out(data, features[name], way, seed) for name, way in chosen.items()}
     figures["others"] = never_met(folder, data, features, chosen, seed, say)
+    styles = {TRAINED: data} | {card: load(folder / card, seed=seed) for card in STYLES if (folder / card).is_dir()}
+    if len(styles) > 1:
+        figures["styles"] = styles_left_out(styles, chosen, seed, lambda line: say(f"{folder.name}: {line}"))
+    say(f"{folder.name}: fewer trials")
+    pair = {name: way for name, way in chosen.items() if name in (OURS, RAW)}
+    figures["learning_curve"] = learning_curve(data, features, pair, seed)
     figures["retrainings"] = retrained(folder.name, data, features, chosen, seed, say)
     say(f"{folder.name}: three trials as they went by")
     streams = held_out_streams(folder / TRAINED, data, features[OURS], chosen[OURS].plan, seed)

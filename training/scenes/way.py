@@ -1,0 +1,26 @@
+"""A way to answer windows: what it sees of them, and the forest that is fitted on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from edge_runtime.contract import CLASSES
+from export.reference import IntArray, reference_votes
+from training.crossval import fit_forest
+from training.featurise import FloatRows
+from training.plan import TrainingPlan
+from training.recording import DataSet
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to answer: its plan, and what it sees of the windows of "classes" [M, F]."""
+
+    plan: TrainingPlan
+    features: Callable[[DataSet], FloatRows]
+
+    def votes(self, data: DataSet, features: FloatRows, train: IntArray, asked: FloatRows, seed: int) -> IntArray:
+        """Votes [K, 8] on rows asked [K, F] of a forest fitted on some windows of a set."""
+        forest = fit_forest(data, features, self.plan, "classes", train, seed)
+        return reference_votes(forest, asked, len(CLASSES))
