@@ -10,8 +10,8 @@ RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
 # folder:card:trials:seed, for make evaluate; models are trained on seed 0
-EVALUATED := thesis:thesis:600:1000 thesis-texture:build/evaluate/thesis-texture.toml:300:1001 apple:apple:200:1002 \
-    p1:p1:450:1003 p2:p2:450:1004 perturbed-hold:perturbed-hold:300:1005 daily:daily:370:1006 \
+EVALUATED := thesis:thesis:900:1000 thesis-texture:build/evaluate/thesis-texture.toml:300:1001 apple:apple:200:1002 \
+    p1:p1:900:1003 p2:p2:900:1004 perturbed-hold:perturbed-hold:300:1005 daily:daily:370:1006 \
     choose:daily:370:1007 train:thesis:500:1008
 # the same, for make wall
 WALL := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
@@ -96,6 +96,8 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
 	$(BIN)/python -m benchmarks.cost.page build/bench docs
+	$(BIN)/python -m benchmarks.evaluation_page build/evaluate/figures.json build/wall/wall.json \
+	    build/scenes/study/scenes.json build/preliminary/preliminary.json > docs/evaluation.md
 	$(BIN)/python -m benchmarks.camera_page --tags > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json > docs/camera.md
 

@@ -14,21 +14,29 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import onnx
+
+from benchmarks.calls import golden
 from edge_runtime.errors import LibraryMissing
+from edge_runtime.graph import run_recording
+from edge_runtime.monitor import Model
+from export.verify import cut_forests
 
 FEW, MANY = 10, 410
 CORTEX_A72_HZ = 1.5e9
 INSTRUCTIONS_A_CYCLE = 1.0
 """Assumed for a Cortex-A72 (Raspberry Pi 4): it decodes three at most; code of many small calls gets about one."""
-WHAT = {"whole step": "benchmarks.latency:step_of", "forest alone": "benchmarks.latency:forests_of"}
 PROGRAM = """
 import sys
-from importlib import import_module
 from pathlib import Path
+import numpy as np
+from benchmarks.calls import forests_of, step_of
+from edge_runtime.graph import open_session
 from edge_runtime.monitor import Model
-module, _, name = sys.argv[1].partition(":")
-call = getattr(import_module(module), name)(Model(Path(sys.argv[2])))
-for _ in range(int(sys.argv[3])):
+path, rows, calls = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+call = forests_of(open_session(path.read_bytes()), np.load(rows)) if rows else step_of(Model(path))
+for _ in range(calls):
     call()
 """
 
@@ -37,11 +45,16 @@ def instructions(model: Path) -> list[dict[str, Any]]:
     """One row a thing: instructions a call, and the projection in us. Raises LibraryMissing without valgrind."""
     if shutil.which("valgrind") is None:
         raise LibraryMissing("no valgrind", where="valgrind", next_step="install valgrind to count instructions")
-    return [_row(name, target, model) for name, target in WHAT.items()]
+    whole = Model(model)
+    with tempfile.TemporaryDirectory() as work:
+        alone, rows = Path(work) / "forests.onnx", Path(work) / "rows.npy"
+        alone.write_bytes(cut_forests(onnx.load(model)))
+        np.save(rows, run_recording(whole.session, *golden(whole), ["features"])["features"])
+        return [_row("whole step", str(model), ""), _row("forest alone", str(alone), str(rows))]
 
 
-def _row(name: str, target: str, model: Path) -> dict[str, Any]:
-    few, many = (_counted(target, model, calls) for calls in (FEW, MANY))
+def _row(name: str, model: str, rows: str) -> dict[str, Any]:
+    few, many = (_counted(model, rows, calls) for calls in (FEW, MANY))
     each = (many - few) / (MANY - FEW)
     return {
         "what": name, "instructions": each,
@@ -49,11 +62,11 @@ def _row(name: str, target: str, model: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _counted(target: str, model: Path, calls: int) -> int:
+def _counted(model: str, rows: str, calls: int) -> int:
     with tempfile.TemporaryDirectory() as work:
         ran = subprocess.run(
             ["valgrind", "--tool=callgrind", f"--callgrind-out-file={work}/out", sys.executable, "-c", PROGRAM,
-             target, str(model), str(calls)],
+             model, rows, str(calls)],
             capture_output=True, text=True, check=True,
         )  # fmt: skip
     found = re.search(r"Collected : (\d+)", ran.stderr)

@@ -23,13 +23,14 @@ from typing import Any
 
 import numpy as np
 import onnx
+import onnxruntime as ort
 from scipy.signal import butter
 
+from benchmarks.calls import forests_of, step_of
 from benchmarks.forest_c import c_walk
 from edge_runtime.contract import CLASSES, BoolArray, FloatArray
 from edge_runtime.errors import LibraryMissing
-from edge_runtime.golden import golden_input
-from edge_runtime.graph import StepGraph, open_session, run_recording
+from edge_runtime.graph import open_session, run_recording
 from edge_runtime.monitor import Model
 from edge_runtime.timing import busy_wait, time_in_turns
 from export.bank import bands_for
@@ -67,8 +68,9 @@ def latency(path: Path) -> dict[str, Any]:
         step = step_of(model, stream)
         floor_us = float(np.median(time_in_turns({STEP: step}, turns=5)[STEP]))
         bare, forest = _bare(data, Path(work))
-        rows = run_recording(bare.session, *stream, ["features"])["features"]
-        quick = {STEP: step, OWN: forests_of(model, stream), BARE: forests_of(bare, stream), FLOOR: busy_wait(floor_us)}
+        rows = forest_rows(bare, stream)
+        own = forests_of(forests_alone(path), forest_rows(model, stream))
+        quick = {STEP: step, OWN: own, BARE: forests_of(forests_alone(bare.path), rows), FLOOR: busy_wait(floor_us)}
         times = time_in_turns(quick | _walk(forest, rows, Path(work)))
         slow = _treelite(forest, rows) | {SKLEARN: _predict(forest, rows), THESIS: _thesis_way(forest, data)}
         times |= time_in_turns(slow, SLOW_TURNS, SLOW_CALLS)
@@ -176,39 +178,15 @@ def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
     return call
 
 
-def step_of(model: Model, stream: tuple[FloatArray, BoolArray] | None = None) -> Callable[[], object]:
-    """Steps over a stream again and again; without one over the golden sequence: signal, gaps and faults in it."""
-    values, valid = stream or _golden(model)
-    graph, turn = StepGraph(model.session), cycle(range(len(values)))
-
-    def step() -> None:
-        index = next(turn)
-        graph.sample[0] = values[index]
-        graph.valid[0] = valid[index]
-        graph.step()
-
-    return step
+def forests_alone(path: Path) -> ort.InferenceSession:
+    """A session of a file's forests, labels and probabilities, from their features on."""
+    return open_session(cut_forests(onnx.load(path)))
 
 
-def forests_of(model: Model, stream: tuple[FloatArray, BoolArray] | None = None) -> Callable[[], object]:
-    """The forests alone, on the very rows the whole step hands them, bound to buffers as the whole step is."""
-    session = open_session(cut_forests(onnx.load(model.path)))
-    rows = run_recording(model.session, *(stream or _golden(model)), ["features"])["features"]
-    row, turn = rows[:1].copy(), cycle(range(len(rows)))
-    binding = session.io_binding()
-    binding.bind_input("features", "cpu", 0, np.float32, row.shape, row.ctypes.data)
-    for output in session.get_outputs():
-        binding.bind_output(output.name, "cpu")
-
-    def call() -> None:
-        row[0] = rows[next(turn)]
-        session.run_with_iobinding(binding)
-
-    return call
-
-
-def _golden(model: Model) -> tuple[FloatArray, BoolArray]:
-    return golden_input(model.card.n_channels, model.card.unit, model.card.settle_samples)
+def forest_rows(model: Model, stream: tuple[FloatArray, BoolArray]) -> FloatRows:
+    """The very rows [T, F] that the whole step hands its forests."""
+    rows: FloatRows = run_recording(model.session, *stream, ["features"])["features"]
+    return rows
 
 
 def _percentiles(times: FloatArray) -> dict[str, float]:

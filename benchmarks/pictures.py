@@ -95,8 +95,8 @@ def onset(figures: Figures) -> str:
 
 
 def cost(figures: Figures) -> str:
-    """Found against microseconds and milliseconds."""
-    return cost_figure(figures["rows"], figures["fronts"])
+    """Found in time against microseconds and milliseconds."""
+    return cost_figure(figures["rows"])
 
 
 PICTURES: dict[str, Callable[[Figures], str]] = {
@@ -127,6 +127,8 @@ def _curves(curves: Sequence[tuple[str, Sequence[tuple[float, float]]]], x: str,
             axes.plot([at for at, _ in points], [value for _, value in points], "o-", markersize=4,
                       color=(OURS, WARNING, INK, QUIET, "#5b8c5a")[place % 5], label=name)  # fmt: skip
         axes.set(xlabel=x, ylabel=y, xscale="log", yscale="log")
+        axes.set_xticks([at for at, _ in curves[0][1]], [f"{at:.3g}" for at, _ in curves[0][1]], minor=False)
+        axes.set_xticks([], minor=True)
         axes.legend(frameon=False, fontsize=8)
         axes.grid(color="#e4e7eb")
         return svg(drawn)

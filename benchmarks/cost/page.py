@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,10 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.cost.point import Point
+from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, TREES, Point
 from benchmarks.scenes_page import markdown
 from edge_runtime.writing import write_whole
-from training.pictures import OURS, QUIET, STYLE, WARNING, svg
+from training.pictures import INK, OURS, QUIET, STYLE, WARNING, svg
 
 INTRO = """# What accuracy costs in time
 
@@ -138,37 +139,60 @@ def _set(point: Point) -> str:
     return "people, real" if point.of == "human" else "scenes, simulated"
 
 
-def figure(rows: list[dict[str, Any]], fronts: dict[str, dict[str, list[str]]]) -> str:
-    """Scenes: slips found against microseconds with the front, and against the delay by what was changed."""
-    scenes = [row for row in rows if row["of"] == "scenes"]
-    by_name = {row["what"]: row for row in scenes}
-    front = [by_name[name] for name in fronts["scenes"]["recall"]]
+def figure(rows: list[dict[str, Any]]) -> str:
+    """Scenes: slips found in time against microseconds, and against the delay; what was varied as lines."""
+    by_name = {row["what"]: row for row in rows if row["of"] == "scenes"}
     with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(9.4, 3.8))
+        drawn = Figure(figsize=(9.4, 4.0))
         drawn.suptitle("simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic")
         left, right = drawn.subplots(1, 2, sharey=True)
-        _dots(left, scenes, "step_us", QUIET)
-        left.plot([row["step_us"] for row in front], [row["recall"] for row in front], "-", color=OURS)
-        _dots(left, front, "step_us", OURS)
-        left.set(xlabel="one decision, us", ylabel="risky slips found\nat one false alarm a minute", xscale="log")
-        timed = [row | {"delay": row["delay_ms"]["p50"]} for row in scenes if row["delay_ms"]]
-        _dots(right, timed, "delay", QUIET)
-        kept = [row for row in timed if row["what"] in NAMED]
-        _dots(right, kept, "delay", OURS)
-        for axes, named, x in ((left, front, "step_us"), (right, kept, "delay")):
-            for row in named:
-                axes.annotate(row["what"], (row[x], row["recall"]), (5, 4), textcoords="offset points", fontsize=7)
+        for axes, families, x in ((left, COMPUTED, _step_us), (right, WAITED, _delay_ms)):
+            for colour, (family, points) in zip(FAMILY_COLOURS, families.items(), strict=False):
+                told = [(by_name[point.what], name) for name, point in points if point.what in by_name]
+                told = [(row, name) for row, name in told if x(row) is not None]
+                _family(axes, family, [(x(row), row["in_time"], name) for row, name in told], colour)
+            default = by_name["default"]
+            axes.plot(x(default), default["in_time"], "o", color=INK, markersize=8, zorder=3)
+            axes.annotate("default", (x(default), default["in_time"]), (7, -12), textcoords="offset points", fontsize=8)
+            axes.legend(frameon=False, fontsize=8, loc="lower right" if axes is left else "lower left")
             axes.grid(color="#e4e7eb")
-        right.set(xlabel="asked so long after the load came on, ms (median)")
+        left.set(xlabel="computing: one decision, us", ylabel="risky slips acted on before all fingers slide,\n"
+                 "at about one false alarm a minute")  # fmt: skip
+        right.set(xlabel="waiting: load onset to the request, ms (median)")
         return svg(drawn)
 
 
-NAMED = ("default", "debounce 2", "debounce 3", "50 Hz", "100 Hz", "300 Hz", "raw window", "1 tree",
-         "100 trees, depth unlimited")  # fmt: skip
+COMPUTED = {
+    "trees": [(f"{n}", Point(trees=n)) for n in TREES],
+    "depth": [(f"{n or 'unlimited'}", Point(depth=n)) for n in DEPTHS],
+    "features": [(name, Point(groups=name)) for name in ("now", "now, differences", "raw window")],
+}
+WAITED = {
+    "debounce, samples": [(f"{n}", Point(debounce=n)) for n in DEBOUNCES],
+    "sampling rate, Hz": [(f"{hz:g}", Point(rate_hz=hz)) for hz in RATES_HZ],
+}
+"""Families of points that the figure draws as lines: (label, point)."""
+FAMILY_COLOURS = (OURS, WARNING, QUIET)
+LABELLED = {"1", "2", "3", "500", "4", "50", "100", "300", "now", "raw window"}
 
 
-def _dots(axes: Axes, rows: list[dict[str, Any]], x: str, colour: str) -> None:
-    axes.plot([row[x] for row in rows], [row["recall"] for row in rows], "o", color=colour, markersize=4.5)
+def _step_us(row: dict[str, Any]) -> float | None:
+    return float(row["step_us"])
+
+
+def _delay_ms(row: dict[str, Any]) -> float | None:
+    return float(row["delay_ms"]["p50"]) if row["delay_ms"] else None
+
+
+def _family(axes: Axes, family: str, points: Sequence[tuple[Any, float, str]], colour: str) -> None:
+    """A line through the points of a family (dots where they have no order), the ends and the odd ones named."""
+    line = "" if family == "features" else "-"
+    xs, ys = [x for x, _, _ in points], [y for _, y, _ in points]
+    axes.plot(xs, ys, f"o{line}", color=colour, markersize=4.5, label=family)
+    for x, y, name in points:
+        if name in LABELLED:
+            beside = (5, 4) if line else (0, -11)
+            axes.annotate(name, (x, y), beside, textcoords="offset points", fontsize=7, color=colour)
 
 
 if __name__ == "__main__":
@@ -177,7 +201,7 @@ if __name__ == "__main__":
         name: json.loads((folder / f"{name}.json").read_text("utf-8"))
         for name in ("cost", "latency", "training", "instructions")
     }
-    write_whole(docs / "what-accuracy-costs.svg", figure(bench["cost"]["rows"], bench["cost"]["fronts"]))
+    write_whole(docs / "what-accuracy-costs.svg", figure(bench["cost"]["rows"]))
     write_whole(docs / "what-accuracy-costs.md", page(bench))
     written = readme(Path("README.md").read_text("utf-8"), bench["cost"]["rows"])
     write_whole(Path("README.md"), written)

@@ -1,0 +1,49 @@
+"""What is timed and counted: a call of the whole step, a call of the forests alone; only the live path is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import cycle
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime as ort
+
+from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.golden import golden_input
+from edge_runtime.graph import StepGraph
+from edge_runtime.monitor import Model
+
+
+def step_of(model: Model, stream: tuple[FloatArray, BoolArray] | None = None) -> Callable[[], object]:
+    """Steps over a stream again and again; without one over the golden sequence: signal, gaps and faults in it."""
+    values, valid = stream or golden(model)
+    graph, turn = StepGraph(model.session), cycle(range(len(values)))
+
+    def step() -> None:
+        index = next(turn)
+        graph.sample[0] = values[index]
+        graph.valid[0] = valid[index]
+        graph.step()
+
+    return step
+
+
+def forests_of(session: ort.InferenceSession, rows: npt.NDArray[np.float32]) -> Callable[[], object]:
+    """The forests alone on rows [N, F] in turn, bound to buffers as the whole step is."""
+    row, turn = rows[:1].copy(), cycle(range(len(rows)))
+    binding = session.io_binding()
+    binding.bind_input("features", "cpu", 0, np.float32, row.shape, row.ctypes.data)
+    for output in session.get_outputs():
+        binding.bind_output(output.name, "cpu")
+
+    def call() -> None:
+        row[0] = rows[next(turn)]
+        session.run_with_iobinding(binding)
+
+    return call
+
+
+def golden(model: Model) -> tuple[FloatArray, BoolArray]:
+    """The sequence every file is checked with at load, of this model."""
+    return golden_input(model.card.n_channels, model.card.unit, model.card.settle_samples)
