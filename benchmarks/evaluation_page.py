@@ -54,7 +54,7 @@ def _streams(figures: dict[str, Any]) -> list[str]:
         "## Whole streams, beside rivals",
         f"Model {figures['model']['model_id']} on sets simulated from seeds it never met. Threshold: "
         f"{figures['thresholds']['how']}. *found*: asked to act between load onset and loss of contact; *in time*: "
-        "before all fingers slide. An alarm holds until the load falls. McNemar's test: found events, against the first.",
+        "before all fingers slide. An alarm holds until the load falls. McNemar: events found, against the first.",
         markdown(beside), f"By set, {headline}:", markdown(by_set),
     ]  # fmt: skip
 
@@ -90,11 +90,11 @@ def _wall(figures: dict[str, Any]) -> list[str]:
     ]  # fmt: skip
     return [
         "## Moving the wall",
-        "One change of the default at a time (training/wall/ideas.py), trained on the same trials but for what is changed, "
-        "the threshold chosen on other streams at half a false alarm a minute. F1 over four situations at windows about "
-        "critical points, held against the truth of the moment; *past 20 ms*: those at least 20 ms after a change of "
-        "phase. The learner's microseconds are of its trees alone, in turns. How far back features look, which groups and "
-        "how many trees: [what accuracy costs](what-accuracy-costs.md).",
+        "One change of the default at a time (training/wall/ideas.py), trained on the same trials but for what is "
+        "changed, the threshold chosen on other streams at half a false alarm a minute. F1 over four situations at "
+        "windows about critical points, held against the truth of the moment; *past 20 ms*: those at least 20 ms after a "
+        "change of phase. The learner's microseconds are of its trees alone, in turns. How far back features look, which "
+        "groups and how many trees: [what accuracy costs](what-accuracy-costs.md).",
         markdown(rows),
         "What nobody can do better: an observer who knows the truth, but so many samples late, on the same windows.",
         markdown(figures["bounds"]),
@@ -141,8 +141,8 @@ def _carries(rate: dict[str, Any]) -> list[str]:
     spread = [{"line": name} | one["spread"] for name, one in rate["retrainings"].items()]
     return [
         "## How far it carries",
-        f"The study of `make scenes` at {RATE} Hz: forests of the plan for people (docs/decisions.md) on balanced windows "
-        "at critical points, macro F1 over four situations.", markdown(rows),
+        f"The study of `make scenes` at {RATE} Hz: forests of the plan for people (docs/decisions.md) on balanced "
+        "windows at critical points, macro F1 over four situations.", markdown(rows),
         "So many trials (the thesis had 600, then 1000), trials held out:", markdown(curve),
         "Five retrainings with other seeds: largest minus smallest recall of each class.", markdown(spread),
     ]  # fmt: skip

@@ -211,7 +211,7 @@ def test_the_page_and_its_figure_hold_what_was_measured(measured):
     assert "| one decision ([below](#one-decision-beside-its-peers)) | 0.06 |" in told
     assert "simulated" in told
     assert "public real data" in told
-    drawn = figure(rows, fronts)
+    drawn = figure(rows)
     assert drawn.startswith("<svg")
     assert "simulated" in drawn
     assert line(rows[0])["found"] == rows[0]["recall"]
