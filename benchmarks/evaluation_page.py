@@ -92,9 +92,9 @@ def _wall(figures: dict[str, Any]) -> list[str]:
         "## Moving the wall",
         "One change of the default at a time (training/wall/ideas.py), trained on the same trials but for what is "
         "changed, the threshold chosen on other streams at half a false alarm a minute. F1 over four situations at "
-        "windows about critical points, held against the truth of the moment; *past 20 ms*: those at least 20 ms after a "
-        "change of phase. The learner's microseconds are of its trees alone, in turns. How far back features look, which "
-        "groups and how many trees: [what accuracy costs](what-accuracy-costs.md).",
+        "windows about critical points, held against the truth of the moment; *past 20 ms*: those at least 20 ms after "
+        "a change of phase. The learner's microseconds are of its trees alone, in turns. How far back features look, "
+        "which groups and how many trees: [what accuracy costs](what-accuracy-costs.md).",
         markdown(rows),
         "What nobody can do better: an observer who knows the truth, but so many samples late, on the same windows.",
         markdown(figures["bounds"]),

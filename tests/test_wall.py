@@ -48,7 +48,7 @@ def test_every_idea_has_a_name_of_its_own_and_the_default_comes_first():
     assert {name for idea in IDEAS for name in idea.trained_on} == set(HARD)
 
 
-LEARNERS = (Forest(SMALL), Forest(SMALL, classes=4), TwoStages(SMALL), Boosting(10, 8, threads=1))
+LEARNERS = (Forest(SMALL), Forest(SMALL, classes=4), TwoStages(SMALL), Boosting(10, 8))
 
 
 @pytest.mark.parametrize("learner", LEARNERS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure
 from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, TREES, Point
 from benchmarks.scenes_page import markdown
 from edge_runtime.writing import write_whole
+from training.marked import write_between
 from training.pictures import INK, OURS, QUIET, STYLE, WARNING, svg
 
 INTRO = """# What accuracy costs in time
@@ -68,7 +68,6 @@ README_ROWS = (
 README_HEADS = ("set", "what", "step_us", "found", "in_time", "delay_ms", "macro_f1")
 RECOMMENDED = {"tiny": Point(trees=8, depth=10), "default": Point(), "best": Point(trees=100, depth=0)}
 GOOD = {"recall": "slips found", "in_time": "found in time", "macro_f1": "macro F1"}
-README_BLOCK = re.compile(r"(<!-- cost: .*? -->\n).*?(\n<!-- /cost -->)", re.DOTALL)
 
 
 def page(bench: dict[str, Any]) -> str:
@@ -124,15 +123,11 @@ def line(row: dict[str, Any]) -> dict[str, Any]:
     return {head: told.get(head, row.get(head)) for head in HEADS}
 
 
-def readme(text: str, rows: list[dict[str, Any]]) -> str:
-    """The README with its ten lines written anew. Raises ValueError where their place is gone."""
+def readme_table(rows: list[dict[str, Any]]) -> str:
+    """The README's ten lines."""
     by_choice = {(row["of"], row["what"]): row for row in rows}
     lines = [line(by_choice[point.of, point.what]) | {"set": _set(point)} for point in README_ROWS]
-    table = markdown([{head: one[head] for head in README_HEADS} for one in lines])
-    written, found = README_BLOCK.subn(lambda place: place[1] + table + place[2], text)
-    if found != 1:
-        raise ValueError("the README has no place, or several, for the cost table")
-    return written
+    return markdown([{head: one[head] for head in README_HEADS} for one in lines]) + "\n"
 
 
 def _set(point: Point) -> str:
@@ -203,5 +198,4 @@ if __name__ == "__main__":
     }
     write_whole(docs / "what-accuracy-costs.svg", figure(bench["cost"]["rows"]))
     write_whole(docs / "what-accuracy-costs.md", page(bench))
-    written = readme(Path("README.md").read_text("utf-8"), bench["cost"]["rows"])
-    write_whole(Path("README.md"), written)
+    write_between("README.md", "cost", readme_table(bench["cost"]["rows"]))

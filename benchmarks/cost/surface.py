@@ -21,10 +21,11 @@ import numpy as np
 import onnx
 from joblib import Parallel, delayed, parallel_config
 
+from benchmarks.cost import sets
 from benchmarks.cost.measure import measure
 from benchmarks.cost.point import GROUPS, Point, points
 from benchmarks.cost.sets import PARTS, Parts, prepare, some, whole_rows, windows
-from edge_runtime.golden import golden_input
+from edge_runtime.contract import FloatArray
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import write_whole
@@ -33,6 +34,7 @@ from training.featurise import FloatRows
 
 WORKERS = 2
 TIMED_ROWS = 200
+TIMED_EVENTS, TIMED_S = 10, 0.2
 TURNS, CALLS = 10, 60
 GOOD = ("recall", "in_time", "macro_f1")
 
@@ -46,8 +48,8 @@ def cost(
     """
     chosen = points() if chosen is None else chosen
     with _workers(dask) as where:
-        sets = dict.fromkeys((point.of, point.rate_hz) for point in chosen)
-        Parallel(**where)(delayed(prepare)(folder, *one, parts) for one in sets)
+        wanted = dict.fromkeys((point.of, point.rate_hz) for point in chosen)
+        Parallel(**where)(delayed(prepare)(folder, *one, parts) for one in wanted)
         Parallel(**where)(delayed(_features)(folder, point) for point in _by_features(chosen))
         alike = _by_forest(chosen)
         one_by_one = Parallel(**where, batch_size=1, pre_dispatch=2 * WORKERS)
@@ -142,7 +144,7 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
     for point in forests:
         model = onnx.load(_model(folder, point))
         calls[f"{point.name} forest"] = _forest_call(model, some(folder, point, _asked(point), TIMED_ROWS))
-        calls[f"{point.name} step"] = _step_call(model, point)
+        calls[f"{point.name} step"] = _step_call(model, _about_events(folder, point))
     us = {name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()}
     return [
         {"forest_us": us[f"{point.fitted.name} forest"], "step_us": us[f"{point.fitted.name} step"],
@@ -157,14 +159,24 @@ def _forest_call(model: onnx.ModelProto, rows: FloatRows) -> Callable[[], object
     return lambda: session.run(["votes"], {"features": one[next(turn)]})
 
 
-def _step_call(model: onnx.ModelProto, point: Point) -> Callable[[], object]:
+def _step_call(model: onnx.ModelProto, samples: FloatArray) -> Callable[[], object]:
     graph = StepGraph(open_session(model.SerializeToString()))
-    values, valid = golden_input(graph.sample.shape[1], "N", round(point.rate_hz))
-    turn = cycle(range(len(values)))
+    graph.valid[:] = True
+    turn = cycle(range(len(samples)))
 
     def step() -> None:
-        index = next(turn)
-        graph.sample[0], graph.valid[0] = values[index], valid[index]
+        graph.sample[0] = samples[next(turn)]
         graph.step()
 
     return step
+
+
+def _about_events(folder: Path, point: Point) -> FloatArray:
+    """[T, C] samples about the load's onset, one risky slip after another: what the forest is there for."""
+    recordings = sets.read(folder, point.of, point.rate_hz, _asked(point)).recordings
+    about = [
+        one.samples[max(0, round((event.onset_s - TIMED_S) * one.rate_hz)) :][: round(2.0 * TIMED_S * one.rate_hz)]
+        for one in recordings
+        for event in one.events
+    ]
+    return np.concatenate(about[:TIMED_EVENTS])

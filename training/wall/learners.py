@@ -90,9 +90,9 @@ class TwoStages:
 class Boosting:
     """Gradient boosting over histograms, four situations; it exports to the same operator as a forest."""
 
-    iterations: int = 150
+    iterations: int = 100
     leaves: int = 31
-    threads: int = 2
+    threads: int = 1
 
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
         """See Learner."""
@@ -100,7 +100,7 @@ class Boosting:
             max_iter=self.iterations, max_leaf_nodes=self.leaves, class_weight="balanced", early_stopping=False,
             random_state=seed,
         )  # fmt: skip
-        with threadpool_limits(self.threads):  # more than there are cores wait for each other
+        with threadpool_limits(self.threads):  # beside other work, several wait for each other, busily
             self.model = model.fit(features, label // 2)
 
     def answer(self, features: FloatRows) -> Answer:
