@@ -9,8 +9,10 @@ from typing import Any
 from benchmarks.effects import prices
 from benchmarks.hold_and_pull import measure, rows
 from benchmarks.mujoco_peer import Scene
+from benchmarks.pictures import PICTURES
 from benchmarks.scenes_page import page
 from benchmarks.simulator import plausibility
+from holdfast.bench import MEASURES
 from simulation.card import shipped
 from simulation.effects import EFFECTS
 from training.scenes.study import OURS
@@ -36,6 +38,26 @@ def study() -> dict[str, Any]:
         "retrainings": {OURS: {"recall": {"grasp_light": [0.9, 0.95]}, "spread": {"grasp_light": 0.05}}},
     }
     return {"headline_hz": "150", "rates": {"150": rate}}
+
+
+SHOWN: dict[str, tuple[dict[str, Any], str]] = {
+    "latency": ({"rows": [{"what": "ours, whole step", "p50": 60.0, "p99": 70.0, "p99.9": 90.0}]}, "ours, whole step"),
+    "training": ({"rows": [{"trials": n, "features_cpu_s": 0.1 * n} for n in (10, 20)]}, "features"),
+    "instructions": ({"rows": [{"what": "whole step", "instructions": 5e5}]}, "whole step"),
+    "effects": ({"prices": [{"effect": "tremor", "stage": "physics", "ns_per_sample": 9.0}]}, "tremor"),
+    "hand": ({"scans": [{"bridge": "ft232h", "reads": "1-byte", "layout": "mux", "bus_khz": 400, "scan_ms": 1.4,
+                         "serves_model_hz": 300.0}]}, "ft232h, 1-byte, mux, 400 kHz"),
+    "onset": ({"ramps": [{"fps": 60.0, "mm_per_s2": a, "start_worst_ms": 9.0} for a in (10.0, 100.0)]}, "60 fps"),
+    "simulator": ({"step": [{"step_ms": ms, "p50_ms": ms, "p90_ms": 2 * ms, "cpu_s_per_trial": 0.1 / ms}
+                            for ms in (1.0, 2.0)]}, "90 % of slips"),
+}  # fmt: skip
+"""What each measure finds, in short, and what must be read in its picture; the cost surface has tests of its own."""
+
+
+def test_every_measure_leaves_a_picture_that_names_what_was_measured():
+    assert set(PICTURES) == set(MEASURES) == {*SHOWN, "cost"}
+    for name, (figures, read) in SHOWN.items():
+        assert read in PICTURES[name](figures)
 
 
 def test_our_core_holds_what_friction_can_hold_and_lets_go_what_it_cannot():
