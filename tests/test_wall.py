@@ -24,6 +24,7 @@ from training.wall.ideas import HARD, IDEAS, Idea
 from training.wall.learners import Boosting, Forest, Learner, TwoStages
 from training.wall.sets import context, joined, labelled, streams, without
 from training.wall.study import ASKED, CHOOSE, bounds, macro_f1, opens_at_s, study
+from training.wall.timing import session_of
 
 SMALL = ForestPlan(n_estimators=8, max_depth=8)
 CARDS = {"thesis": "thesis", "broad": "broad", CHOOSE: "daily",
@@ -61,6 +62,16 @@ def test_every_learner_learns_what_is_plain_to_see(learner: Learner):
     assert np.mean(situation == label // 2) > 0.97
     assert permille[label >= 6].min() > 500 > permille[label < 4].max() >= 0
     assert learner.models
+
+
+def test_what_is_timed_of_boosting_gives_its_scores():
+    label = np.repeat(np.arange(8), 60)
+    features = (np.random.default_rng(0).normal(0.0, 1.0, (480, 3)) + label[:, None] / 4).astype(np.float32)
+    learner = Boosting(10, 8)
+    learner.fit(features, label, 0)
+    session = session_of(learner.model, features)
+    scores = session.run(None, {"features": features})[0] + learner.model._baseline_prediction
+    np.testing.assert_allclose(scores, learner.model.decision_function(features), atol=1e-5)
 
 
 def test_the_dearer_a_missed_slip_the_more_is_called():
@@ -145,6 +156,7 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         Idea("forest", learner=lambda: Forest(SMALL), objects_left_out=True),
         Idea("veto", learner=lambda: Forest(SMALL), decision="veto"),
         Idea("personal", learner=lambda: Forest(SMALL), decision="personal"),
+        Idea("boosting", learner=lambda: Boosting(10, 8)),
         Idea("context", learner=lambda: Forest(SMALL), features="with context"),
     ]
     said: list[str] = []
@@ -155,7 +167,7 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         assert row["learner_us"] > 0.0
         assert all(row[name]["events"] > 0 for name in ("author", "p1", "p2"))
         assert set(row["asked-holds"]["specificity"]) == {"dFn", "dFt", "dq"}
-    forest, veto, personal, _ = figures["rows"]
+    forest, veto, personal, _, _ = figures["rows"]
     assert 0.0 < forest["worst_object"] <= 1.0
     assert all(personal["permille"][name] >= forest["permille"][name] for name in ASKED)
     assert veto["author"]["recall"] >= forest["author"]["recall"] - 0.2

@@ -15,12 +15,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from skl2onnx import to_onnx
 from sklearn.metrics import f1_score
 
 from edge_runtime.contract import SITUATIONS, BoolArray
 from edge_runtime.decision import UNKNOWN
-from edge_runtime.graph import open_session
 from edge_runtime.timing import time_in_turns
 from export.spec import HISTORY_S
 from training.alarms import Answers, acts
@@ -33,6 +31,7 @@ from training.plan import SURE
 from training.wall.ideas import IDEAS, Features, Idea
 from training.wall.learners import Answer, Learner
 from training.wall.sets import Labelled, Streams, joined, labelled, streams, without
+from training.wall.timing import session_of
 from training.windows import Choice
 
 CHOOSE, ASKED = "choose", ("author", "p1", "p2", "asked-holds")
@@ -184,8 +183,7 @@ def _objects_left_out(idea: Idea, part: Labelled, asked: Streams, seed: int) -> 
 
 def _calls(learner: Learner, rows: FloatRows) -> Callable[[], object]:
     """All models of a learner, asked one row."""
-    options = {"zipmap": False}
-    sessions = [open_session(to_onnx(model, rows[:1], options=options).SerializeToString()) for model in learner.models]
+    sessions = [session_of(model, rows) for model in learner.models]
     one, turn = [rows[k : k + 1] for k in range(len(rows))], cycle(range(len(rows)))
 
     def call() -> None:
