@@ -45,6 +45,7 @@ test: setup  ## run the tests
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m training.real --out build/real $(ARGS)
+	$(BIN)/python -m training.truer_label build/real/truer.json
 
 scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz, into build/scenes
 	rm -rf build/scenes
@@ -97,7 +98,7 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
 	$(BIN)/python -m benchmarks.cost.page build/bench docs
 	$(BIN)/python -m benchmarks.evaluation_page build/evaluate/figures.json build/wall/wall.json \
-	    build/scenes/study/scenes.json build/preliminary/preliminary.json > docs/evaluation.md
+	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json > docs/evaluation.md
 	$(BIN)/python -m benchmarks.camera_page --tags > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json > docs/camera.md
 

@@ -18,7 +18,7 @@ from edge_runtime.contract import SITUATIONS
 from edge_runtime.errors import ChannelError, ColumnError, DataNotFound, EmptyRecording, NotANumber
 from training.datasets import human_slip_uskin as human
 from training.datasets import load
-from training.datasets.human_slip_labels import middle_angle_deg
+from training.datasets.human_slip_labels import in_hand, middle_angle_deg
 from training.recording import DataSet
 
 Arrays = dict[str, Any]
@@ -311,3 +311,35 @@ def test_the_real_set_has_the_windows_its_readme_counts(real_set: Callable[[str]
     assert all(recording.valid.all() for recording in data.recordings)
     assert data.notes["unusable_trials"] == 0
     assert_equals_brute_force(data, real_set("human_slip_uskin"), [0, 337, 675])
+
+
+def quaternions(turn: Rotation) -> np.ndarray:
+    return turn.as_quat(scalar_first=True)
+
+
+def test_the_orientation_in_the_hand_forgets_the_wrist() -> None:
+    rng = np.random.default_rng(0)
+    hand = Rotation.from_euler("xyz", np.cumsum(rng.normal(0.0, 1.0, (200, 3)), axis=0), degrees=True)
+    held = Rotation.from_euler("xyz", [30.0, -70.0, 10.0], degrees=True) * Rotation.random(200, rng=rng)
+    found = Rotation.from_quat(in_hand(quaternions(hand * held), quaternions(hand)), scalar_first=True)
+    assert (found.inv() * held).magnitude().max() < 1e-6
+
+
+def test_where_an_imu_gave_nothing_the_rotation_in_the_hand_is_not_known() -> None:
+    held, hand = (np.tile([1.0, 0.0, 0.0, 0.0], (200, 1)) for _ in range(2))
+    held[150], hand[160] = 0.0, np.nan
+    assert np.flatnonzero(~np.isfinite(middle_angle_deg(in_hand(held, hand)))).tolist() == [150, 160]
+
+
+def test_labels_by_the_rotation_in_the_hand_forget_what_the_wrist_did(tmp_path: Path) -> None:
+    """Of a hand that turns with its object nothing slips; of one that stands still the object's own labels stay."""
+    arrays, lines = made_parts()
+    (tmp_path / "with").mkdir()
+    (tmp_path / "still").mkdir()
+    along = write(tmp_path / "with", arrays | {"hand_imu": arrays["object_imu"]}, lines)
+    fixed = np.zeros_like(arrays["object_imu"])
+    fixed[:, 0] = 1.0
+    still = write(tmp_path / "still", arrays | {"hand_imu": fixed}, lines)
+    assert {2, 3} & set(load(along).tasks["situations"].label.tolist())
+    assert not {2, 3} & set(human.load(along, in_hand=True).tasks["situations"].label.tolist())
+    assert {2, 3} & set(human.load(still, in_hand=True).tasks["situations"].label.tolist())

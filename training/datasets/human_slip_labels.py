@@ -58,6 +58,20 @@ def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
     return np.abs(angle_deg - (np.median(known) if known.size else np.nan))
 
 
+def in_hand(object_q: npt.NDArray[np.floating], hand_q: npt.NDArray[np.floating]) -> FloatArray:
+    """[T, 4] the object's orientation in the hand, hand^-1 object, of quaternions [T, 4], w first; 0 where one is none.
+
+    The wrist, which turns both, cancels.
+    """
+    w, x, y, z = object_q.astype(np.float64).T
+    a, b, c, d = hand_q.astype(np.float64).T
+    product = np.column_stack([
+        a * w + b * x + c * y + d * z, a * x - b * w - c * z + d * y,
+        a * y + b * z - c * w - d * x, a * z - b * y + c * x - d * w,
+    ])  # fmt: skip
+    return np.where(np.isfinite(product).all(axis=1, keepdims=True), product, 0.0)
+
+
 def situations(force_n: FloatArray, rotation_deg: FloatArray) -> npt.NDArray[np.int64]:
     """[T] situation at every row, UNLABELLED where force or rotation is not finite."""
     slip = [rotation_deg < SAFE_DEG, rotation_deg < RISKY_DEG, rotation_deg >= RISKY_DEG]

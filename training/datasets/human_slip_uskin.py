@@ -58,8 +58,11 @@ def recognises(root: Path) -> bool:
     return (root / SIGNALS).is_file() or (root / TRIALS).is_file()
 
 
-def load(root: Path, *, channels: int = 18) -> DataSet:
+def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     """Read and label a folder in this format, 18 channels (six taxels) or all 48, unit N.
+
+    in_hand: label by the object's rotation in the hand (both IMUs), in which the wrist has no part, and not by the
+    object's alone, which is the set's usual measure.
 
     Tasks: "situations" (0..3) and "predict_250ms" (0/1: over 15 deg within 0.25 s, from grasp rows).
     Unusable trials (not 60 < start < end <= n) are left out and counted in notes. Columns of
@@ -68,7 +71,8 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     Raises DataNotFound, ColumnError, NotANumber, ChannelError or EmptyRecording.
     """
     columns = _columns(channels)
-    arrays = read_arrays(root / SIGNALS, {"xela": (None, 48), "object_imu": (None, 7), "offset": (None,)})
+    wanted: dict[str, tuple[int | None, ...]] = {"xela": (None, 48), "object_imu": (None, 7), "offset": (None,)}
+    arrays = read_arrays(root / SIGNALS, wanted | ({"hand_imu": (None, 7)} if in_hand else {}))
     moves = list(_moves(read_table(root / TRIALS), arrays))
     usable = [move for move in moves if move.usable]
     if not usable:
@@ -76,7 +80,8 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
             "no usable trial", where=root, cause="no trial with 60 < start_index < end_index <= n",
             next_step="check start_index and end_index in trials.csv",
         )  # fmt: skip
-    angle_deg = labels.middle_angle_deg(arrays["object_imu"][:, :4])
+    turned = arrays["object_imu"][:, :4]
+    angle_deg = labels.middle_angle_deg(labels.in_hand(turned, arrays["hand_imu"][:, :4]) if in_hand else turned)
     trials = [_trial(move, arrays["xela"], angle_deg, columns) for move in usable]
     recordings, situations, predictions = map(list, zip(*trials, strict=True))
     return DataSet(
