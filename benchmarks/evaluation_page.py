@@ -171,7 +171,8 @@ def _preliminary(figures: dict[str, Any]) -> list[str]:
 def _truer(figures: dict[str, Any]) -> list[str]:
     """human_slip_uskin by the object's rotation in the hand."""
     rows = [
-        {"line": name, "macro_f1": row["situations"]["macro_f1"], "macro_f1_95": _range(row["situations"]["macro_f1_ci"]),
+        {"line": name,
+         "macro_f1": row["situations"]["macro_f1"], "macro_f1_95": _range(row["situations"]["macro_f1_ci"]),
          "auc_250_ms": row["predict_250ms"]["auc"], "auc_95": _range(row["predict_250ms"]["auc_ci"])}
         for name, row in figures["rows"].items()
     ]  # fmt: skip
