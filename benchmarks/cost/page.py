@@ -84,8 +84,11 @@ def page(bench: dict[str, Any]) -> str:
         here = [row for row in rows if row["of"] == of]
         parts.append(f"## {title}: the front\n\n{FRONT}\n\n{markdown(front(here, fronts[of]))}")
         parts.append(f"### Everything that was tried\n\n{markdown([line(row) for row in here])}")
-    parts.append("## One decision beside its peers\n\nAll in turns in one run on the same samples, us; the floor is a "
-                 f"busy wait as long as our step. {ratios}.\n\n{markdown(latency['rows'])}")  # fmt: skip
+    parts.append(
+        "## One decision beside its peers\n\nAll in turns in one run on the same samples, us; the floor is a busy wait as "
+        "long as our step. *cold_p50*: the first call of each turn, to caches full of the others' things, which is what a "
+        f"loop that sleeps between samples meets. {ratios}.\n\n{markdown(latency['rows'])}"
+    )
     parts.append("Instructions a call, by callgrind, free of the machine's noise; the last column is a **projection** "
                  "to a board of 1.5 GHz at one instruction a cycle, not a measurement.\n\n"
                  + markdown(bench["instructions"]["rows"]))  # fmt: skip
