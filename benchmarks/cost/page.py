@@ -86,8 +86,8 @@ def page(bench: dict[str, Any]) -> str:
         parts.append(f"### Everything that was tried\n\n{markdown([line(row) for row in here])}")
     parts.append(
         "## One decision beside its peers\n\nAll in turns in one run on the same samples, us; the floor is a busy wait "
-        "as long as our step. *cold_p50*: the first call of each turn, to caches full of the others' things, which is what "
-        f"a loop that sleeps between samples meets. {ratios}.\n\n{markdown(latency['rows'])}"
+        "as long as our step. *cold_p50*: the first call of each turn, to caches full of the others' things, which is "
+        f"what a loop that sleeps between samples meets. {ratios}.\n\n{markdown(latency['rows'])}"
     )
     parts.append("Instructions a call, by callgrind, free of the machine's noise; the last column is a **projection** "
                  "to a board of 1.5 GHz at one instruction a cycle, not a measurement.\n\n"
