@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.calls import step_of
 from edge_runtime.monitor import GripMonitor, Model
 from holdfast.replay import ReplayClock
 from holdfast.sources import open_source
@@ -44,3 +45,21 @@ def test_a_released_file_asks_to_act_in_pulls_of_an_object_it_never_met_and_leav
             acted[action] += any([monitor.feed(sample).act for sample in source])
     assert acted["pull"] == 6
     assert acted["pass"] < 3
+
+
+def resident_kib() -> int:
+    told = Path("/proc/self/status").read_text("ascii")
+    return int(next(line.split()[1] for line in told.splitlines() if line.startswith("VmRSS")))
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="only Linux tells")
+@pytest.mark.parametrize("steps", [20_000, pytest.param(10**6, marks=pytest.mark.soak)])
+def test_a_hand_that_goes_on_all_day_takes_no_more_memory(steps: int) -> None:
+    """Over a million steps half a byte a step would show."""
+    step = step_of(Model(MODELS[0]))
+    for _ in range(5_000):
+        step()
+    before = resident_kib()
+    for _ in range(steps):
+        step()
+    assert resident_kib() - before <= 512
