@@ -13,12 +13,13 @@ from edge_runtime.monitor import GripMonitor, Model
 from holdfast.replay import ReplayClock
 from holdfast.sources import open_source
 
-MODELS = sorted((Path(__file__).resolve().parent.parent / "models").glob("*.onnx"))
+PLACE = Path(__file__).resolve().parent.parent / "models"
+MODELS = sorted(PLACE.glob("*.onnx"))
 MOST_BYTES = 8 * 2**20
 
 
 def test_there_is_a_default_model():
-    assert [path.name for path in MODELS] == ["holdfast-150hz.onnx"]
+    assert "holdfast-150hz.onnx" in [path.name for path in MODELS]
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
@@ -56,7 +57,7 @@ def resident_kib() -> int:
 @pytest.mark.parametrize("steps", [20_000, pytest.param(10**6, marks=pytest.mark.soak)])
 def test_a_hand_that_goes_on_all_day_takes_no_more_memory(steps: int) -> None:
     """Over a million steps half a byte a step would show."""
-    step = step_of(Model(MODELS[0]))
+    step = step_of(Model(PLACE / "holdfast-150hz.onnx"))
     for _ in range(5_000):
         step()
     before = resident_kib()
