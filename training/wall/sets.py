@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import NORMAL_AXIS, NOTHING
+from edge_runtime.decision import UNKNOWN
 from export.reference import IntArray
 from training.datasets import load
-from training.evaluating.figures import Told, without_samples
+from training.evaluating.figures import Told, labels_everywhere, without_samples
 from training.evaluating.truths import grasps_beside
 from training.featurise import FloatRows, features_everywhere, spec_for
 from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS
@@ -108,10 +109,8 @@ def without(part: Labelled, name: str) -> Labelled:
 
 def _situations(recording: Recording, n: int) -> IntArray:
     """[T] what happens at each sample; nothing where nobody says."""
-    truth = np.full(n, NOTHING)
-    for phase in recording.phases:
-        truth[phase.first : phase.stop] = phase.situation
-    return truth
+    truth = labels_everywhere(recording.phases, n)
+    return np.where(truth == UNKNOWN, NOTHING, truth)
 
 
 def _rows(data: DataSet) -> IntArray:
