@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, TREES, Point
+from benchmarks.cost.point import DEBOUNCES, DEPTHS, GOOD, RATES_HZ, TREES, Point
 from benchmarks.scenes_page import markdown
 from edge_runtime.writing import write_whole
 from training.marked import write_between
@@ -67,7 +67,6 @@ README_ROWS = (
 )  # fmt: skip
 README_HEADS = ("set", "what", "step_us", "found", "in_time", "delay_ms", "macro_f1")
 RECOMMENDED = {"tiny": Point(trees=8, depth=10), "default": Point(), "best": Point(trees=100, depth=0)}
-GOOD = {"recall": "slips found", "in_time": "found in time", "macro_f1": "macro F1"}
 
 
 def page(bench: dict[str, Any]) -> str:

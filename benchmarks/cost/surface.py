@@ -23,7 +23,7 @@ from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.cost import sets
 from benchmarks.cost.measure import measure
-from benchmarks.cost.point import GROUPS, Point, points
+from benchmarks.cost.point import GOOD, GROUPS, Point, points
 from benchmarks.cost.sets import PARTS, Parts, prepare, some, whole_rows, windows
 from edge_runtime.contract import FloatArray
 from edge_runtime.graph import StepGraph, open_session
@@ -36,7 +36,6 @@ WORKERS = 2
 TIMED_ROWS = 200
 TIMED_EVENTS, TIMED_S = 10, 0.2
 TURNS, CALLS = 10, 60
-GOOD = ("recall", "in_time", "macro_f1")
 
 
 def cost(
