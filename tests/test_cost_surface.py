@@ -14,16 +14,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.cost import sets
+from benchmarks.cost.grown import first_trees
 from benchmarks.cost.page import README_ROWS, figure, line, page, readme_table
 from benchmarks.cost.point import BANDS, GROUPS, Point, points
 from benchmarks.cost.sets import columns, look_backs_s, whole_of
 from benchmarks.cost.surface import cost, pareto
 from edge_runtime.contract import FloatArray
+from edge_runtime.errors import DataError, UsageError
 from edge_runtime.graph import open_session, run_recordings
+from edge_runtime.trial_file import read_trial
 from export.features import feature_count
+from export.reference import reference_votes
 from export.spec import StepSpec
 from export.step_graph import feature_graph
+from training.datasets import load
 from training.featurise import FloatRows
+from training.plan import ForestPlan
 
 SMALL = {"train": ("thesis", 30, 0), "choose": ("daily", 10, 1), "ask": ("daily", 20, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
@@ -100,8 +106,8 @@ def test_nothing_on_the_front_is_beaten_and_everything_else_is(pairs):
 def test_points_with_one_forest_differ_in_nothing_that_is_fitted(point):
     same = point.fitted
     assert same == same.fitted
-    assert (same.plan(3), same.groups, same.window_s, same.bands, same.bank, same.rate_hz, same.look_back_s) == (
-        point.plan(3), point.groups, point.window_s, point.bands, point.bank, point.rate_hz, point.look_back_s
+    assert (same.plan, same.groups, same.window_s, same.bands, same.bank, same.rate_hz, same.look_back_s) == (
+        point.plan, point.groups, point.window_s, point.bands, point.bank, point.rate_hz, point.look_back_s
     )  # fmt: skip
 
 
@@ -109,7 +115,52 @@ def test_what_is_only_decided_otherwise_has_the_forest_of_the_default():
     for of in ("scenes", "human"):
         assert Point(of, debounce=3).fitted == Point(of, confidence="calibrated").fitted == Point(of)
     assert Point(trees=20, depth=16).fitted == Point()
-    assert Point("human", trees=60, depth=0).fitted == Point("human")
+    assert Point("human", trees=20, depth=0).fitted == Point("human")
+
+
+# -- what is made once for many points
+
+
+@pytest.mark.parametrize("kind", ["extra", "random"])
+@pytest.mark.parametrize("n_trees", [1, 3, 7])
+def test_the_first_trees_of_a_large_forest_are_the_small_one_fitted_alone(kind, n_trees):
+    drawn = np.random.default_rng(3)
+    rows, label = drawn.normal(size=(200, 6)).astype(np.float32), drawn.integers(0, 4, 200)
+    alone = ForestPlan(kind, n_estimators=n_trees).build(0).fit(rows, label)
+    first = first_trees(ForestPlan(kind, n_estimators=7).build(0).fit(rows, label), n_trees)
+    np.testing.assert_array_equal(reference_votes(first, rows, 4), reference_votes(alone, rows, 4))
+
+
+def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
+    parts = {"ask": ("daily", 20, 2)}
+    sets.simulate(tmp_path, "ask", [300.0, 100.0], parts)
+    fast, slow = (load(tmp_path / f"{rate}hz-ask", windows="natural") for rate in (300, 100))
+    assert (fast.rate_hz, slow.rate_hz) == (pytest.approx(300.0), pytest.approx(100.0))
+    for one, other in zip(fast.recordings, slow.recordings, strict=True):
+        assert [event.onset_s for event in other.events] == [event.onset_s for event in one.events]
+    every, third = (read_trial(tmp_path / f"{rate}hz-ask/soft-ball/daily/trial_1.csv") for rate in (300, 100))
+    np.testing.assert_array_equal(third.t_s, every.t_s[::3])
+    np.testing.assert_array_equal(third.raw, every.raw[::3])
+    with pytest.raises(UsageError, match=r"300 Hz over 2\.5"):
+        sets.simulate(tmp_path, "ask", [120.0], parts)
+
+
+def test_half_a_simulation_is_begun_anew_and_a_whole_one_is_kept(tmp_path):
+    (tmp_path / "300hz-ask.half").mkdir()
+    (tmp_path / "300hz-ask.half" / "card.toml").write_text("torn")
+    parts = {"ask": ("daily", 20, 2)}
+    sets.simulate(tmp_path, "ask", [100.0], parts)
+    written = sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
+    sets.simulate(tmp_path, "ask", [100.0], parts)
+    assert written == sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
+    assert not list(tmp_path.glob("*.half"))
+
+
+def test_a_folder_of_other_recordings_is_refused_and_left_as_it_is(tmp_path):
+    sets.require_parts(tmp_path, SMALL)
+    sets.require_parts(tmp_path, SMALL)
+    with pytest.raises(DataError, match="other recordings"):
+        sets.require_parts(tmp_path, sets.PARTS)
 
 
 # -- a small surface

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import onnx
 
 from benchmarks.cost import sets
+from benchmarks.cost.grown import Grown
 from benchmarks.cost.point import Point
 from edge_runtime.contract import RISKY_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN
@@ -21,7 +22,7 @@ from export.heads import Calibration, Head
 from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
 from export.spec import StepSpec
 from training.alarms import Answers
-from training.crossval import HeldOut, cross_validate, fit_calibration, fit_forest, main_task
+from training.crossval import HeldOut, fit_calibration, main_task
 from training.event_scores import choose_confidence, event_scores, hear
 from training.featurise import FloatRows
 from training.fitting import held_out_figures
@@ -30,7 +31,6 @@ from training.splits import assign_groups
 
 FOLDS = 3
 MOST_FALSE_PER_MIN = 1.0
-Features = dict[str, FloatRows]
 
 
 @dataclass(frozen=True)
@@ -43,49 +43,64 @@ class Voted:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A forest's figures of held-out windows, its calibration, and its votes. of: (what a threshold is chosen on, what
-    is asked at it), one pair of scenes, a pair a fold of people."""
+    """A forest, its figures of windows it never met, its calibration, and its votes. of: (what a threshold is chosen
+    on, what is asked at it), one pair of scenes, a pair a fold of people."""
 
+    forest: Forest
     figures: dict[str, Any]
     calibration: Calibration
     of: list[tuple[Voted, Voted]]
 
 
-def measure(point: Point, points: Sequence[Point], folder: Path) -> tuple[list[dict[str, Any]], onnx.ModelProto]:
-    """Figures of points that have the forest of this one, and its whole step graph."""
+def measure(
+    point: Point, points: Sequence[Point], folder: Path, grown: Grown
+) -> tuple[list[dict[str, Any]], onnx.ModelProto]:
+    """Figures of points that have the forest of this one, and the step graph of that forest."""
     data = sets.read(folder, point.of, point.rate_hz, "train")
-    features, plan, task = sets.windows(folder, point), point.plan(FOLDS), main_task(data)
-    forest = fit_forest(data, features[task], plan, task, np.arange(len(data.tasks[task])), 0)
-    fitted = (_people if point.of == "human" else _grasps)(point, folder, data, features, forest)
-    head = Head("situation", data.tasks[task].classes, forest, fitted.calibration)
+    fitted = (_people if point.of == "human" else _grasps)(point, folder, data, grown)
+    head = Head("situation", data.tasks[main_task(data)].classes, fitted.forest, fitted.calibration)
     return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(point.spec(data), [head])
 
 
-def _grasps(point: Point, folder: Path, data: DataSet, features: Features, forest: Forest) -> Fitted:
-    """Scenes: the threshold is chosen on one stream of grasps, and the point asked about another."""
-    held = cross_validate(data, features, point.plan(FOLDS))
-    calibration = fit_calibration(held.shares("classes"), data.tasks["classes"].label)
-    chosen_on, asked = (_voted(point, folder, part, forest) for part in ("choose", "ask"))
-    return Fitted(held_out_figures(data, held)["situations"], calibration, [(chosen_on, asked)])
+def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
+    """Scenes: the threshold and the calibration are of one stream of grasps, and the point is asked about another."""
+    every = np.arange(len(data.tasks["classes"]))
+    forest = grown.fit(data, sets.windows(folder, point)["classes"], point.plan, "classes", every)
+    (chosen_on, choosing), (asked, asking) = (_voted(point, folder, part, forest) for part in ("choose", "ask"))
+    calibration = fit_calibration(_held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label)
+    figures = held_out_figures(asking, _held_out(asked, asking))["situations"]
+    return Fitted(forest, figures, calibration, [(chosen_on, asked)])
 
 
-def _people(point: Point, folder: Path, data: DataSet, features: Features, forest: Forest) -> Fitted:
-    """People: each is asked by a forest that never met him, at a threshold chosen on the people of other folds."""
-    task, plan = data.tasks["situations"], point.plan(FOLDS)
+def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
+    """People: each is asked by a forest that never met him, at a threshold chosen on the people of other folds.
+
+    The forest that is priced is the first fold's.
+    """
+    features, task = sets.windows(folder, point)["situations"], data.tasks["situations"]
     folds = assign_groups(data.group_of("situations"), FOLDS)
     of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
     rows = sets.per_recording(data, sets.everywhere(folder, point, "train"))
+    forests = [grown.fit(data, features, point.plan, "situations", np.flatnonzero(of_window != fold))
+               for fold in range(FOLDS)]  # fmt: skip
     votes: dict[int, IntArray] = {}
-    for fold in range(FOLDS):
-        met = fit_forest(data, features["situations"], plan, "situations", np.flatnonzero(of_window != fold), 0)
+    for fold, forest in enumerate(forests):
         which = _of_fold(data, folds, fold)
-        votes |= zip(which, _votes(met, [rows[k] for k in which], len(task.classes)), strict=True)
-    held = HeldOut({"situations": np.array([votes[t][r] for t, r in zip(task.trial, task.row, strict=True)])})
+        votes |= zip(which, _votes(forest, [rows[k] for k in which], len(task.classes)), strict=True)
     asked = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
     others = [_of(data, votes, [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))])
               for fold in range(FOLDS)]  # fmt: skip
+    held = _held_out(_of(data, votes, range(len(rows))), data)
     calibration = fit_calibration(held.shares("situations"), task.label)
-    return Fitted(held_out_figures(data, held)["situations"], calibration, list(zip(others, asked, strict=True)))
+    figures = held_out_figures(data, held)["situations"]
+    return Fitted(forests[0], figures, calibration, list(zip(others, asked, strict=True)))
+
+
+def _held_out(voted: Voted, data: DataSet) -> HeldOut:
+    """The votes at the labelled windows of all recordings."""
+    task = main_task(data)
+    rows = data.tasks[task]
+    return HeldOut({task: np.array([voted.votes[t][r] for t, r in zip(rows.trial, rows.row, strict=True)])})
 
 
 def _of_fold(data: DataSet, folds: dict[str, int], fold: int) -> list[int]:
@@ -97,10 +112,10 @@ def _of(data: DataSet, votes: dict[int, IntArray], which: Sequence[int]) -> Vote
     return Voted([data.recordings[k] for k in which], [votes[k] for k in which])
 
 
-def _voted(point: Point, folder: Path, part: str, forest: Forest) -> Voted:
+def _voted(point: Point, folder: Path, part: str, forest: Forest) -> tuple[Voted, DataSet]:
     data = sets.read(folder, point.of, point.rate_hz, part)
-    rows = sets.per_recording(data, sets.everywhere(folder, point, part))
-    return Voted(list(data.recordings), _votes(forest, rows, len(data.tasks["classes"].classes)))
+    votes = reference_votes(forest, sets.everywhere(folder, point, part), len(data.tasks["classes"].classes))
+    return Voted(list(data.recordings), sets.per_recording(data, votes)), data
 
 
 def _votes(forest: Forest, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:

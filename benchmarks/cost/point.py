@@ -15,8 +15,12 @@ from training.featurise import spec_for
 from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS, SIZES, SURE, TrainingPlan
 from training.recording import DataSet
 
-BASES = {"scenes": SIZES["default"], "human": TrainingPlan()}
-"""What is varied: the model for the hand, and on people the plan of `make real`."""
+PEOPLES_TREES = 20
+BASES = {
+    "scenes": SIZES["default"],
+    "human": replace(TrainingPlan(), situation=replace(TrainingPlan().situation, n_estimators=PEOPLES_TREES)),
+}
+"""What is varied: the model for the hand, and on people the plan of `make real` with a third of its trees."""
 GROUPS = {
     "default": CLOCK_FREE_GROUPS,
     "now": ("now",),
@@ -27,11 +31,11 @@ GROUPS = {
     "now and bands": ("now", "bands"),
 }
 BANDS = {"all": BANDS_HZ, "10 Hz": (10.0,), "10 to 25 Hz": BANDS_HZ[:4], "30 to 55 Hz": BANDS_HZ[4:]}
-TREES = (1, 3, 8, 20, 60, 100, 200, 500)
-DEPTHS = (4, 6, 8, 10, 12, 16, 0)
+TREES = (1, 3, 8, 20, 60, 100, 500)
+DEPTHS = (4, 6, 8, 10, 16, 0)
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
-LOOK_BACKS_S = (0.05, 0.10, 0.17, 0.25, 0.37)
+LOOK_BACKS_S = (0.05, 0.10, 0.17, 0.37)
 DEBOUNCES = (1, 2, 3)
 GOOD = {"recall": "slips found", "in_time": "found in time", "macro_f1": "macro F1"}
 """What a front is against the step's time of, in words."""
@@ -79,7 +83,8 @@ class Point:
         told += ["calibrated"] if self.confidence != "votes" else []
         return ", ".join(told) or "default"
 
-    def plan(self, folds: int) -> TrainingPlan:
+    @property
+    def plan(self) -> TrainingPlan:
         """As a training plan."""
         base = BASES[self.of]
         forest = replace(
@@ -87,7 +92,7 @@ class Point:
             n_estimators=base.situation.n_estimators if self.trees is None else self.trees,
             max_depth=base.situation.max_depth if self.depth is None else self.depth or None,
         )
-        return replace(base, groups=GROUPS[self.groups], situation=forest, folds=folds)
+        return replace(base, groups=GROUPS[self.groups], situation=forest)
 
     def spec(self, data: DataSet) -> StepSpec:
         """As a step graph for a set."""
@@ -100,6 +105,11 @@ class Point:
         trees = None if self.trees == base.n_estimators else self.trees
         depth = None if self.depth is not None and (self.depth or None) == base.max_depth else self.depth
         return replace(self, trees=trees, depth=depth, debounce=SURE.act_samples, confidence="votes")
+
+    @property
+    def grown(self) -> Point:
+        """The point whose forest is this one with another number of trees."""
+        return replace(self.fitted, trees=None)
 
     @property
     def rules(self) -> DecisionRules:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,8 @@ import numpy.typing as npt
 
 from benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
 from edge_runtime.contract import FloatArray
-from edge_runtime.errors import DataError
+from edge_runtime.errors import DataError, UsageError
+from edge_runtime.writing import write_whole
 from export.bank import BANDS_HZ, STATES_PER_BAND, step_matrix
 from export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
 from export.spec import WINDOW_S, StepSpec
@@ -28,17 +30,50 @@ from training.recording import DataSet
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> card, grasps, seed."""
-PARTS: Parts = {"train": ("thesis", 400, 0), "choose": ("daily", 150, 1), "ask": ("daily", 600, 2)}
-"""What a forest is fitted on, its threshold chosen on, and it is asked about."""
+PARTS: Parts = {"ask": ("daily", 600, 2), "train": ("thesis", 400, 0), "choose": ("daily", 150, 1)}
+"""What a forest is asked about, was fitted on, and its threshold chosen on."""
+FASTEST_HZ = 300.0
 HUMAN = "human_slip_uskin"
 
 
-def prepare(folder: Path, of: Set, rate_hz: float, parts: Parts) -> None:
-    """Simulate the parts of a rate, unless they are there."""
-    for part, (card, grasps, seed) in parts.items() if of == "scenes" else ():
-        place = _place(folder, rate_hz, part)
-        if not (place / "meta.json").is_file():
-            write_set(Scene(read_card(card, rate_hz=rate_hz), seed), place, grasps)
+def require_parts(folder: Path, parts: Parts) -> None:
+    """Raise DataError where the folder keeps what was measured on other parts."""
+    path, told = folder / "parts.json", json.dumps(parts)
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(path, told)
+    if path.read_text("utf-8") != told:
+        raise DataError("points of other recordings", where=folder, next_step="remove the folder and begin anew")
+
+
+def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -> None:
+    """A part at every rate, unless it is there: one hand, read at 300 Hz, of which a slower reader gets every nth."""
+    card, grasps, seed = parts[part]
+    fastest = _place(folder, FASTEST_HZ, part)
+    if not fastest.is_dir():
+        half = _emptied(fastest)
+        write_set(Scene(read_card(card, rate_hz=FASTEST_HZ), seed), half, grasps)
+        half.replace(fastest)
+    for rate_hz in rates_hz:
+        slower = _place(folder, rate_hz, part)
+        if not slower.is_dir():
+            half = _emptied(slower)
+            read_slower(fastest, half, FASTEST_HZ / rate_hz)
+            half.replace(slower)
+
+
+def read_slower(there: Path, here: Path, ratio: float) -> None:
+    """A simulated set with every nth sample: the same as read so slowly, since its sensors' noise is white."""
+    if ratio != round(ratio):
+        raise UsageError(f"no reading of {FASTEST_HZ:g} Hz over {ratio:g}", next_step="a rate that divides it")
+    for path in sorted(there.rglob("*.csv")):
+        if not path.name.endswith(".motion.csv"):
+            lines = path.read_bytes().splitlines(keepends=True)
+            write_whole(here / path.relative_to(there), b"".join([lines[0], *lines[1 :: round(ratio)]]))
+    for path in sorted(there.rglob("*.json")):
+        told = json.loads(path.read_text("utf-8"))
+        changed = told | {"rate_hz": told["rate_hz"] / ratio} if "rate_hz" in told else told
+        write_whole(here / path.relative_to(there), json.dumps(changed))
 
 
 @cache
@@ -66,14 +101,14 @@ def windows(folder: Path, point: Point) -> dict[str, FloatRows]:
     stale = [paths[task] for task, rows in kept.items() if len(rows) != len(data.tasks[task])]
     if stale:
         raise DataError("features of other windows", where=stale[0], next_step="remove the folder and begin anew")
-    return {task: _seen(rows[:, columns(spec)], spec, point.look_back_s) for task, rows in kept.items()}
+    return {task: _seen(_taken(rows, spec), spec, point.look_back_s) for task, rows in kept.items()}
 
 
 def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
     """Features [sum of T, F] at every sample of a part, recording after recording."""
     data = read(folder, point.of, point.rate_hz, part)
     spec = point.spec(data)
-    rows = whole_rows(folder, point, part)[:, columns(spec)]
+    rows = _taken(whole_rows(folder, point, part), spec)
     if point.bank == "float32":
         bank = _bank_in_float32(data, spec)
         rows = np.hstack([rows[:, : rows.shape[1] - bank.shape[1]], bank])
@@ -101,7 +136,15 @@ def whole_of(spec: StepSpec) -> StepSpec:
     """The spec whose features hold those of every point: they are computed once, each point takes its columns."""
     if "window" in spec.groups:
         return replace(spec, groups=GROUPS["raw window"], window_s=max(WINDOWS_S), bands_hz=BANDS_HZ)
-    return replace(spec, groups=GROUPS["default and bands"], window_s=WINDOW_S, bands_hz=BANDS_HZ)
+    groups = GROUPS["default and bands" if "bands" in spec.groups else "default"]
+    return replace(spec, groups=groups, window_s=WINDOW_S, bands_hz=BANDS_HZ)
+
+
+def _taken(whole: FloatRows, spec: StepSpec) -> FloatRows:
+    """A spec's columns of its whole, which is not copied where it is the same."""
+    return whole if spec.groups == whole_of(spec).groups and whole.shape[1] == feature_count(spec) else (
+        whole[:, columns(spec)]
+    )  # fmt: skip
 
 
 def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
@@ -132,6 +175,13 @@ def _starts(data: DataSet) -> Any:
 
 def _place(folder: Path, rate_hz: float, part: str) -> Path:
     return folder / f"{rate_hz:g}hz-{part}"
+
+
+def _emptied(place: Path) -> Path:
+    """Where a set is made, so that a run that is stopped leaves no half of it."""
+    half = place.with_name(f"{place.name}.half")
+    shutil.rmtree(half, ignore_errors=True)
+    return half
 
 
 def _kept(folder: Path, of: Set, spec: StepSpec, part: str) -> Path:

@@ -4,12 +4,14 @@ Every point is a forest asked about streams that it never met, sample by sample:
 false alarm a minute, how long after the load came on, and how much of the lead there was is used up. Beside it the
 macro F1 over four situations of held-out windows, and, all in turns in one run, the microseconds of the forest alone
 and of the whole step. Points are kept one by one, so that a run that was interrupted goes on where it was; they are
-measured two at a time, or on a Dask cluster.
+measured side by side, or on a Dask cluster.
 """
 
 from __future__ import annotations
 
+import io
 import json
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -22,9 +24,10 @@ import onnx
 from joblib import Parallel, delayed, parallel_config
 
 from benchmarks.cost import sets
+from benchmarks.cost.grown import Grown
 from benchmarks.cost.measure import measure
 from benchmarks.cost.point import GOOD, GROUPS, Point, points
-from benchmarks.cost.sets import PARTS, Parts, prepare, some, whole_rows, windows
+from benchmarks.cost.sets import PARTS, Parts, require_parts, simulate, some, whole_rows, windows
 from edge_runtime.contract import FloatArray
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
@@ -32,7 +35,7 @@ from edge_runtime.writing import write_whole
 from export.verify import cut_forests
 from training.featurise import FloatRows
 
-WORKERS = 2
+WORKERS = os.cpu_count() or 1
 TIMED_ROWS = 200
 TIMED_EVENTS, TIMED_S = 10, 0.2
 TURNS, CALLS = 10, 60
@@ -46,30 +49,35 @@ def cost(
     folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same folder.
     """
     chosen = points() if chosen is None else chosen
-    with _workers(dask) as where:
-        wanted = dict.fromkeys((point.of, point.rate_hz) for point in chosen)
-        Parallel(**where)(delayed(prepare)(folder, *one, parts) for one in wanted)
-        Parallel(**where)(delayed(_features)(folder, point) for point in _by_features(chosen))
-        alike = _by_forest(chosen)
-        one_by_one = Parallel(**where, batch_size=1, pre_dispatch=2 * WORKERS)
-        kept = one_by_one(delayed(_kept)(folder, points) for points in alike)
+    require_parts(folder, parts)
+    rates_hz = sorted({point.rate_hz for point in chosen if point.of == "scenes"})
+    with _workers(dask) as at_once:
+        at_once(delayed(simulate)(folder, part, rates_hz, parts) for part in (parts if rates_hz else ()))
+        at_once(delayed(_features)(folder, point, part) for point, part in _by_features(chosen))
+        kept = at_once(delayed(_kept)(folder, family) for family in _families(chosen))
     told = {(row["what"], row["of"]): row for rows in kept for row in rows}
     rows = [told[point.what, point.of] | us for point, us in zip(chosen, _priced(folder, chosen), strict=True)]
     return {"rows": rows, "fronts": fronts(rows)}
 
 
-def _by_forest(chosen: Sequence[Point]) -> list[list[Point]]:
-    """Points that share a forest together, the dearest first, so that no worker is left with it at the end."""
+def _families(chosen: Sequence[Point]) -> list[list[Point]]:
+    """Points whose forests differ in their number of trees alone together, the dearest first, so that no worker is
+    left with it at the end."""
     alike: dict[Point, list[Point]] = {}
     for point in chosen:
-        alike.setdefault(point.fitted, []).append(point)
-    return sorted(alike.values(), key=lambda points: -points[0].plan(1).situation.n_estimators)
+        alike.setdefault(point.grown, []).append(point)
+    return sorted(alike.values(), key=_most_trees, reverse=True)
 
 
-def _by_features(chosen: Sequence[Point]) -> list[Point]:
-    """One point for each set of features that has to be made: the raw window, and everything else."""
-    raw = {one: "window" in GROUPS[one.groups] for one in chosen}
-    return list({(one.of, one.rate_hz, raw[one]): one for one in chosen}.values())
+def _most_trees(points: Sequence[Point]) -> int:
+    return max(point.plan.situation.n_estimators for point in points)
+
+
+def _by_features(chosen: Sequence[Point]) -> list[tuple[Point, str]]:
+    """A point and a part for each set of features that has to be made, the largest first."""
+    sets = {(one.of, one.rate_hz, "window" in GROUPS[one.groups], "bands" in GROUPS[one.groups]): one for one in chosen}
+    largest = sorted(sets.values(), key=lambda one: one.rate_hz, reverse=True)
+    return [(one, part) for part in PARTS for one in largest if one.of == "scenes" or part == "train"]
 
 
 def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
@@ -96,21 +104,23 @@ def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[st
 
 
 @contextmanager
-def _workers(dask: str | None) -> Iterator[dict[str, Any]]:
-    """Where the points are measured, as joblib is told. Named call by call: a worker's forests keep to its threads."""
+def _workers(dask: str | None) -> Iterator[Parallel]:
+    """Where things are measured, one after another as a worker is free; workers keep the sets that they have read."""
     if dask is None:
-        yield {"backend": "multiprocessing", "n_jobs": WORKERS}
+        with Parallel(WORKERS, "multiprocessing", batch_size=1, pre_dispatch=2 * WORKERS) as at_once:
+            yield at_once
         return
     from distributed import Client
 
     with Client(dask), parallel_config(backend="dask"):
-        yield {}
+        yield Parallel(batch_size=1, pre_dispatch=2 * WORKERS)
 
 
-def _features(folder: Path, point: Point) -> None:
+def _features(folder: Path, point: Point, part: str) -> None:
     """Make the features of a point, unless they are there."""
-    windows(folder, point)
-    for part in dict.fromkeys(("train",) if point.of == "human" else ("choose", _asked(point))):
+    if part == "train":
+        windows(folder, point)
+    if part == _asked(point) or part == "choose":
         whole_rows(folder, point, part)
 
 
@@ -119,31 +129,47 @@ def _asked(point: Point) -> str:
     return "train" if point.of == "human" else "ask"
 
 
-def _kept(folder: Path, points: Sequence[Point]) -> list[dict[str, Any]]:
-    """Points that share a forest from their files, or measured and written there."""
-    paths = {point: folder / "points" / f"{point.name}.json" for point in points}
-    model_path = _model(folder, points[0])
-    missing = [point for point in points if not paths[point].is_file()]
-    if missing or not model_path.is_file():
-        figures, model = measure(points[0].fitted, missing, folder)
-        write_whole(model_path, model.SerializeToString())
-        for point, told in zip(missing, figures, strict=True):
-            write_whole(paths[point], json.dumps(asdict(point) | {"what": point.what} | told) + "\n")
-    return [json.loads(path.read_text("utf-8")) for path in paths.values()]
+def _kept(folder: Path, family: Sequence[Point]) -> list[dict[str, Any]]:
+    """Points of forests that differ in their number of trees, from their files, or measured and written there."""
+    grown = Grown(_most_trees(family))
+    for fitted in dict.fromkeys(point.fitted for point in family):
+        missing = [point for point in family if point.fitted == fitted and not _figures(folder, point).is_file()]
+        if missing or not _timed(folder, fitted).is_file():
+            _measured(folder, fitted, missing, grown)
+    return [json.loads(_figures(folder, point).read_text("utf-8")) for point in family]
+
+
+def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown) -> None:
+    """Measure points of one forest and keep their figures, the model, and what it will be timed on."""
+    figures, model = measure(fitted, points, folder, grown)
+    write_whole(_model(folder, fitted), model.SerializeToString())
+    packed = io.BytesIO()
+    rows = some(folder, fitted, _asked(fitted), TIMED_ROWS)
+    np.savez(packed, rows=rows, samples=_about_events(folder, fitted))
+    write_whole(_timed(folder, fitted), packed.getvalue())
+    for point, told in zip(points, figures, strict=True):
+        write_whole(_figures(folder, point), json.dumps(asdict(point) | {"what": point.what} | told) + "\n")
+
+
+def _figures(folder: Path, point: Point) -> Path:
+    return folder / "points" / f"{point.name}.json"
 
 
 def _model(folder: Path, point: Point) -> Path:
     return folder / "points" / f"{point.fitted.name}.onnx"
 
 
+def _timed(folder: Path, point: Point) -> Path:
+    return folder / "points" / f"{point.fitted.name}.npz"
+
+
 def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
     """Microseconds (p50) of the forest alone and of the whole step, and bytes; all points in turns, one run."""
     calls: dict[str, Callable[[], object]] = {}
-    forests = list(dict.fromkeys(point.fitted for point in chosen))
-    for point in forests:
-        model = onnx.load(_model(folder, point))
-        calls[f"{point.name} forest"] = _forest_call(model, some(folder, point, _asked(point), TIMED_ROWS))
-        calls[f"{point.name} step"] = _step_call(model, _about_events(folder, point))
+    for point in dict.fromkeys(point.fitted for point in chosen):
+        model, asked = onnx.load(_model(folder, point)), np.load(_timed(folder, point))
+        calls[f"{point.name} forest"] = _forest_call(model, asked["rows"])
+        calls[f"{point.name} step"] = _step_call(model, asked["samples"])
     us = {name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()}
     return [
         {"forest_us": us[f"{point.fitted.name} forest"], "step_us": us[f"{point.fitted.name} step"],
