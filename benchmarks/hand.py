@@ -30,6 +30,7 @@ from edge_runtime.clock import MonotonicClock
 from edge_runtime.contract import FloatArray, Prediction, Sample
 from edge_runtime.live import Measured, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.priority import real_time
 from edge_runtime.tare import Tare
 from edge_runtime.timing import busy_wait, time_in_turns
 
@@ -169,7 +170,8 @@ def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
     clock = MonotonicClock()
     bench = Bench(clock=_Instant(clock))
     end_ns = clock.now_ns() + round(1e9 * seconds)
-    summary = _answered(bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns)
+    with real_time():
+        summary = _answered(bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns)
     told = summary.latency_us()
     floor = time_in_turns({"floor": busy_wait(told["read to emit"]["p50"])})["floor"]
     return {

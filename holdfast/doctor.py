@@ -62,6 +62,7 @@ def examine() -> list[Finding]:
         ("udev", _udev),
         ("clock", _clock),
         ("governor", _governor),
+        ("priority", _priority),
     ]
     return [finding for name, check in checks for finding in _safely(name, check)]
 
@@ -194,3 +195,13 @@ def _governor() -> list[Finding]:
     fast = names == ["performance"]
     step = "" if fast else "cpupower frequency-set -g performance, for a steady latency"
     return [Finding("governor", "ok" if fast else "missing", ", ".join(names), step)]
+
+
+def _priority() -> list[Finding]:
+    from edge_runtime.priority import PRIORITY, real_time
+
+    with real_time() as allowed:
+        if allowed:
+            return [Finding("priority", "ok", "a hand is read with real-time priority")]
+    step = f"echo \"$USER - rtprio {PRIORITY}\" | sudo tee /etc/security/limits.d/holdfast.conf, then log in anew"
+    return [Finding("priority", "missing", "a busy machine may delay a sample", step)]

@@ -23,6 +23,7 @@ from edge_runtime.contract import RATE_TOLERANCE, FloatArray, Prediction, Sample
 from edge_runtime.errors import ChannelError, RateError, UnitError
 from edge_runtime.live import Command, Measured, Source, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.priority import real_time
 from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
 from holdfast.live_sources import open_live
@@ -80,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
             return dropped
 
         source = open_live(args.source, clock=clock, say=tell, to_force=force_of(args.calibration))
+        enter(first_in_line(tell))
         try:
             resting = resting_of(args.bias, source)
             stop = until(stopped, clock, args.seconds)
@@ -170,6 +172,15 @@ def _view(model: Model) -> AbstractContextManager[Emit]:
 
 def _no_view(prediction: Prediction, sample: Sample, measured: Measured) -> None:
     """Nobody looks."""
+
+
+@contextmanager
+def first_in_line(say: Callable[[str], None]) -> Iterator[bool]:
+    """Real-time priority, or one line that there is none."""
+    with real_time() as allowed:
+        if not allowed:
+            say("usual priority: other programs can delay a sample; holdfast doctor says how to allow real time")
+        yield allowed
 
 
 def until(stopped: Callable[[], bool], clock: Any, seconds: float | None) -> Callable[[], bool]:

@@ -24,7 +24,7 @@ from holdfast.recorder.card import NOTHING, Protocol, Task, left, read_protocol,
 from holdfast.recorder.folder import RECORDING, done, opened, require_ours, trials_of
 from holdfast.recorder.labels import MARKS
 from holdfast.recorder.session import Asked, Session
-from holdfast.run import force_of
+from holdfast.run import first_in_line, force_of
 
 CHECK_S = 1.0
 KINDS = {"usb": "recorded", "i2c": "recorded", "virtual": "simulated", "sim": "simulated"}
@@ -51,14 +51,14 @@ def record(args: argparse.Namespace, clock: Any, keys: Any, say: Callable[[str],
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
     try:
         kind = KINDS.get(args.source.partition("://")[0] if "://" in args.source else "", "replayed")
-        with opened(args.out, source.unit, kind):
+        with opened(args.out, source.unit, kind), first_in_line(say) as real_time:
             _tell_before(args.out, person, plan, say)
             bias, warnings, good = checked(source, clock, say, anyway=args.anyway)
             rate_hz = source.rate_hz or args.rate
             masses = plan.protocol.mass_g if plan.protocol else {}
             session = Session(
                 Asked(args.out, person, rate_hz, args.seconds, args.at_once, masses), source, clock, keys, say,
-                bias=bias.values, about=about(args, source, (bias, warnings, good), plan, rate_hz),
+                bias=bias.values, about=about(args, source, (bias, warnings, good), plan, rate_hz, real_time=real_time),
                 camera=camera_of(args, source, clock), truth=truth_of(args.source, source),
             )  # fmt: skip
             kept = session.run(plan.tasks, stopped)
@@ -149,7 +149,7 @@ def truth_of(url: str, source: Source) -> Callable[[int, int], list[dict[str, An
 
 
 def about(
-    args: argparse.Namespace, source: Source, checked: Checked, plan: Plan, rate_hz: float
+    args: argparse.Namespace, source: Source, checked: Checked, plan: Plan, rate_hz: float, *, real_time: bool
 ) -> dict[str, Any]:
     """What every trial's meta.json says; paths by their last part only, which name nobody."""
     bias, warnings, good = checked
@@ -166,6 +166,7 @@ def about(
             "card": plan.protocol.name, "sha256": plan.protocol.sha256, "seed": args.seed, "done_before": plan.done,
         },
         "versions": {**packages, "python": platform.python_version(), "machine": platform.machine()},
+        "real_time_priority": real_time,
         "configuration": said,
     }  # fmt: skip
 

@@ -1,0 +1,91 @@
+"""Who reads a hand goes first where the system allows it, and nobody else does."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from edge_runtime.priority import real_time
+
+FIRST = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+ASKS = "import os; print(os.sched_getscheduler(0))"
+
+
+def policies() -> list[int]:
+    """Of this thread, of a new thread, and of a new process."""
+    told: list[int] = []
+    thread = threading.Thread(target=lambda: told.append(os.sched_getscheduler(0)))
+    thread.start()
+    thread.join()
+    child = subprocess.run([sys.executable, "-c", ASKS], capture_output=True, text=True, check=True)
+    return [os.sched_getscheduler(0), *told, int(child.stdout)]
+
+
+@pytest.fixture
+def allowed() -> None:
+    with real_time() as yes:
+        if not yes:
+            pytest.skip("this user may not have real-time priority")
+
+
+def test_the_reader_goes_first_and_what_it_starts_does_not(allowed):
+    with real_time():
+        mine, thread, child = policies()
+    assert mine == FIRST
+    assert thread == child == os.SCHED_OTHER
+
+
+def test_the_priority_ends_with_the_reading_however_it_ends(allowed):
+    before = os.sched_getscheduler(0)
+    with pytest.raises(KeyError), real_time():
+        raise KeyError
+    assert os.sched_getscheduler(0) == before
+
+
+def test_where_it_is_not_allowed_everything_goes_on_as_before(monkeypatch):
+    def refuse(*told: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    before = os.sched_getscheduler(0)
+    with real_time() as yes:
+        assert not yes
+        assert os.sched_getscheduler(0) == before
+
+
+def test_who_may_not_clear_the_mark_of_the_children_still_gives_the_priority_back(monkeypatch, allowed):
+    """As for a user with `ulimit -r` and no more."""
+    really = os.sched_setscheduler
+
+    def as_a_user(pid: int, policy: int, param: os.sched_param) -> None:
+        if not policy & os.SCHED_RESET_ON_FORK:
+            raise PermissionError(1, "Operation not permitted")
+        really(pid, policy, param)
+
+    monkeypatch.setattr(os, "sched_setscheduler", as_a_user)
+    before = os.sched_getscheduler(0)
+    with real_time():
+        pass
+    after = os.sched_getscheduler(0)
+    really(0, before, os.sched_param(0))
+    assert after == before | os.SCHED_RESET_ON_FORK
+
+
+def test_a_user_without_the_right_reads_on_and_is_told_once():
+    """A real process that may not: root that gave its rights up, or whoever runs the tests without them."""
+    script = (
+        "import os\n"
+        "from holdfast.run import first_in_line\n"
+        "if os.geteuid() == 0:\n    os.setgid(65534); os.setuid(65534)\n"
+        "with first_in_line(print) as yes:\n    print(yes)\n"
+    )
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    if told == "True\n":
+        pytest.skip("this user has real-time priority without root")
+    line, allowed = told.splitlines()
+    assert "holdfast doctor" in line
+    assert allowed == "False"
