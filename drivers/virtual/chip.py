@@ -70,9 +70,10 @@ class Chip:
 
     def addressed(self, address: int, *, read: bool) -> bool:
         """Whether it acknowledges; a sleeping chip wakes and does not."""
-        self._suffer()
+        if self._faults:
+            self._suffer()
         called = address == self.address or (address == GENERAL_CALL and not read)
-        if not called or self._faults.lasts("nack", self._now_s(), self.number):
+        if not called or self._has("nack"):
             return False
         if self._mode() == SLEEP:
             self._set_mode(STANDBY)
@@ -119,10 +120,10 @@ class Chip:
         if address > LAST:
             return 0
         ids = (REGISTERS["MANUFACTURER_ID_LSB"].address, REGISTERS["MANUFACTURER_ID_MSB"].address)
-        if address in ids and self._faults.lasts("wrong", self._now_s(), self.number):
+        if address in ids and self._has("wrong"):
             return WRONG_ID
         byte = self._bytes[address]
-        if address == REGISTERS["CONV_STATUS"].address and self._faults.lasts("diag", self._now_s(), self.number):
+        if address == REGISTERS["CONV_STATUS"].address and self._has("diag"):
             byte |= 1 << REGISTERS["CONV_STATUS"].fields["DIAG_STATUS"][0]
         return byte
 
@@ -166,7 +167,7 @@ class Chip:
 
     def _update(self) -> None:
         """Finish the conversions that have been completed by now; only the last one leaves its result."""
-        if self._started_ns is None or self._faults.lasts("frozen", self._now_s(), self.number):
+        if self._started_ns is None or self._has("frozen"):
             return
         if not self._field_of("SENSOR_CONFIG_1", "MAG_CH_EN"):
             return
@@ -210,6 +211,10 @@ class Chip:
 
     def _now_s(self) -> float:
         return 1e-9 * (self._clock.now_ns() - self._born_ns)
+
+    def _has(self, fault: str) -> bool:
+        """Whether a fault of this chip lasts now."""
+        return bool(self._faults) and self._faults.lasts(fault, self._now_s(), self.number)
 
     def _suffer(self) -> None:
         if self._faults.happened("por", self._now_s(), self.number):

@@ -71,6 +71,10 @@ class Faults:
         self._lasting = [fault for fault in faults if fault.kind not in AT_ONCE]
         self._pending = sorted((f for f in faults if f.kind in AT_ONCE), key=lambda fault: fault.at_s)
 
+    def __bool__(self) -> bool:
+        """Whether anything is still to happen."""
+        return bool(self._lasting or self._pending)
+
     def lasts(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
         """Whether a lasting fault is on."""
         return any(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from drivers.virtual.hand import VirtualHand
 from drivers.virtual.usb_backend import BULK, Device, endpoints, stall
 from drivers.virtual.wire import Wire
@@ -15,7 +17,7 @@ SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY, SIO_BITMODE, SIO_GET_PINS = 0x00, 0x09, 0x0A, 0x0B, 0x0C
 MPSSE = 2
 SET_PINS = 0x80
-LENGTHS = {0x82: 3, 0x86: 3, 0x9E: 3, 0x10: 3, 0x11: 3, 0x20: 3, 0x24: 3, 0x12: 3, 0x13: 3, 0x22: 2, 0x26: 2}
+LENGTHS = dict.fromkeys((SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3) | {0x22: 2, 0x26: 2}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
 BYTE_WRITES = (0x10, 0x11)
 SIMPLE = {0x81, 0x83, 0x84, 0x85, 0x87, 0x8A, 0x8B, 0x8C, 0x8D, 0x96, 0x97}
@@ -118,6 +120,28 @@ class Pins:
         return bit
 
 
+@lru_cache(maxsize=64)
+def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
+    """MPSSE commands as (opcode, what follows it), and how many bytes they are; the rest is incomplete.
+
+    A pin write that repeats the one before moves nothing and is left out. A driver asks the same again and again.
+    """
+    found: list[tuple[int, bytes]] = []
+    at = 0
+    while at < len(commands):
+        opcode = commands[at]
+        used = LENGTHS.get(opcode, 1)
+        if opcode in BYTE_WRITES and at + used <= len(commands):
+            used += 1 + int.from_bytes(commands[at + 1 : at + 3], "little")
+        if at + used > len(commands):
+            break
+        command = opcode, commands[at + 1 : at + used]
+        if opcode != SET_PINS or not found or found[-1] != command:
+            found.append(command)
+        at += used
+    return tuple(found), at
+
+
 class VirtualFt232h(Device):
     """The bridge before a virtual hand."""
 
@@ -132,7 +156,7 @@ class VirtualFt232h(Device):
     def reset(self) -> None:
         """As plugged in: no MPSSE, latency 16 ms, 12 MHz clock."""
         self._mode, self._latency_ms = 0, 16
-        self._commands, self._answers = b"", b""
+        self._commands, self._answers = b"", bytearray()
         self._flushed = False
         self._pins = Pins(self.hand.wire)
         self._divider, self._by_five, self._phases, self._loopback = 0, True, 2, False
@@ -142,13 +166,13 @@ class VirtualFt232h(Device):
     def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
         """FTDI's own requests; those for the serial port are taken and ignored."""
         if request == SIO_RESET and value in (0, 1, 2):
-            self._answers = b"" if value != 2 else self._answers
+            self._answers = bytearray() if value != 2 else self._answers
             self._commands = b"" if value != 1 else self._commands
         elif request == SIO_LATENCY:
             self._latency_ms = value & 0xFF
         elif request == SIO_BITMODE:
             self._mode = value >> 8
-            self._commands = self._answers = b""
+            self._commands, self._answers = b"", bytearray()
         elif request > SIO_GET_PINS:
             raise stall()
 
@@ -171,10 +195,11 @@ class VirtualFt232h(Device):
             return
         self.hand.suffer()
         self._commands += data
-        bits, from_ns, at = self.hand.wire.bits, self.hand.clock.now_ns(), 0
-        while at < len(self._commands) and (used := self._step(at)):
-            at += used
-        self._commands = self._commands[at:]
+        bits, from_ns = self.hand.wire.bits, self.hand.clock.now_ns()
+        commands, used = parsed(self._commands)
+        self._commands = self._commands[used:]
+        for opcode, told in commands:
+            self._carry_out(opcode, told)
         lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
         self.hand.clock.spend(from_ns + lasts_ns - self.hand.clock.now_ns())
 
@@ -202,65 +227,38 @@ class VirtualFt232h(Device):
     def _levels(self) -> int:
         return self._pins.scl * SCL | self._pins.master * SDA | self._pins.sda * SDA_IN
 
-    def _step(self, at: int) -> int:
-        """Carry out the command that begins at a byte; how many bytes it took, 0 while it is incomplete."""
-        commands = self._commands
-        opcode = commands[at]
+    def _carry_out(self, opcode: int, told: bytes) -> None:
         if opcode == SET_PINS:
-            return self._set_pins(at)
-        if opcode in SIMPLE:
+            levels, driven = told
+            self._pins.set(bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA))
+        elif opcode in (0x20, 0x24):
+            for _ in range(int.from_bytes(told, "little") + 1):
+                self._answers.append(self._pins.byte_in())
+        elif opcode in (0x22, 0x26):
+            self._answers.append(self._shift_in(told[0] + 1))
+        elif opcode in (0x12, 0x13):
+            self._shift_out(told[1], told[0] + 1)
+        elif opcode in BYTE_WRITES:
+            for byte in told[2:]:
+                self._pins.byte_out(byte)
+        elif opcode == 0x86:
+            self._divider = int.from_bytes(told, "little")
+        elif opcode in SIMPLE:
             self._simple(opcode)
-            return 1
-        if opcode not in LENGTHS:
+        elif opcode not in LENGTHS:
             self._answers += bytes([0xFA, opcode])
-            return 1
-        used = LENGTHS[opcode]
-        if len(commands) < at + used:
-            return 0
-        if opcode in BYTE_WRITES:
-            used += 1 + int.from_bytes(commands[at + 1 : at + 3], "little")
-            if len(commands) < at + used:
-                return 0
-        self._with_arguments(opcode, commands[at + 1 : at + used])
-        return used
-
-    def _set_pins(self, at: int) -> int:
-        """A pin write and those after it that repeat it, which move nothing; how many bytes, 0 while incomplete."""
-        told = self._commands[at : at + 3]
-        if len(told) < 3:
-            return 0
-        _, levels, driven = told
-        self._pins.set(bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA))
-        used = 3
-        while self._commands[at + used : at + used + 3] == told:
-            used += 3
-        return used
 
     def _simple(self, opcode: int) -> None:
         if opcode == 0x81:
-            self._answers += bytes([self._levels()])
+            self._answers.append(self._levels())
         elif opcode == 0x83:
-            self._answers += b"\0"
+            self._answers.append(0)
         elif opcode == 0x87:
             self._flushed = True
         elif opcode in (0x8A, 0x8B):
             self._by_five = opcode == 0x8B
         elif opcode in (0x8C, 0x8D):
             self._phases = 3 if opcode == 0x8C else 2
-
-    def _with_arguments(self, opcode: int, told: bytes) -> None:
-        if opcode == 0x86:
-            self._divider = int.from_bytes(told, "little")
-        elif opcode in BYTE_WRITES:
-            for byte in told[2:]:
-                self._pins.byte_out(byte)
-        elif opcode in (0x12, 0x13):
-            self._shift_out(told[1], told[0] + 1)
-        elif opcode in (0x20, 0x24):
-            for _ in range(int.from_bytes(told, "little") + 1):
-                self._answers += bytes([self._pins.byte_in()])
-        elif opcode in (0x22, 0x26):
-            self._answers += bytes([self._shift_in(told[0] + 1)])
 
     def _shift_out(self, byte: int, bits: int) -> None:
         for k in range(bits):
