@@ -17,7 +17,8 @@ INTRO = """# Scenes
 
 A scene is an experiment card (TOML). The core always runs: six contacts with brush friction (more where the card's
 `[hand]` says so, [hand](../simulation/hand.py)), an object in three dimensions, people, a box, a hand that closes and
-opens ([core](../simulation/core.py)). Nothing else runs unless the card names it. Written by `make docs`; **every number here is simulated**.
+opens ([core](../simulation/core.py)). Nothing else runs unless the card names it. Written by `make docs`; **every
+number here is simulated**.
 
 ```sh
 holdfast simulate thesis --trials 50 --rate 150 --seed 0 --out build/scenes/thesis

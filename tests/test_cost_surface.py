@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.cost import sets
+from benchmarks.cost import recordings
+from benchmarks.cost.features import columns, look_backs_s, some, whole_of
 from benchmarks.cost.grown import first_trees
 from benchmarks.cost.page import README_ROWS, figure, line, page, readme_table
 from benchmarks.cost.point import BANDS, GROUPS, Point, points
-from benchmarks.cost.sets import columns, look_backs_s, whole_of
 from benchmarks.cost.surface import cost, pareto
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import DataError, UsageError
@@ -133,7 +133,7 @@ def test_the_first_trees_of_a_large_forest_are_the_small_one_fitted_alone(kind, 
 
 def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
     parts = {"ask": ("daily", 20, 2)}
-    sets.simulate(tmp_path, "ask", [300.0, 100.0], parts)
+    recordings.simulate(tmp_path, "ask", [300.0, 100.0], parts)
     fast, slow = (load(tmp_path / f"{rate}hz-ask", windows="natural") for rate in (300, 100))
     assert (fast.rate_hz, slow.rate_hz) == (pytest.approx(300.0), pytest.approx(100.0))
     for one, other in zip(fast.recordings, slow.recordings, strict=True):
@@ -142,25 +142,25 @@ def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
     np.testing.assert_array_equal(third.t_s, every.t_s[::3])
     np.testing.assert_array_equal(third.raw, every.raw[::3])
     with pytest.raises(UsageError, match=r"300 Hz over 2\.5"):
-        sets.simulate(tmp_path, "ask", [120.0], parts)
+        recordings.simulate(tmp_path, "ask", [120.0], parts)
 
 
 def test_half_a_simulation_is_begun_anew_and_a_whole_one_is_kept(tmp_path):
     (tmp_path / "300hz-ask.half").mkdir()
     (tmp_path / "300hz-ask.half" / "card.toml").write_text("torn")
     parts = {"ask": ("daily", 20, 2)}
-    sets.simulate(tmp_path, "ask", [100.0], parts)
+    recordings.simulate(tmp_path, "ask", [100.0], parts)
     written = sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
-    sets.simulate(tmp_path, "ask", [100.0], parts)
+    recordings.simulate(tmp_path, "ask", [100.0], parts)
     assert written == sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
     assert not list(tmp_path.glob("*.half"))
 
 
 def test_a_folder_of_other_recordings_is_refused_and_left_as_it_is(tmp_path):
-    sets.require_parts(tmp_path, SMALL)
-    sets.require_parts(tmp_path, SMALL)
+    recordings.require_parts(tmp_path, SMALL)
+    recordings.require_parts(tmp_path, SMALL)
     with pytest.raises(DataError, match="other recordings"):
-        sets.require_parts(tmp_path, sets.PARTS)
+        recordings.require_parts(tmp_path, recordings.PARTS)
 
 
 # -- a small surface
@@ -209,11 +209,11 @@ def test_a_run_goes_on_where_it_was(measured):
 def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(measured):
     folder, _ = measured
     short = replace(TINY, look_back_s=0.05)
-    rows = sets.some(folder, short, "ask", 50)
-    beyond = look_backs_s(short.spec(sets.read(folder, "scenes", 50.0, "ask"))) > 0.051
+    rows = some(folder, short, "ask", 50)
+    beyond = look_backs_s(short.spec(recordings.read(folder, "scenes", 50.0, "ask"))) > 0.051
     assert beyond.any()
     assert not rows[:, beyond].any()
-    np.testing.assert_array_equal(rows[:, ~beyond], sets.some(folder, TINY, "ask", 50)[:, ~beyond])
+    np.testing.assert_array_equal(rows[:, ~beyond], some(folder, TINY, "ask", 50)[:, ~beyond])
 
 
 @pytest.fixture

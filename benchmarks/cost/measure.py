@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 
-from benchmarks.cost import sets
+from benchmarks.cost.features import everywhere, windows
 from benchmarks.cost.grown import Grown
 from benchmarks.cost.point import Point
+from benchmarks.cost.recordings import per_recording, read
 from edge_runtime.contract import RISKY_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN
 from export.exporting import whole_graph
@@ -56,7 +57,7 @@ def measure(
     point: Point, points: Sequence[Point], folder: Path, grown: Grown
 ) -> tuple[list[dict[str, Any]], onnx.ModelProto]:
     """Figures of points that have the forest of this one, and the step graph of that forest."""
-    data = sets.read(folder, point.of, point.rate_hz, "train")
+    data = read(folder, point.of, point.rate_hz, "train")
     fitted = (_people if point.of == "human" else _grasps)(point, folder, data, grown)
     head = Head("situation", data.tasks[main_task(data)].classes, fitted.forest, fitted.calibration)
     return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(point.spec(data), [head])
@@ -65,7 +66,7 @@ def measure(
 def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     """Scenes: the threshold and the calibration are of one stream of grasps, and the point is asked about another."""
     every = np.arange(len(data.tasks["classes"]))
-    forest = grown.fit(data, sets.windows(folder, point)["classes"], point.plan, "classes", every)
+    forest = grown.fit(data, windows(folder, point), point.plan, "classes", every)
     (chosen_on, choosing), (asked, asking) = (_voted(point, folder, part, forest) for part in ("choose", "ask"))
     calibration = fit_calibration(_held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label)
     figures = held_out_figures(asking, _held_out(asked, asking))["situations"]
@@ -77,10 +78,10 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
 
     The forest that is priced is the first fold's.
     """
-    features, task = sets.windows(folder, point)["situations"], data.tasks["situations"]
+    features, task = windows(folder, point), data.tasks["situations"]
     folds = assign_groups(data.group_of("situations"), FOLDS)
     of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
-    rows = sets.per_recording(data, sets.everywhere(folder, point, "train"))
+    rows = per_recording(data, everywhere(folder, point, "train"))
     forests = [grown.fit(data, features, point.plan, "situations", np.flatnonzero(of_window != fold))
                for fold in range(FOLDS)]  # fmt: skip
     votes: dict[int, IntArray] = {}
@@ -113,9 +114,9 @@ def _of(data: DataSet, votes: dict[int, IntArray], which: Sequence[int]) -> Vote
 
 
 def _voted(point: Point, folder: Path, part: str, forest: Forest) -> tuple[Voted, DataSet]:
-    data = sets.read(folder, point.of, point.rate_hz, part)
-    votes = reference_votes(forest, sets.everywhere(folder, point, part), len(data.tasks["classes"].classes))
-    return Voted(list(data.recordings), sets.per_recording(data, votes)), data
+    data = read(folder, point.of, point.rate_hz, part)
+    votes = reference_votes(forest, everywhere(folder, point, part), len(data.tasks["classes"].classes))
+    return Voted(list(data.recordings), per_recording(data, votes)), data
 
 
 def _votes(forest: Forest, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:

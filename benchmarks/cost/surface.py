@@ -23,11 +23,11 @@ import numpy as np
 import onnx
 from joblib import Parallel, delayed, parallel_config
 
-from benchmarks.cost import sets
+from benchmarks.cost.features import some, whole_rows, windows
 from benchmarks.cost.grown import Grown
 from benchmarks.cost.measure import measure
 from benchmarks.cost.point import GOOD, GROUPS, Point, points
-from benchmarks.cost.sets import PARTS, Parts, require_parts, simulate, some, whole_rows, windows
+from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
 from edge_runtime.contract import FloatArray
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
@@ -198,7 +198,7 @@ def _step_call(model: onnx.ModelProto, samples: FloatArray) -> Callable[[], obje
 
 def _about_events(folder: Path, point: Point) -> FloatArray:
     """[T, C] samples about the load's onset, one risky slip after another: what the forest is there for."""
-    recordings = sets.read(folder, point.of, point.rate_hz, _asked(point)).recordings
+    recordings = read(folder, point.of, point.rate_hz, _asked(point)).recordings
     about = [
         one.samples[max(0, round((event.onset_s - TIMED_S) * one.rate_hz)) :][: round(2.0 * TIMED_S * one.rate_hz)]
         for one in recordings

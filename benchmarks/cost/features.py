@@ -1,107 +1,43 @@
-"""The recordings that points are fitted on and asked about, and their features, made once and kept on disk."""
+"""Features of the recordings, made once and kept on disk; every point takes its columns."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
+from benchmarks.cost.recordings import read, starts
 from edge_runtime.contract import FloatArray
-from edge_runtime.errors import DataError, UsageError
-from edge_runtime.writing import write_whole
+from edge_runtime.errors import DataError
 from export.bank import BANDS_HZ, STATES_PER_BAND, step_matrix
 from export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
 from export.spec import WINDOW_S, StepSpec
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.datasets import load
+from training.crossval import main_task
 from training.featurise import FloatRows, features_everywhere, features_of
 from training.recording import DataSet
 
-Parts = Mapping[str, tuple[str, int, int]]
-"""Part -> card, grasps, seed."""
-PARTS: Parts = {"ask": ("daily", 600, 2), "train": ("thesis", 400, 0), "choose": ("daily", 150, 1)}
-"""What a forest is asked about, was fitted on, and its threshold chosen on."""
-FASTEST_HZ = 300.0
-HUMAN = "human_slip_uskin"
 
-
-def require_parts(folder: Path, parts: Parts) -> None:
-    """Raise DataError where the folder keeps what was measured on other parts."""
-    path, told = folder / "parts.json", json.dumps(parts)
-    if not path.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        write_whole(path, told)
-    if path.read_text("utf-8") != told:
-        raise DataError("points of other recordings", where=folder, next_step="remove the folder and begin anew")
-
-
-def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -> None:
-    """A part at every rate, unless it is there: one hand, read at 300 Hz, of which a slower reader gets every nth."""
-    card, grasps, seed = parts[part]
-    fastest = _place(folder, FASTEST_HZ, part)
-    if not fastest.is_dir():
-        half = _emptied(fastest)
-        write_set(Scene(read_card(card, rate_hz=FASTEST_HZ), seed), half, grasps)
-        half.replace(fastest)
-    for rate_hz in rates_hz:
-        slower = _place(folder, rate_hz, part)
-        if not slower.is_dir():
-            half = _emptied(slower)
-            read_slower(fastest, half, FASTEST_HZ / rate_hz)
-            half.replace(slower)
-
-
-def read_slower(there: Path, here: Path, ratio: float) -> None:
-    """A simulated set with every nth sample: the same as read so slowly, since its sensors' noise is white."""
-    if ratio != round(ratio):
-        raise UsageError(f"no reading of {FASTEST_HZ:g} Hz over {ratio:g}", next_step="a rate that divides it")
-    for path in sorted(there.rglob("*.csv")):
-        if not path.name.endswith(".motion.csv"):
-            lines = path.read_bytes().splitlines(keepends=True)
-            write_whole(here / path.relative_to(there), b"".join([lines[0], *lines[1 :: round(ratio)]]))
-    for path in sorted(there.rglob("*.json")):
-        told = json.loads(path.read_text("utf-8"))
-        changed = told | {"rate_hz": told["rate_hz"] / ratio} if "rate_hz" in told else told
-        write_whole(here / path.relative_to(there), json.dumps(changed))
-
-
-@cache
-def read(folder: Path, of: Set, rate_hz: float, part: str) -> DataSet:
-    """A part: of scenes dense to train on; human_slip_uskin is one part."""
-    if of == "human":
-        data = load(HUMAN)
-        return replace(data, tasks={"situations": data.tasks["situations"]})
-    return load(_place(folder, rate_hz, part), windows="dense" if part == "train" else "natural")
-
-
-def windows(folder: Path, point: Point) -> dict[str, FloatRows]:
-    """Task -> features [M, F] of the labelled windows to train on."""
+def windows(folder: Path, point: Point) -> FloatRows:
+    """Features [M, F] of the labelled windows to train on."""
     data = read(folder, point.of, point.rate_hz, "train")
+    labelled = data.tasks[main_task(data)]
     if point.bank == "float32":
-        rows = everywhere(folder, point, "train")
-        return {task: rows[_starts(data)[one.trial] + one.row] for task, one in data.tasks.items()}
+        rows: FloatRows = everywhere(folder, point, "train")[starts(data)[labelled.trial] + labelled.row]
+        return rows
     spec = point.spec(data)
     whole = whole_of(spec)
-    paths = {task: _kept(folder, point.of, whole, f"train-{task}") for task in data.tasks}
-    if not all(path.is_file() for path in paths.values()):
-        for task, rows in features_of(data, whole).items():
-            _save(paths[task], rows)
-    kept = {task: np.load(path) for task, path in paths.items()}
-    stale = [paths[task] for task, rows in kept.items() if len(rows) != len(data.tasks[task])]
-    if stale:
-        raise DataError("features of other windows", where=stale[0], next_step="remove the folder and begin anew")
-    return {task: _seen(_taken(rows, spec), spec, point.look_back_s) for task, rows in kept.items()}
+    path = _kept(folder, point.of, whole, "train-windows")
+    if not path.is_file():
+        _save(path, features_of(data, whole)[main_task(data)])
+    kept = np.load(path)
+    if len(kept) != len(labelled):
+        raise DataError("features of other windows", where=path, next_step="remove the folder and begin anew")
+    return _seen(_taken(kept, spec), spec, point.look_back_s)
 
 
 def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
@@ -141,10 +77,9 @@ def whole_of(spec: StepSpec) -> StepSpec:
 
 
 def _taken(whole: FloatRows, spec: StepSpec) -> FloatRows:
-    """A spec's columns of its whole, which is not copied where it is the same."""
-    return whole if spec.groups == whole_of(spec).groups and whole.shape[1] == feature_count(spec) else (
-        whole[:, columns(spec)]
-    )  # fmt: skip
+    """A spec's columns of its whole, which is not copied where they are all."""
+    chosen = columns(spec)
+    return whole if len(chosen) == whole.shape[1] else whole[:, chosen]
 
 
 def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
@@ -162,26 +97,6 @@ def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
             own = own.reshape(-1, len(kept))[:, kept].ravel()
         parts.append(own)
     return np.concatenate(parts)
-
-
-def per_recording(data: DataSet, rows: Any) -> list[Any]:
-    """Rows of all recordings -> those of each."""
-    return np.split(rows, _starts(data)[1:])
-
-
-def _starts(data: DataSet) -> Any:
-    return np.concatenate([[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]])
-
-
-def _place(folder: Path, rate_hz: float, part: str) -> Path:
-    return folder / f"{rate_hz:g}hz-{part}"
-
-
-def _emptied(place: Path) -> Path:
-    """Where a set is made, so that a run that is stopped leaves no half of it."""
-    half = place.with_name(f"{place.name}.half")
-    shutil.rmtree(half, ignore_errors=True)
-    return half
 
 
 def _kept(folder: Path, of: Set, spec: StepSpec, part: str) -> Path:
