@@ -7,12 +7,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import onnx
 import pytest
 
+from edge_runtime.graph import StepGraph
 from edge_runtime.model_file import CARD_KEY
 from edge_runtime.monitor import Model
 from edge_runtime.self_checks import CHECKS, self_checks
@@ -48,6 +49,19 @@ def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situat
     told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [one["what"] for one in told] == EVERY
     assert all(one["ok"] is True and one["figure"] for one in told)
+
+
+def test_a_step_that_keeps_something_every_time_is_found(monkeypatch, capsys):
+    kept, really = [], StepGraph.step
+
+    def leaking(graph: StepGraph) -> Any:
+        kept.append(np.ones(200))
+        return really(graph)
+
+    monkeypatch.setattr(StepGraph, "step", leaking)
+    assert main(["selftest", str(DEFAULT)]) == 1
+    failed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("failed")]
+    assert [line[8:36].strip() for line in failed] == ["memory"]
 
 
 def test_it_needs_what_is_on_the_hand_and_nothing_else():
