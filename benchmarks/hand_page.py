@@ -43,8 +43,8 @@ fall falls meanwhile: who must close the whole way is too late, who already hold
 """
 LIVE = """## Where a sample's time goes
 
-`run_live` in real time for a minute on the virtual FT232H whose transfers take no time; "read" is mostly the emulated
-engine's own computing. us; the floor is a busy wait of the same length, timed on the same machine.
+`run_live` for a minute, with real-time priority, on the virtual FT232H whose transfers take no time; "read" is mostly
+the emulated engine's own computing. us; the floor is a busy wait of the same length, timed on the same machine.
 
 """
 MEMORY = """## Memory and start
