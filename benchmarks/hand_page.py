@@ -13,7 +13,7 @@ INTRO = """# Reading six fingertips
 
 How to wire them: [wiring](wiring.md). Written by `make docs` from `holdfast bench hand`. No silicon was measured:
 transfers are the **emulation's** (bits at the bus's speed, USB round trips as their class has them), computing is a
-machine's with two cores, whose own jitter stands beside it.
+machine's, whose own jitter stands beside it.
 
 ```sh
 holdfast scan                                            # what is plugged in, and what is wrong with it

@@ -24,10 +24,8 @@ from edge_runtime.monitor import GripMonitor, Model
 
 SILENT_STEPS = 10_000
 WARM_STEPS = 500
-SPANS = 4
-"""A leak grows in every one of so many spans; what else is in the process grows now and then."""
 MOST_GROWTH_KB = 1024
-"""Pages that Python's own allocator takes; a leak of one buffer a step would be a hundred times more."""
+"""Pages that Python's own allocator takes now and then; a leak of one buffer a step would be a hundred times more."""
 STATM = Path("/proc/self/statm")
 PAGE_KB = 4
 CLOCK_READS = 20_000
@@ -110,16 +108,14 @@ def _silence_and_memory(model: Model) -> Iterator[Checked]:
         graph.step()
     for _ in range(WARM_STEPS):
         graph.step()
-    resident_kb = [_resident_kb()]
+    before_kb = _resident_kb()
     for k in range(SILENT_STEPS):
         graph.step()
         if k % 10 == 0:
             size = np.abs(graph.state[graph.state != 0.0])
             subnormal += int((size < tiny).sum())
             smallest = min(smallest, float(size.min(initial=np.inf)))
-        if (k + 1) % (SILENT_STEPS // SPANS) == 0:
-            resident_kb.append(_resident_kb())
-    grown_kb = SPANS * int(np.diff(resident_kb).min())
+    grown_kb = _resident_kb() - before_kb
     yield Checked("silence", subnormal == 0, f"{subnormal} subnormal numbers, the smallest state {smallest:.1e}")
     yield Checked("memory", grown_kb <= MOST_GROWTH_KB, f"{SILENT_STEPS} steps, {grown_kb:+d} kB")
 

@@ -231,6 +231,4 @@ def test_ten_minutes_at_300_hz_with_a_camera_lose_no_sample(tmp_path, record_pro
     sys.stdout.write(json.dumps(found) + "\n")
     assert (trial_in(tmp_path) / "camera.mkv").stat().st_size > 0
     assert about["lost"] == 0
-    if found["lost"] and found["floor_lost"]:
-        pytest.xfail(f"the machine stood still: a reader with nothing to do lost {found['floor_lost']} samples beside")
-    assert found["lost"] == 0
+    assert found["lost"] == 0, f"beside, a reader with nothing to do lost {found['floor_lost']}"

@@ -31,22 +31,28 @@ EVERY = [
 ]  # fmt: skip
 
 
+def alone(model: Path, *words: str) -> list[str]:
+    """What the self-test says of a model that holds, in a process of its own, whose memory it looks at."""
+    command = [sys.executable, "-m", "holdfast", "selftest", str(model), *words]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout.splitlines()
+
+
 @pytest.mark.hard_case(
     "Forest and ONNX", "the board answers otherwise than the machine it was verified on",
     elsewhere="nobody looks, for the tests ran somewhere else",
     here="`holdfast selftest` runs the hard cases in short on the board, with the very file that is deployed",
 )  # fmt: skip
-def test_the_default_model_holds_line_by_line(capsys, record_property):
-    assert main(["selftest", str(DEFAULT)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_the_default_model_holds_line_by_line(record_property):
+    lines = alone(DEFAULT)
     assert [line[8:36].strip() for line in lines] == EVERY
     assert {line[:8] for line in lines} == {"ok      "}
     record_property("checks", len(lines))
 
 
-def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situations: Built, capsys):
-    assert main(["selftest", str(four_situations.model), "--json"]) == 0
-    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situations: Built):
+    told = [json.loads(line) for line in alone(four_situations.model, "--json")]
     assert [one["what"] for one in told] == EVERY
     assert all(one["ok"] is True and one["figure"] for one in told)
 
