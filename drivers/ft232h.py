@@ -9,6 +9,7 @@ every byte reads as an acknowledged zero); nine clocks free it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 from drivers.bus import NOT_ACKED, Reply, Transfer
@@ -154,8 +155,9 @@ class Ft232h:
         return found
 
 
+@lru_cache(maxsize=64)
 def _commands(transfer: Transfer) -> bytes:
-    """One transfer: every byte written is followed by its acknowledge bit."""
+    """One transfer: every byte written is followed by its acknowledge bit. A hand asks the same again and again."""
     parts = []
     if transfer.write or not transfer.read:
         parts.append(START + b"".join(_written(byte) for byte in (transfer.address << 1, *transfer.write)))

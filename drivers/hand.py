@@ -38,6 +38,8 @@ TRY_AGAIN_NS = 50_000_000
 FAILURES_TO_REOPEN = 3
 NACKS_TO_BRING_UP = 2
 EDGE = 32767
+GARBAGE = (bytes(PACKET_BYTES), b"\xff" * PACKET_BYTES)
+NOTHING_CAME = (np.nan, np.nan, np.nan)
 TIRED = ("reset", "missing", "stale", "garbage", "diagnosis")
 """Why a finger is brought up anew, beside two missing acknowledges."""
 
@@ -91,6 +93,7 @@ class Hand:
         self._failures = 0
         self._looked_ns = -TRY_AGAIN_NS
         self._was = tuple("" for _ in self.fingers)
+        self._range_mt = np.array([self.setup.range_mt(state.version) for state in self._states])
 
     def start(self) -> None:
         """Open the bridge and bring up every finger that answers.
@@ -201,14 +204,11 @@ class Hand:
         return [joined(channels)]
 
     def _judge(self, t_ns: int, replies: Sequence[Reply | None]) -> Reading:
-        field_ut = np.full((len(self.fingers), 3), np.nan)
-        why = []
-        for k, reply in enumerate(replies):
-            found = packet(reply.data) if reply is not None and len(reply.data) == PACKET_BYTES else None
-            why.append(self._trouble(self._states[k], reply, found, t_ns))
-            if found is not None:
-                field_ut[k] = found.raw * (1e3 / 32768.0) * self.setup.range_mt(self._states[k].version)
-        return Reading(t_ns, field_ut, np.array([not one for one in why]), tuple(why))
+        came = [packet(one.data) if one is not None and len(one.data) == PACKET_BYTES else None for one in replies]
+        told = zip(self._states, replies, came, strict=True)
+        why = tuple([self._trouble(state, reply, found, t_ns) for state, reply, found in told])
+        raw = np.array([NOTHING_CAME if found is None else found.raw for found in came], dtype=np.float64)
+        return Reading(t_ns, raw * (1e3 / 32768.0) * self._range_mt, np.array([not one for one in why]), why)
 
     def _trouble(self, state: _State, reply: Reply | None, found: Packet | None, t_ns: int) -> str:
         """One word for why a finger's reading is not valid, or nothing."""
@@ -218,7 +218,7 @@ class Hand:
             state.nacks += 1
             return "nack"
         state.nacks = 0
-        if reply.data in (bytes(PACKET_BYTES), b"\xff" * PACKET_BYTES):
+        if reply.data in GARBAGE:
             return "garbage"
         if found.reset:
             return "reset"
@@ -231,7 +231,7 @@ class Hand:
             state.converts = False
         if not state.converts:
             return "stale"
-        return "saturated" if np.abs(found.raw.astype(np.int32)).max() >= EDGE else ""
+        return "saturated" if max(found.raw) >= EDGE or min(found.raw) <= -EDGE else ""
 
     # -- the ladder
 
@@ -304,6 +304,7 @@ class Hand:
             state.version = bring_up(bus, finger, self.setup, self._pause)
         except (DeviceNotFound, WrongDevice) as trouble:
             return trouble
+        self._range_mt[k] = self.setup.range_mt(state.version)
         state.ready, state.last, state.changed_ns = True, b"", self._now_ns()
         state.converts = False
         return None

@@ -7,6 +7,7 @@ range: 40 / 80 mT and 133 / 266 mT.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -107,7 +108,8 @@ XYZ = 7
 """SENSOR_CONFIG_1.MAG_CH_EN."""
 RESULTS = REGISTERS["X_MSB_RESULT"].address
 """Seven bytes from here: x, y, z (big-endian) and CONV_STATUS."""
-PACKET_BYTES = 7
+LAYOUT = struct.Struct(">3hB")
+PACKET_BYTES = LAYOUT.size
 
 
 def conversion_s(averages: int, axes: int = 3) -> float:
@@ -192,9 +194,9 @@ class Setup:
 
 @dataclass(frozen=True)
 class Packet:
-    """One reading: raw [3] signed, and CONV_STATUS."""
+    """One reading: raw x, y, z of 16 bits, signed, and CONV_STATUS."""
 
-    raw: npt.NDArray[np.int16]
+    raw: tuple[int, int, int]
     status: int
 
     @property
@@ -216,9 +218,10 @@ class Packet:
 def packet(data: bytes) -> Packet:
     """x, y, z and CONV_STATUS out of seven bytes.
 
-    >>> packet(bytes([0x40, 0, 0xFF, 0xFF, 0, 1, 0xB1])).raw.tolist()
-    [16384, -1, 1]
+    >>> packet(bytes([0x40, 0, 0xFF, 0xFF, 0, 1, 0xB1])).raw
+    (16384, -1, 1)
     """
     if len(data) != PACKET_BYTES:
         raise ValueError(f"{len(data)} bytes, not {PACKET_BYTES}")
-    return Packet(np.frombuffer(data[:6], dtype=">i2").astype(np.int16), data[6])
+    x, y, z, status = LAYOUT.unpack(data)
+    return Packet((x, y, z), status)

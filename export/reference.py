@@ -13,17 +13,18 @@ from export.heads import Head
 from export.spec import RANGE_LIMIT, StepSpec
 
 FloatRows = npt.NDArray[np.float32]
+ROWS_AT_ONCE = 8192
+"""Their leaves and votes stay in the processor's caches: of a long stream all at once takes twice as long."""
 
 
 def reference_votes(forest: Forest, features: FloatRows, n_classes: int) -> IntArray:
     """Exact integer votes [N, n_classes] of float32 rows [N, F]; of no rows, none."""
-    if not len(features):
-        return np.zeros((0, n_classes), dtype=np.int64)
-    with np.errstate(over="ignore", invalid="ignore"):  # scikit-learn sums the rows to look for NaN
-        leaves = forest.apply(features)
     total = np.zeros((len(features), n_classes), dtype=np.int64)
-    for tree, votes in enumerate(leaf_votes(forest, n_classes)):
-        total += votes[leaves[:, tree]]
+    trees = list(zip(forest.estimators_, leaf_votes(forest, n_classes), strict=True))
+    for start in range(0, len(features), ROWS_AT_ONCE):
+        some = slice(start, start + ROWS_AT_ONCE)
+        for tree, votes in trees:
+            total[some] += votes[tree.tree_.apply(features[some])]
     return total
 
 

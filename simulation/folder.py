@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from simulation.camera.frames import Camera
 from simulation.card import Card
 from simulation.effect import Signal
 from simulation.effects import EFFECTS
-from simulation.scene import Scene, Told
+from simulation.scene import BATCH, Scene, Told
 from simulation.table import csv_bytes
 
 KIND = "simulated"
@@ -75,17 +75,25 @@ def write_recording(path: Path, scene: Scene, told: Sequence[Told]) -> None:
 
 
 def _write_streams(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
-    """Trials of an object in random order, card.join of them to a recording."""
-    streams = 0
+    """Trials of an object in random order, card.join of them to a recording; many recordings are simulated together."""
+    streams = list(_streams(scene, out, trials))
+    together = max(1, BATCH // scene.card.join)
+    for start in range(0, len(streams), together):
+        some = streams[start : start + together]
+        told = {one.trial.number: one for one in scene.run([trial for _, chosen in some for trial in chosen])}
+        for number, (path, chosen) in enumerate(some, start + 1):
+            write_recording(path, scene, [told[trial.number] for trial in chosen])
+            done(number * scene.card.join)
+    return len(streams)
+
+
+def _streams(scene: Scene, out: Path, trials: Sequence[Any]) -> Iterator[tuple[Path, list[Any]]]:
+    """Recordings to be: path without its ending, and trials."""
     for name in dict.fromkeys(t.thing.name for t in trials):
         here = [t for t in trials if t.thing.name == name]
         order = np.random.default_rng([scene.seed, len(here)]).permutation(len(here))
         for number, start in enumerate(range(0, len(here), scene.card.join), 1):
-            chosen = [here[k] for k in order[start : start + scene.card.join]]
-            write_recording(out / name / STREAM / f"trial_{number}", scene, scene.run_together(chosen))
-            streams += 1
-            done(streams * scene.card.join)
-    return streams
+            yield out / name / STREAM / f"trial_{number}", [here[k] for k in order[start : start + scene.card.join]]
 
 
 def _names(trials: Sequence[Any]) -> dict[int, str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from drivers.tmag5273 import (
     BURST_16,
     CONTINUOUS,
     GENERAL_CALL,
+    LAYOUT,
     RANGES_MT,
     REGISTERS,
+    RESULTS,
     SHORTEST_WAKE_S,
     SLEEP,
     STANDBY,
@@ -22,15 +25,16 @@ from drivers.tmag5273 import (
 )
 from drivers.virtual.clock import Clock
 from drivers.virtual.faults import Faults
-from edge_runtime.contract import FloatArray
 
-Field = Callable[[float], FloatArray]
+Field = Callable[[float], Iterable[float]]
 """Time in s -> the field at the chip, [3] in uT."""
 NOISE_UT = np.array([125.0, 125.0, 68.0])
 """Of one conversion (SYLS045A 6.7); averaging divides it by the root of the averages."""
 NOISE_ROWS = 4096
 LAST = max(register.address for register in REGISTERS.values())
 BY_ADDRESS = {register.address: register for register in REGISTERS.values()}
+STATUS = REGISTERS["CONV_STATUS"].address
+IDS = (REGISTERS["MANUFACTURER_ID_LSB"].address, REGISTERS["MANUFACTURER_ID_MSB"].address)
 WRONG_ID = 0x00
 
 
@@ -45,7 +49,7 @@ class Chip:
         self._field, self._clock, self._faults = field, clock, faults
         self._born_ns = clock.now_ns()
         noise = np.zeros((1, 3)) if seed is None else np.random.default_rng([seed, number]).normal(size=(NOISE_ROWS, 3))
-        self._noise = noise * NOISE_UT
+        self._noise_ut: list[list[float]] = (noise * NOISE_UT).tolist()
         self.power_on()
 
     def power_on(self) -> None:
@@ -56,6 +60,7 @@ class Chip:
         self.address = self.factory_address
         self._bytes[REGISTERS["I2C_ADDRESS"].address] = self.factory_address << 1
         self._bytes[REGISTERS["DEVICE_ID"].address] = self.version
+        self._configured()
         self._pointer = 0
         self._next_address: int | None = None
         self._conversions = 0
@@ -75,7 +80,7 @@ class Chip:
         called = address == self.address or (address == GENERAL_CALL and not read)
         if not called or self._has("nack"):
             return False
-        if self._mode() == SLEEP:
+        if self._mode == SLEEP:
             self._set_mode(STANDBY)
             self._awake_ns = self._clock.now_ns() + round(1e9 * SHORTEST_WAKE_S)
             return False
@@ -92,8 +97,8 @@ class Chip:
         if self._first_byte:
             self._first_byte = False
             self._pointer = byte & ~TRIGGER
-            if byte & TRIGGER and self._mode() == STANDBY:
-                self._trigger()
+            if byte & TRIGGER and self._mode == STANDBY:
+                self._begin()
             return True
         self._store(self._pointer, byte)
         self._pointer += 1
@@ -119,11 +124,10 @@ class Chip:
     def _load(self, address: int) -> int:
         if address > LAST:
             return 0
-        ids = (REGISTERS["MANUFACTURER_ID_LSB"].address, REGISTERS["MANUFACTURER_ID_MSB"].address)
-        if address in ids and self._has("wrong"):
+        if address in IDS and self._has("wrong"):
             return WRONG_ID
         byte = self._bytes[address]
-        if address == REGISTERS["CONV_STATUS"].address and self._has("diag"):
+        if address == STATUS and self._has("diag"):
             byte |= 1 << REGISTERS["CONV_STATUS"].fields["DIAG_STATUS"][0]
         return byte
 
@@ -131,78 +135,79 @@ class Chip:
         register = BY_ADDRESS.get(address)
         if register is None:
             return
-        mode = self._mode()
+        mode = self._mode
         kept = self._bytes[address] & ~register.writable & 0xFF & ~(register.write_one_clears & byte)
         self._bytes[address] = kept | byte & register.writable
         if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
             self._next_address = byte >> 1
             self._bytes[address] = byte & 0xFE
+        self._configured()
         if register in (REGISTERS["DEVICE_CONFIG_1"], REGISTERS["DEVICE_CONFIG_2"], REGISTERS["SENSOR_CONFIG_1"]):
             self._restart(mode)
+
+    def _configured(self) -> None:
+        """What the registers ask for, read once and not with every conversion."""
+        self._mode = self._field_of("DEVICE_CONFIG_2", "OPERATING_MODE")
+        self._channels = self._field_of("SENSOR_CONFIG_1", "MAG_CH_EN")
+        self._averages = 1 << min(self._field_of("DEVICE_CONFIG_1", "CONV_AVG"), 5)
+        self._lasts_s = conversion_s(self._averages)
+        self._reads_as = self._field_of("DEVICE_CONFIG_1", "I2C_RD")
+        ranges_mt = RANGES_MT[self.version]
+        xy_mt, z_mt = (ranges_mt[self._field_of("SENSOR_CONFIG_2", name)] for name in ("X_Y_RANGE", "Z_RANGE"))
+        self._full_ut = (1e3 * xy_mt, 1e3 * xy_mt, 1e3 * z_mt)
 
     def _field_of(self, register: str, name: str) -> int:
         return REGISTERS[register].read(self._bytes[REGISTERS[register].address], name)
 
     # -- conversions
 
-    def _mode(self) -> int:
-        return self._field_of("DEVICE_CONFIG_2", "OPERATING_MODE")
-
     def _set_mode(self, mode: int) -> None:
         address = REGISTERS["DEVICE_CONFIG_2"].address
         self._bytes[address] = self._bytes[address] & ~3 & 0xFF | mode
+        self._configured()
 
     def _restart(self, mode_before: int) -> None:
         """A changed configuration begins its conversions anew."""
-        if self._mode() == CONTINUOUS:
-            self._started_ns, self._done = self._clock.now_ns(), 0
+        if self._mode == CONTINUOUS:
+            self._begin()
         elif mode_before == CONTINUOUS:
             self._started_ns = None
 
-    def _trigger(self) -> None:
+    def _begin(self) -> None:
         self._started_ns, self._done = self._clock.now_ns(), 0
-
-    def _averages(self) -> int:
-        return 1 << min(self._field_of("DEVICE_CONFIG_1", "CONV_AVG"), 5)
 
     def _update(self) -> None:
         """Finish the conversions that have been completed by now; only the last one leaves its result."""
-        if self._started_ns is None or self._has("frozen"):
+        if self._started_ns is None or not self._channels or self._has("frozen"):
             return
-        if not self._field_of("SENSOR_CONFIG_1", "MAG_CH_EN"):
-            return
-        lasts_s = conversion_s(self._averages())
-        done = int(1e-9 * (self._clock.now_ns() - self._started_ns) / lasts_s + 1e-6)
-        if self._mode() == STANDBY:
+        done = int(1e-9 * (self._clock.now_ns() - self._started_ns) / self._lasts_s + 1e-6)
+        if self._mode == STANDBY:
             done = min(done, 1)
         if done <= self._done:
             return
         self._conversions += done - self._done
         self._done = done
-        end_s = 1e-9 * (self._started_ns - self._born_ns) + done * lasts_s
-        self._convert(end_s - 0.5 * lasts_s)
+        end_s = 1e-9 * (self._started_ns - self._born_ns) + done * self._lasts_s
+        self._convert(end_s - 0.5 * self._lasts_s)
 
     def _convert(self, middle_s: float) -> None:
-        averages = self._averages()
-        noise = self._noise[self._conversions % len(self._noise)] / np.sqrt(averages)
-        narrow, wide = RANGES_MT[self.version]
-        xy = wide if self._field_of("SENSOR_CONFIG_2", "X_Y_RANGE") else narrow
-        full_ut = 1e3 * np.array([xy, xy, wide if self._field_of("SENSOR_CONFIG_2", "Z_RANGE") else narrow])
-        raw = np.clip(np.rint((self._field(middle_s) + noise) / full_ut * 32768.0), -32768, 32767).astype(">i2")
-        first = REGISTERS["X_MSB_RESULT"].address
-        self._bytes[first : first + 6] = raw.tobytes()
-        status = REGISTERS["CONV_STATUS"].address
-        self._bytes[status] = self._bytes[status] & 0x1E | (self._conversions % 8) << 5 | 1
+        """In plain numbers: for three of them an array costs more than the chip's arithmetic."""
+        noise_ut = self._noise_ut[self._conversions % len(self._noise_ut)]
+        quieter = math.sqrt(self._averages)
+        shares = [
+            (field_ut + one_ut / quieter) / full_ut
+            for field_ut, one_ut, full_ut in zip(self._field(middle_s), noise_ut, self._full_ut, strict=True)
+        ]
+        raw = [round(max(-32768.0, min(32767.0, 32768.0 * share))) for share in shares]
+        status = self._bytes[STATUS] & 0x1E | (self._conversions % 8) << 5 | 1
+        LAYOUT.pack_into(self._bytes, RESULTS, *raw, status)
 
     def _burst(self, address: int) -> bytes | None:
         """What a read without a register byte answers, or None where registers are read."""
-        how = self._field_of("DEVICE_CONFIG_1", "I2C_RD")
-        if how not in (BURST_16, BURST_8):
+        if self._reads_as not in (BURST_16, BURST_8):
             return None
-        first = REGISTERS["X_MSB_RESULT"].address
-        results = bytes(self._bytes[first : first + 6])
-        status = self._load(REGISTERS["CONV_STATUS"].address)
-        data = (results if how == BURST_16 else results[::2]) + bytes([status])
+        results = bytes(self._bytes[RESULTS : RESULTS + 6])
+        data = (results if self._reads_as == BURST_16 else results[::2]) + bytes([self._load(STATUS)])
         if self._field_of("DEVICE_CONFIG_1", "CRC_EN"):
             data += bytes([crc8(bytes([address << 1 | 1]) + data)])
         return data

@@ -32,16 +32,17 @@ class Track:
     t_s: FloatArray
     field_ut: FloatArray
 
-    def at(self, now_s: float, sensor: int) -> FloatArray:
-        """[3] of one sensor (0 .. 5): np.interp to the last bit, in a tenth of its time on three columns."""
-        row = int(self.t_s.searchsorted(now_s, "right")) - 1
-        at, last = self.field_ut[:, sensor], len(self.t_s) - 1
+    def at(self, now_s: float, sensor: int) -> list[float]:
+        """x, y, z of one sensor (0 .. 5): np.interp to the last bit, in a tenth of its time on three columns."""
+        row, last = int(self.t_s.searchsorted(now_s, "right")) - 1, len(self.t_s) - 1
         if row < 0 or row >= last:
-            held: FloatArray = at[min(max(row, 0), last)]
+            held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
             return held
-        slope = (at[row + 1] - at[row]) / (self.t_s[row + 1] - self.t_s[row])
-        field: FloatArray = slope * (now_s - self.t_s[row]) + at[row]
-        return field
+        (before, after), (from_s, to_s) = self.field_ut[row : row + 2, sensor].tolist(), self.t_s[row : row + 2].tolist()
+        return [
+            (after_ut - before_ut) / (to_s - from_s) * (now_s - from_s) + before_ut
+            for before_ut, after_ut in zip(before, after, strict=True)
+        ]
 
 
 def still(field_ut: FloatArray = REST_UT) -> Track:

@@ -101,14 +101,14 @@ class Mux:
     def __init__(self, channels: Sequence[Sequence[Target]], address: int = 0x70) -> None:
         self.channels = [list(channel) for channel in channels]
         self.address = address
-        self.control = self._next = 0
         self._own = False
         self._listening: list[Target] = []
+        self.power_on()
 
     def addressed(self, address: int, *, read: bool) -> bool:
         """Its own address, or one on a channel that is joined."""
         self._own = address == self.address
-        self._listening = [] if self._own else [t for t in self._joined() if t.addressed(address, read=read)]
+        self._listening = [] if self._own else [t for t in self._joined if t.addressed(address, read=read)]
         return self._own or bool(self._listening)
 
     def write(self, byte: int) -> bool:
@@ -129,19 +129,18 @@ class Mux:
 
     def stop(self) -> None:
         """The new channels are joined, and those that were heard the STOP."""
-        for target in self._joined():
+        for target in self._joined:
             target.stop()
-        self.control = self._next
+        if self._next != self.control:
+            self._join(self._next)
         self._own, self._listening = False, []
 
     def power_on(self) -> None:
         """No channel is joined."""
-        self.control = self._next = 0
+        self._join(0)
 
-    def _joined(self) -> list[Target]:
-        return [
-            target
-            for number, channel in enumerate(self.channels)
-            if self.control >> number & 1
-            for target in channel
+    def _join(self, control: int) -> None:
+        self.control = self._next = control
+        self._joined = [
+            target for number, channel in enumerate(self.channels) if control >> number & 1 for target in channel
         ]
