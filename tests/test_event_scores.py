@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 from training.alarms import Answers, acts
-from training.event_scores import CONFIDENCES, Heard, choose_confidence, event_scores, hear, heard
+from training.event_scores import CONFIDENCES, Heard, choose_confidence, event_scores, false_alarms, hear, heard
 from training.recording import Recording
 from training.timeline import RiskyEvent
 
@@ -56,6 +56,13 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(labels, co
 
 
 # -- an alarm and an event
+
+
+@given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=14, max_size=38))
+def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(told):
+    rows = np.repeat(np.array(told), 8, axis=0)
+    alone = [len(heard(recording(EVENT), rows[:, k]).false_s) for k in range(3)]
+    assert false_alarms(recording(EVENT), rows).tolist() == alone
 
 
 def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():

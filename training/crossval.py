@@ -106,7 +106,8 @@ def fit_forest(
             cause="all of its windows are in recordings that are held out",
             next_step="add recordings of other people, or leave the task out",
         )
-    return plan.forest_for(task).build(seed).fit(features[rows], data.tasks[task].label[rows])
+    by_column = np.asfortranarray(features[rows])  # as a tree reads them: the same forest, sooner
+    return plan.forest_for(task).build(seed).fit(by_column, data.tasks[task].label[rows])
 
 
 def fit_calibration(shares: npt.NDArray[np.float64], label: npt.NDArray[np.int64]) -> Calibration:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.decision import DecisionRules
@@ -21,6 +22,7 @@ from training.metrics import INTERVAL_PERCENT, draw_groups
 from training.recording import Recording
 from training.timeline import RiskyEvent
 
+IntArray = npt.NDArray[np.int64]
 COLLAR_S = 0.020
 COLLARS_S = (0.020, 0.040)
 CONFIDENCES = tuple(range(0, 1000, 10))
@@ -64,18 +66,36 @@ class Heard:
 
 def heard(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) -> Heard:
     """Match the alarms of a stream, asked [T], with its events."""
-    begins = np.flatnonzero(asked & ~np.concatenate([[False], asked[:-1]]))
-    alarms_s = begins / recording.rate_hz
-    false = np.ones(len(begins), dtype=np.bool_)
+    alarms_s = np.flatnonzero(_begins(asked)) / recording.rate_hz
+    false = np.ones(len(alarms_s), dtype=np.bool_)
     outcomes = []
     for event in recording.events:
-        within = (alarms_s >= event.onset_s - collar_s) & (alarms_s <= event.end_s + collar_s)
+        within = _within(event, alarms_s, collar_s)
         before = min(max(int(np.ceil((event.onset_s - collar_s) * recording.rate_hz)) - 1, -1), len(asked) - 1)
         already_on = bool(before >= 0 and asked[before])
         found = float(alarms_s[within][0]) if within.any() and not already_on else None
         outcomes.append(Outcome(event, found, already_on))
         false &= ~within
     return Heard(recording, tuple(outcomes), tuple(alarms_s[false].tolist()), len(asked) / recording.rate_hz / 60.0)
+
+
+def false_alarms(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) -> IntArray:
+    """[K] how many alarms of asked [T, K] belong to no event: as many as `heard` has, for many K at once."""
+    false, t_s = _begins(asked), np.arange(len(asked)) / recording.rate_hz
+    for event in recording.events:
+        false[_within(event, t_s, collar_s)] = False
+    return np.asarray(false.sum(axis=0), dtype=np.int64)
+
+
+def _begins(asked: BoolArray) -> BoolArray:
+    """[T, ..] where an alarm begins."""
+    begins = asked.copy()
+    begins[1:] &= ~asked[:-1]
+    return begins
+
+
+def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
+    return np.asarray((t_s >= event.onset_s - collar_s) & (t_s <= event.end_s + collar_s))
 
 
 def hear(answers: Sequence[Answers], rules: DecisionRules, permille: int, collar_s: float = COLLAR_S) -> list[Heard]:
@@ -88,11 +108,9 @@ def choose_confidence(answers: Sequence[Answers], rules: DecisionRules, most_fal
     """The lowest of CONFIDENCES with so few false alarms on streams that are not the ones to be scored."""
     asked = acts(answers, rules, CONFIDENCES)
     minutes = sum(len(one.situation) / one.recording.rate_hz for one in answers) / 60.0
-    for k, permille in enumerate(CONFIDENCES):
-        false = sum(len(heard(a.recording, acted[:, k]).false_s) for a, acted in zip(answers, asked, strict=True))
-        if false <= most_false_per_min * minutes:
-            return permille
-    return CONFIDENCES[-1]
+    false = sum(false_alarms(one.recording, acted) for one, acted in zip(answers, asked, strict=True))
+    few = np.flatnonzero(false <= most_false_per_min * minutes)
+    return CONFIDENCES[few[0]] if len(few) else CONFIDENCES[-1]
 
 
 def event_scores(streams: Sequence[Heard], *, seed: int = 0, n_draws: int = DRAWS) -> dict[str, Any]:

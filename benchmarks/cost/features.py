@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,13 +31,9 @@ def windows(folder: Path, point: Point) -> FloatRows:
         rows: FloatRows = everywhere(folder, point, "train")[starts(data)[labelled.trial] + labelled.row]
         return rows
     spec = point.spec(data)
-    whole = whole_of(spec)
-    path = _kept(folder, point.of, whole, "train-windows")
-    if not path.is_file():
-        _save(path, features_of(data, whole)[main_task(data)])
-    kept = np.load(path)
+    kept = _whole(folder, point.of, spec, "train-windows", lambda whole: features_of(data, whole)[main_task(data)])
     if len(kept) != len(labelled):
-        raise DataError("features of other windows", where=path, next_step="remove the folder and begin anew")
+        raise DataError("features of other windows", where=folder, next_step="remove the folder and begin anew")
     return _seen(_taken(kept, spec), spec, point.look_back_s)
 
 
@@ -60,10 +57,18 @@ def some(folder: Path, point: Point, part: str, count: int) -> FloatRows:
 def whole_rows(folder: Path, point: Point, part: str) -> FloatRows:
     """Every feature any point takes [sum of T, F], on disk, made once."""
     data = read(folder, point.of, point.rate_hz, part)
-    whole = whole_of(point.spec(data))
-    path = _kept(folder, point.of, whole, part)
+    spec = point.spec(data)
+    return _whole(folder, point.of, spec, part, lambda whole: np.concatenate(features_everywhere(data, whole)))
+
+
+def _whole(folder: Path, of: Set, spec: StepSpec, name: str, computed: Callable[[StepSpec], FloatRows]) -> FloatRows:
+    """The features of a spec's whole from disk. Bands are its last, so those without any may be there already."""
+    whole = whole_of(spec)
+    path = _kept(folder, of, whole, name)
     if not path.is_file():
-        _save(path, np.concatenate(features_everywhere(data, whole)))
+        with_bands = _kept(folder, of, replace(whole, groups=GROUPS["default and bands"]), name)
+        there = "window" not in whole.groups and with_bands.is_file()
+        _save(path, np.load(with_bands, mmap_mode="r")[:, : feature_count(whole)] if there else computed(whole))
     rows: FloatRows = np.load(path, mmap_mode="r")
     return rows
 

@@ -23,7 +23,7 @@ from training.recording import DataSet
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> card, grasps, seed."""
-PARTS: Parts = {"ask": ("daily", 600, 2), "train": ("thesis", 400, 0), "choose": ("daily", 150, 1)}
+PARTS: Parts = {"ask": ("daily", 400, 2), "train": ("thesis", 400, 0), "choose": ("daily", 150, 1)}
 """What a forest is asked about, was fitted on, and its threshold chosen on."""
 FASTEST_HZ = 300.0
 HUMAN = "human_slip_uskin"

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -21,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import onnx
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, cpu_count, delayed, parallel_config
 
 from benchmarks.cost.features import some, whole_rows, windows
 from benchmarks.cost.grown import Grown
@@ -35,7 +34,7 @@ from edge_runtime.writing import write_whole
 from export.verify import cut_forests
 from training.featurise import FloatRows
 
-WORKERS = os.cpu_count() or 1
+WORKERS = cpu_count()
 TIMED_ROWS = 200
 TIMED_EVENTS, TIMED_S = 10, 0.2
 TURNS, CALLS = 10, 60
@@ -53,7 +52,7 @@ def cost(
     rates_hz = sorted({point.rate_hz for point in chosen if point.of == "scenes"})
     with _workers(dask) as at_once:
         at_once(delayed(simulate)(folder, part, rates_hz, parts) for part in (parts if rates_hz else ()))
-        at_once(delayed(_features)(folder, point, part) for point, part in _by_features(chosen))
+        at_once(delayed(_features)(folder, alike, part) for alike, part in _by_features(chosen))
         kept = at_once(delayed(_kept)(folder, family) for family in _families(chosen))
     told = {(row["what"], row["of"]): row for rows in kept for row in rows}
     rows = [told[point.what, point.of] | us for point, us in zip(chosen, _priced(folder, chosen), strict=True)]
@@ -73,11 +72,16 @@ def _most_trees(points: Sequence[Point]) -> int:
     return max(point.plan.situation.n_estimators for point in points)
 
 
-def _by_features(chosen: Sequence[Point]) -> list[tuple[Point, str]]:
-    """A point and a part for each set of features that has to be made, the largest first."""
-    sets = {(one.of, one.rate_hz, "window" in GROUPS[one.groups], "bands" in GROUPS[one.groups]): one for one in chosen}
-    largest = sorted(sets.values(), key=lambda one: one.rate_hz, reverse=True)
-    return [(one, part) for part in PARTS for one in largest if one.of == "scenes" or part == "train"]
+def _by_features(chosen: Sequence[Point]) -> list[tuple[list[Point], str]]:
+    """Points and a part for all features that have to be made, the largest first; those with bands before the others of
+    the same samples, which are among theirs."""
+    sets: dict[Any, dict[bool, Point]] = {}
+    for one in sorted(chosen, key=lambda one: ("bands" in GROUPS[one.groups], one.rate_hz), reverse=True):
+        alike = sets.setdefault((one.of, one.rate_hz, "window" in GROUPS[one.groups]), {})
+        alike.setdefault("bands" in GROUPS[one.groups], one)
+    largest = sorted(sets.items(), key=lambda item: item[0][1], reverse=True)
+    return [(list(alike.values()), part) for part in PARTS for (of, *_), alike in largest
+            if of == "scenes" or part == "train"]  # fmt: skip
 
 
 def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
@@ -116,12 +120,13 @@ def _workers(dask: str | None) -> Iterator[Parallel]:
         yield Parallel(batch_size=1, pre_dispatch=2 * WORKERS)
 
 
-def _features(folder: Path, point: Point, part: str) -> None:
-    """Make the features of a point, unless they are there."""
-    if part == "train":
-        windows(folder, point)
-    if part == _asked(point) or part == "choose":
-        whole_rows(folder, point, part)
+def _features(folder: Path, points: Sequence[Point], part: str) -> None:
+    """Make the features of points, in their order, unless they are there."""
+    for point in points:
+        if part == "train":
+            windows(folder, point)
+        if part == _asked(point) or part == "choose":
+            whole_rows(folder, point, part)
 
 
 def _asked(point: Point) -> str:
