@@ -30,27 +30,33 @@ def acts(answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: S
 
     Sample by sample the same as `decide` with neither opening command nor override.
     """
-    longest = max((len(one.situation) for one in answers), default=0)
-    situation = _side_by_side([one.situation for one in answers], longest, UNKNOWN)
-    permille = _side_by_side([one.risky_permille for one in answers], longest, 0)
-    least = np.asarray(min_risky_permille)
-    risky_run = np.zeros((len(answers), len(least)), dtype=np.int64)
-    nothing_run, act = np.zeros_like(risky_run), np.zeros_like(risky_run, dtype=np.bool_)
-    asked = np.zeros((longest, len(answers), len(least)), dtype=np.bool_)
-    for t in range(longest):
-        now, known = situation[t, :, None], situation[t, :, None] != UNKNOWN
-        risky = (now == RISKY_SLIP) & (permille[t, :, None] >= least)
-        risky_run = np.where(known, np.where(risky, risky_run + 1, 0), risky_run)
-        nothing_run = np.where(known, np.where(now == NOTHING, nothing_run + 1, 0), nothing_run)
-        called = known & (risky_run >= rules.act_samples)
-        act = called | (act & ~(known & (nothing_run >= rules.release_samples)))
-        asked[t] = act
-    return [asked[: len(one.situation), k] for k, one in enumerate(answers)]
+    return [_asked(one, rules, np.asarray(min_risky_permille)) for one in answers]
 
 
-def _side_by_side(columns: Sequence[npt.NDArray[np.int64]], longest: int, filler: int) -> npt.NDArray[np.int64]:
-    """[longest, N]."""
-    joined = np.full((longest, len(columns)), filler)
-    for k, column in enumerate(columns):
-        joined[: len(column), k] = column
-    return joined
+def _asked(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> BoolArray:
+    """A request lasts from its last call on until it is let go; what is unknown neither calls nor lets go, nor breaks
+    a run of what does."""
+    known = np.flatnonzero(one.situation != UNKNOWN)
+    situation, permille = one.situation[known], one.risky_permille[known, None]
+    calls = _lasting((situation == RISKY_SLIP)[:, None] & (permille >= least), rules.act_samples)
+    lets_go = _lasting((situation == NOTHING)[:, None], rules.release_samples)
+    asked = np.zeros((1 + len(known), len(least)), dtype=np.bool_)
+    called = _last(calls)
+    asked[1:] = (called > 0) & (called >= _last(lets_go))
+    return asked[np.searchsorted(known, np.arange(len(one.situation)), side="right")]
+
+
+def _lasting(flags: BoolArray, samples: int) -> BoolArray:
+    """[T, K] where a flag has been up for so many samples."""
+    if samples <= 1:
+        return flags
+    return np.asarray(_turns(flags) - _last(~flags) >= samples)
+
+
+def _last(flags: BoolArray) -> npt.NDArray[np.int32]:
+    """[T, K] the turn, from 1, at which a flag was last up, 0 before its first."""
+    return np.maximum.accumulate(np.where(flags, _turns(flags), np.int32(0)), axis=0)
+
+
+def _turns(flags: BoolArray) -> npt.NDArray[np.int32]:
+    return np.arange(1, 1 + len(flags), dtype=np.int32)[:, None]

@@ -26,15 +26,14 @@ from training.recording import DataSet
 def windows(folder: Path, point: Point) -> FloatRows:
     """Features [M, F] of the labelled windows to train on."""
     data = read(folder, point.of, point.rate_hz, "train")
-    labelled = data.tasks[main_task(data)]
-    if point.bank == "float32":
-        rows: FloatRows = everywhere(folder, point, "train")[starts(data)[labelled.trial] + labelled.row]
-        return rows
-    spec = point.spec(data)
+    labelled, spec = data.tasks[main_task(data)], point.spec(data)
     kept = _whole(folder, point.of, spec, "train-windows", lambda whole: features_of(data, whole)[main_task(data)])
     if len(kept) != len(labelled):
         raise DataError("features of other windows", where=folder, next_step="remove the folder and begin anew")
-    return _seen(_taken(kept, spec), spec, point.look_back_s)
+    rows = _taken(kept, spec)
+    if point.bank == "float32":
+        rows = _with_bank(rows, _bank_in_float32(data, spec)[starts(data)[labelled.trial] + labelled.row])
+    return _seen(rows, spec, point.look_back_s)
 
 
 def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
@@ -43,9 +42,13 @@ def everywhere(folder: Path, point: Point, part: str) -> FloatRows:
     spec = point.spec(data)
     rows = _taken(whole_rows(folder, point, part), spec)
     if point.bank == "float32":
-        bank = _bank_in_float32(data, spec)
-        rows = np.hstack([rows[:, : rows.shape[1] - bank.shape[1]], bank])
+        rows = _with_bank(rows, _bank_in_float32(data, spec))
     return _seen(rows, spec, point.look_back_s)
+
+
+def _with_bank(rows: FloatRows, bank: FloatRows) -> FloatRows:
+    """Rows with another bank, whose outputs are the last of them."""
+    return np.hstack([rows[:, : rows.shape[1] - bank.shape[1]], bank])
 
 
 def some(folder: Path, point: Point, part: str, count: int) -> FloatRows:
@@ -145,15 +148,16 @@ def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
     good, as they are in these scenes."""
     bands = spec.carried_bands()
     matrix, size = step_matrix(spec.rate_hz, bands).astype(np.float32), 1 + STATES_PER_BAND * len(bands)
-    parts = []
-    for recording in data.recordings:
-        shear = recording.samples.reshape(len(recording.samples), -1, 3)[:, :, :2].reshape(len(recording.samples), -1)
-        difference = np.diff(shear.astype(np.float32), axis=0, prepend=shear[:1].astype(np.float32))
-        joined = np.zeros((shear.shape[1], 1 + size), dtype=np.float32)
-        out = np.empty((len(shear), shear.shape[1], len(bands)), dtype=np.float32)
-        for t, change in enumerate(difference):
-            joined[:, 0] = change
-            stepped = joined @ matrix
-            joined[:, 1:], out[t] = stepped[:, :size], np.abs(stepped[:, size:])
-        parts.append(out.reshape(len(shear), -1))
-    return np.concatenate(parts)
+    lengths = [len(recording.samples) for recording in data.recordings]
+    changes = np.zeros((max(lengths), len(lengths), 2 * spec.n_sensors), dtype=np.float32)
+    for lane, recording in enumerate(data.recordings):
+        shear = recording.samples.reshape(len(recording.samples), -1, 3)[:, :, :2].astype(np.float32)
+        changes[1 : len(shear), lane] = np.diff(shear, axis=0).reshape(len(shear) - 1, -1)
+    joined = np.zeros((changes[0].size, 1 + size), dtype=np.float32)
+    out = np.empty((*changes.shape, len(bands)), dtype=np.float32)
+    for change, outputs in zip(changes, out, strict=True):
+        joined[:, 0] = change.ravel()
+        stepped = joined @ matrix
+        joined[:, 1:] = stepped[:, :size]
+        outputs[:] = np.abs(stepped[:, size:]).reshape(outputs.shape)
+    return np.concatenate([out[:length, lane].reshape(length, -1) for lane, length in enumerate(lengths)])

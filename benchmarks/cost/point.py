@@ -35,7 +35,7 @@ TREES = (1, 3, 8, 20, 60, 100, 500)
 DEPTHS = (4, 6, 8, 10, 16, 0)
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
-LOOK_BACKS_S = (0.05, 0.10, 0.17, 0.37)
+LOOK_BACKS_S = (0.05, 0.10, 0.17)
 DEBOUNCES = (1, 2, 3)
 GOOD = {"recall": "slips found", "in_time": "found in time", "macro_f1": "macro F1"}
 """What a front is against the step's time of, in words."""

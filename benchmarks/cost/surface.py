@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 from joblib import Parallel, cpu_count, delayed, parallel_config
 
 from benchmarks.cost.features import some, whole_rows, windows
@@ -148,6 +147,7 @@ def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
     """Measure points of one forest and keep their figures, the model, and what it will be timed on."""
     figures, model = measure(fitted, points, folder, grown)
     write_whole(_model(folder, fitted), model.SerializeToString())
+    write_whole(_forest(folder, fitted), cut_forests(model))
     packed = io.BytesIO()
     rows = some(folder, fitted, _asked(fitted), TIMED_ROWS)
     np.savez(packed, rows=rows, samples=_about_events(folder, fitted))
@@ -164,6 +164,10 @@ def _model(folder: Path, point: Point) -> Path:
     return folder / "points" / f"{point.fitted.name}.onnx"
 
 
+def _forest(folder: Path, point: Point) -> Path:
+    return folder / "points" / f"{point.fitted.name}.forest.onnx"
+
+
 def _timed(folder: Path, point: Point) -> Path:
     return folder / "points" / f"{point.fitted.name}.npz"
 
@@ -172,9 +176,9 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
     """Microseconds (p50) of the forest alone and of the whole step, and bytes; all points in turns, one run."""
     calls: dict[str, Callable[[], object]] = {}
     for point in dict.fromkeys(point.fitted for point in chosen):
-        model, asked = onnx.load(_model(folder, point)), np.load(_timed(folder, point))
-        calls[f"{point.name} forest"] = _forest_call(model, asked["rows"])
-        calls[f"{point.name} step"] = _step_call(model, asked["samples"])
+        asked = np.load(_timed(folder, point))
+        calls[f"{point.name} forest"] = _forest_call(_forest(folder, point).read_bytes(), asked["rows"])
+        calls[f"{point.name} step"] = _step_call(_model(folder, point).read_bytes(), asked["samples"])
     us = {name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()}
     return [
         {"forest_us": us[f"{point.fitted.name} forest"], "step_us": us[f"{point.fitted.name} step"],
@@ -183,14 +187,14 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
     ]  # fmt: skip
 
 
-def _forest_call(model: onnx.ModelProto, rows: FloatRows) -> Callable[[], object]:
-    session = open_session(cut_forests(model))
+def _forest_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
+    session = open_session(model)
     one, turn = [rows[k : k + 1] for k in range(len(rows))], cycle(range(len(rows)))
     return lambda: session.run(["votes"], {"features": one[next(turn)]})
 
 
-def _step_call(model: onnx.ModelProto, samples: FloatArray) -> Callable[[], object]:
-    graph = StepGraph(open_session(model.SerializeToString()))
+def _step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:
+    graph = StepGraph(open_session(model))
     graph.valid[:] = True
     turn = cycle(range(len(samples)))
 

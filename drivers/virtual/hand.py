@@ -38,7 +38,7 @@ class Track:
         if row < 0 or row >= last:
             held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
             return held
-        (before, after), (from_s, to_s) = self.field_ut[row : row + 2, sensor].tolist(), self.t_s[row : row + 2].tolist()
+        (before, after), (from_s, to_s) = (of[row : row + 2].tolist() for of in (self.field_ut[:, sensor], self.t_s))
         return [
             (after_ut - before_ut) / (to_s - from_s) * (now_s - from_s) + before_ut
             for before_ut, after_ut in zip(before, after, strict=True)
