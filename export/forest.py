@@ -9,13 +9,12 @@ classes are ordered by risk, and the last of equals wins.
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from onnx import helper
-from skl2onnx import convert_sklearn
-from skl2onnx.common.data_types import FloatTensorType
+from skl2onnx.common.tree_ensemble import add_tree_to_attribute_pairs, get_default_tree_classifier_attribute_pairs
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from export.builder import GraphBuilder
@@ -72,7 +71,7 @@ def add_forest(graph: GraphBuilder, forest: Forest, features: str, n_classes: in
     """Add the trees; returns votes [B, n_classes] float32 that hold exact integers."""
     attributes = _tree_attributes(forest)
     votes = leaf_votes(forest, n_classes)
-    leaf = np.array([mode == b"LEAF" for mode in attributes["nodes_modes"]])
+    leaf = np.array([mode == "LEAF" for mode in attributes["nodes_modes"]])
     trees, nodes = np.array(attributes["nodes_treeids"]), np.array(attributes["nodes_nodeids"])
     stacked = np.concatenate(votes)
     rows, targets = np.nonzero(stacked * leaf[:, None])
@@ -94,15 +93,22 @@ def add_forest(graph: GraphBuilder, forest: Forest, features: str, n_classes: in
 
 def _tree_attributes(forest: Forest) -> dict[str, Any]:
     """The trees as skl2onnx writes them; node ids are scikit-learn's own, which is checked."""
-    model = convert_sklearn(
-        forest,
-        initial_types=[("X", FloatTensorType([None, forest.n_features_in_]))],
-        options={id(forest): {"zipmap": False}},
-        target_opset={"": 20, "ai.onnx.ml": 3},
-    )
-    (node,) = [node for node in model.graph.node if node.op_type == "TreeEnsembleClassifier"]
-    found = {a.name: helper.get_attribute_value(a) for a in node.attribute}
+    found = get_default_tree_classifier_attribute_pairs()
+    for number, tree in enumerate(forest.estimators_):
+        add_tree_to_attribute_pairs(
+            found, True, _plain(tree.tree_), number, tree_weight=1.0, weight_id_bias=0, leaf_weights_are_counts=False,
+            adjust_threshold_for_sklearn=True, dtype=np.float32,
+        )  # fmt: skip
     expected = np.concatenate([np.arange(tree.tree_.node_count) for tree in forest.estimators_])
     if not np.array_equal(expected, found["nodes_nodeids"]):
         raise AssertionError("skl2onnx no longer numbers nodes as scikit-learn does")
-    return {name: list(found[name]) for name in NODE_ATTRIBUTES}
+    return {name: found[name] for name in NODE_ATTRIBUTES}
+
+
+def _plain(tree: Any) -> SimpleNamespace:
+    """A tree's columns, taken once: scikit-learn wraps an array anew for every node that is looked at. Thresholds stay
+    float64, since a plain number would be compared as float32. The leaves' values are not read: votes replace them."""
+    columns = {name: getattr(tree, name).tolist() for name in ("children_left", "children_right", "feature")}
+    return SimpleNamespace(
+        node_count=tree.node_count, threshold=np.array(tree.threshold), value=np.zeros((tree.node_count, 1)), **columns
+    )

@@ -366,16 +366,15 @@ def test_a_second_head_is_verified_as_the_first() -> None:
         verify(model, SPEC, heads, rows)
 
 
-def lying_converter(real: Callable[..., onnx.ModelProto]) -> Callable[..., onnx.ModelProto]:
-    """skl2onnx, with the last threshold of the forest rounded the wrong way."""
+def lying_converter(real: Callable[..., None]) -> Callable[..., None]:
+    """skl2onnx, with the last threshold of the first tree rounded the wrong way."""
 
-    def convert(*args: Any, **kwargs: Any) -> onnx.ModelProto:
-        model = real(*args, **kwargs)
-        values = attribute(model, "TreeEnsembleClassifier", "nodes_values").floats
-        modes = attribute(model, "TreeEnsembleClassifier", "nodes_modes").strings
-        at = max(k for k, mode in enumerate(modes) if mode != b"LEAF")
-        values[at] = float(np.nextafter(np.float32(values[at]), np.float32(-np.inf)))
-        return model
+    def convert(found: dict[str, Any], classifies: bool, tree: Any, number: int, **how: Any) -> None:
+        real(found, classifies, tree, number, **how)
+        if number == 0:
+            at = max(k for k, mode in enumerate(found["nodes_modes"]) if mode != "LEAF")
+            lower = np.nextafter(np.float32(found["nodes_values"][at]), np.float32(-np.inf))
+            found["nodes_values"][at] = float(lower)
 
     return convert
 
@@ -393,7 +392,7 @@ def lying_nodes(real: Callable[..., onnx.NodeProto], op: str, name: str, value: 
 
 LIES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "a threshold": lambda patch: patch.setattr(
-        export.forest, "convert_sklearn", lying_converter(export.forest.convert_sklearn)
+        export.forest, "add_tree_to_attribute_pairs", lying_converter(export.forest.add_tree_to_attribute_pairs)
     ),
     "a leaf": lambda patch: patch.setattr(
         onnx.helper, "make_node",
