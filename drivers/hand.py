@@ -205,12 +205,13 @@ class Hand:
 
     def _judge(self, t_ns: int, replies: Sequence[Reply | None]) -> Reading:
         came = [packet(one.data) if one is not None and len(one.data) == PACKET_BYTES else None for one in replies]
+        came_ns = self._now_ns()  # not when it was asked for: a machine can stand still meanwhile
         told = zip(self._states, replies, came, strict=True)
-        why = tuple([self._trouble(state, reply, found, t_ns) for state, reply, found in told])
+        why = tuple([self._trouble(state, reply, found, came_ns) for state, reply, found in told])
         raw = np.array([NOTHING_CAME if found is None else found.raw for found in came], dtype=np.float64)
         return Reading(t_ns, raw * (1e3 / 32768.0) * self._range_mt, np.array([not one for one in why]), why)
 
-    def _trouble(self, state: _State, reply: Reply | None, found: Packet | None, t_ns: int) -> str:
+    def _trouble(self, state: _State, reply: Reply | None, found: Packet | None, came_ns: int) -> str:
         """One word for why a finger's reading is not valid, or nothing."""
         if reply is None:
             return "missing"
@@ -226,8 +227,8 @@ class Hand:
             return "diagnosis"
         if reply.data != state.last:
             state.converts = bool(state.last)
-            state.last, state.changed_ns = reply.data, t_ns
-        if t_ns - state.changed_ns > STALE_NS:
+            state.last, state.changed_ns = reply.data, came_ns
+        if came_ns - state.changed_ns > STALE_NS:
             state.converts = False
         if not state.converts:
             return "stale"

@@ -34,9 +34,9 @@ class Bench:
     layout: str = "mux"
     setup: Setup = field(default_factory=Setup)
     on_wire: str | None = None
+    clock: VirtualClock = field(default_factory=VirtualClock)
 
     def __post_init__(self) -> None:
-        self.clock = VirtualClock()
         self.virtual = VirtualHand(
             self.clock, track=self.track, layout=self.on_wire or self.layout, seed=0,
             faults=[read_fault(one) for one in self.faults],
@@ -62,6 +62,16 @@ def started(*faults: str, **told: object) -> Bench:
     bench = Bench(faults=faults, **told)  # type: ignore[arg-type]
     bench.hand.start()
     return bench
+
+
+class Faltering(VirtualClock):
+    """A machine that stands still for once, at the next transfer."""
+
+    lost_ns = 0
+
+    def spend(self, duration_ns: int) -> None:
+        super().spend(duration_ns + self.lost_ns)
+        self.lost_ns = 0
 
 
 class Listener:
@@ -377,3 +387,17 @@ def test_a_million_scans_with_random_faults_end_whole():
 def test_a_resting_magnet_reads_its_field():
     reading = started().read_for(0.1)[-1]
     assert reading.field_ut.mean(axis=0) == pytest.approx(REST_UT, abs=40.0)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_stale(together):
+    clock = Faltering()
+    bench = started(clock=clock, setup=Setup(together=together))
+    assert not bad(bench.read_for(0.1))
+    for _ in range(20):
+        clock.lost_ns = 2 * STALE_NS
+        held, after = bench.hand.read(), bench.hand.read()  # the second is late, and begins at once
+        assert held.valid.all()
+        assert after.why == ("",) * 6
+        bench.read_for(0.05)
+    assert not bench.said
