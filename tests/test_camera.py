@@ -196,6 +196,23 @@ print(json.dumps({"same": bool(same), "off_s": max(off), "in_order": in_order}))
     assert told == {"same": True, "off_s": pytest.approx(0.0, abs=1e-6), "in_order": True}
 
 
+def test_a_video_is_counted_without_being_held_in_memory(recorded):
+    told = program(
+        """
+import tracemalloc
+dai = load_depthai(quiet)
+tracemalloc.start()
+frames = read_video(Path(sys.argv[1]), dai, images=False)
+held = tracemalloc.get_traced_memory()[0]
+with_images = read_video(Path(sys.argv[1]), dai)
+print(json.dumps({"frames": len(frames), "held": held, "one": with_images[0].image.nbytes}))
+""",
+        recorded,
+    )
+    assert told["frames"] == N_FRAMES
+    assert told["held"] < told["one"]
+
+
 def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_digit(recorded, tmp_path):
     done = command("watch", "--camera", recorded, "--out", tmp_path / "again")
     assert done.returncode == 0, done.stderr

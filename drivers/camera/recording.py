@@ -33,6 +33,7 @@ COLUMNS = ["sequence", "t_s", "tag", *CORNERS]
 STAMP_S = 2e-6
 """depthai keeps stamps to a microsecond."""
 POLL_S = 0.01
+NO_IMAGE = np.empty((0, 0), dtype=np.uint8)
 Corners = list[float]
 
 
@@ -162,6 +163,11 @@ def require_same_stamps(frames: list[Frame], tracks: Tracks, lens: Lens, folder:
         )  # fmt: skip
 
 
+def _image(message: Any) -> npt.NDArray[np.uint8]:
+    shape = message.getHeight(), message.getWidth()
+    return np.array(message.getData(), dtype=np.uint8)[: shape[0] * shape[1]].reshape(shape)
+
+
 def read_video(folder: Path, dai: Any, *, images: bool = True) -> list[Frame]:
     """Every frame of a recorded folder, in order. Raises DataNotFound, EmptyRecording.
 
@@ -185,8 +191,7 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> list[Frame]:
 
     def take(message: Any) -> None:
         try:
-            shape = (message.getHeight(), message.getWidth()) if images else (0, 0)
-            image = np.array(message.getData(), dtype=np.uint8)[: shape[0] * shape[1]].reshape(shape)
+            image = _image(message) if images else NO_IMAGE
             frames.append(Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image))
         except Exception as error:  # it would end the interpreter
             broken.append(f"{type(error).__name__}: {error}")
