@@ -9,13 +9,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers.bus import NOT_ACKED, Bus, Reply, Transfer
 from drivers.ft232h import Ft232h
 from drivers.mcp2221 import TIMEOUT_MS, Mcp2221
 from drivers.native_i2c import NativeI2C
 from drivers.tiny_usb import TinyUsb
-from drivers.tmag5273 import FACTORY_ADDRESSES, PACKET_BYTES, REGISTERS, RESULTS, Setup, field_ut, packet
+from drivers.tmag5273 import (
+    FACTORY_ADDRESSES,
+    GENERAL_CALL,
+    PACKET_BYTES,
+    REGISTERS,
+    RESULTS,
+    Setup,
+    field_ut,
+    packet,
+)
 from drivers.virtual.clock import VirtualClock
 from drivers.virtual.faults import Fault
 from drivers.virtual.ft232h import VirtualFt232h
@@ -747,3 +758,41 @@ def test_the_controller_refuses_a_read_that_is_not_the_last_message():
         with pytest.raises(OSError, match="supported"):
             bus.i2c_rdwr(smbus2.i2c_msg.read(A, 1), smbus2.i2c_msg.write(A, [0]))
         bus.close()
+
+
+class OneByOne(VirtualFt232h):
+    """An engine that gets every command in a transfer of its own."""
+
+    def write(self, endpoint: int, data: bytes) -> None:
+        for k in range(len(data)):
+            super().write(endpoint, data[k : k + 1])
+
+
+class Still(VirtualClock):
+    """Nothing takes time."""
+
+    def spend(self, duration_ns: int) -> None:
+        """None passes."""
+
+
+TRANSFERS = st.builds(
+    Transfer, st.sampled_from([A, B, 0x70, ABSENT, GENERAL_CALL]), st.binary(max_size=3), st.integers(0, 9)
+)
+
+
+@given(st.lists(TRANSFERS, min_size=1, max_size=6), st.booleans())
+def test_commands_that_are_joined_do_what_each_alone_does(transfers, held):
+    told = []
+    for engine in (VirtualFt232h, OneByOne):
+        clock = Still()
+        hand = VirtualHand(clock)
+        bus = Ft232h(VirtualBackend(engine(hand), clock, hand.faults, hand.power_off))
+        if held:
+            hand.wire.hold_low()
+        bits = hand.wire.bits
+        try:
+            replies: object = bus.scan([FIRST, *transfers, WHO])
+        except BusStuck as error:
+            replies = str(error)
+        told.append((replies, hand.wire.bits - bits, [bytes(chip._bytes) for chip in hand.chips]))
+    assert told[0] == told[1]

@@ -20,6 +20,11 @@ SET_PINS = 0x80
 LENGTHS = dict.fromkeys((SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3) | {0x22: 2, 0x26: 2}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
 BYTE_WRITES = (0x10, 0x11)
+LET_GO = (SET_PINS, bytes([SDA, SCL | SDA]))
+"""SCL low, SDA free."""
+READ_BIT, READ_BYTE = (0x22, bytes(1)), (0x20, bytes(2))
+SENT, GOT = 0x100, 0x101
+"""Three commands as one: a byte out and its acknowledge in, a byte in and its acknowledge out."""
 SIMPLE = {0x81, 0x83, 0x84, 0x85, 0x87, 0x8A, 0x8B, 0x8C, 0x8D, 0x96, 0x97}
 
 
@@ -75,6 +80,28 @@ class Pins:
             byte = byte << 1 | self.clock(self.master)
         return byte
 
+    def sent(self, byte: int) -> bool:
+        """A byte from the master, the line let go, and what it is then: low where a chip acknowledges."""
+        if self._state == "listen" and not self._count and not self.wire.held_low:
+            self._acked = self.wire.write(byte)
+            self.master, self.scl = True, False
+            self._acknowledged(byte)
+            return not self._acked
+        self.byte_out(byte)
+        self.set(scl=False, sda=True)
+        return self.clock(bit=True)
+
+    def got(self, acknowledge: bool) -> int:
+        """A byte from the chips, the master's acknowledge bit (low to go on), and the line let go."""
+        if self._state == "talk" and not self._count and self.master and not self.wire.held_low:
+            self._byte, self.scl = self.wire.read(), False
+            self._state = "silent" if acknowledge else "talk"
+            return self._byte
+        byte = self.byte_in()
+        self.clock(acknowledge)
+        self.set(scl=False, sda=True)
+        return byte
+
     def _start(self) -> None:
         self.wire.start()
         self._state, self._count, self._byte, self._addressing = "listen", 0, 0, True
@@ -101,10 +128,14 @@ class Pins:
                 self._acked = self.wire.write(self._byte)
             return bit
         self._count = 0
-        if self._addressing and self._acked and self._byte & 1:
+        self._acknowledged(self._byte)
+        return bit and not self._acked
+
+    def _acknowledged(self, byte: int) -> None:
+        """Who acknowledged an address to read from talks next."""
+        if self._addressing and self._acked and byte & 1:
             self._state = "talk"
         self._addressing = False
-        return bit and not self._acked
 
     def _said(self, bit: bool) -> bool:
         """Eight bits from the chips, then the master's acknowledge; after a NACK they are silent."""
@@ -124,7 +155,8 @@ class Pins:
 def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
     """MPSSE commands as (opcode, what follows it), and how many bytes they are; the rest is incomplete.
 
-    A pin write that repeats the one before moves nothing and is left out. A driver asks the same again and again.
+    A pin write that repeats the one before moves nothing and is left out; SENT and GOT stand for their three. A driver
+    asks the same again and again.
     """
     found: list[tuple[int, bytes]] = []
     at = 0
@@ -138,8 +170,18 @@ def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
         command = opcode, commands[at + 1 : at + used]
         if opcode != SET_PINS or not found or found[-1] != command:
             found.append(command)
+            found[-3:] = _joined(found[-3:])
         at += used
     return tuple(found), at
+
+
+def _joined(last: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+    """The last three commands, or the one that they are."""
+    if len(last) == 3 and last[2] == READ_BIT and last[1] == LET_GO and last[0][0] == 0x11 and len(last[0][1]) == 3:
+        return [(SENT, last[0][1][2:])]
+    if len(last) == 3 and last[2] == LET_GO and last[1][0] == 0x13 and last[1][1][0] == 0 and last[0] == READ_BYTE:
+        return [(GOT, last[1][1][1:])]
+    return last
 
 
 class VirtualFt232h(Device):
@@ -231,6 +273,10 @@ class VirtualFt232h(Device):
         if opcode == SET_PINS:
             levels, driven = told
             self._pins.set(bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA))
+        elif opcode == GOT:
+            self._answers.append(self._pins.got(told[0] > 127))
+        elif opcode == SENT:
+            self._answers.append(self._pins.sent(told[0]))
         elif opcode in (0x20, 0x24):
             for _ in range(int.from_bytes(told, "little") + 1):
                 self._answers.append(self._pins.byte_in())
