@@ -200,7 +200,9 @@ def test_a_run_goes_on_where_it_was(measured):
     before = other.read_text("utf-8")
     path.write_text(json.dumps(marked), encoding="utf-8")
     other.unlink()
-    again = cost(folder, [TINY, replace(TINY, debounce=1)], parts=SMALL)["rows"]
+    resumed = cost(folder, [TINY, replace(TINY, debounce=1)], parts=SMALL)
+    again = resumed["rows"]
+    assert (told["took"]["new_points"], resumed["took"]["new_points"]) == (4, 1)
     path.write_text(json.dumps(marked | {"recall": told["rows"][0]["recall"]}), encoding="utf-8")
     assert again[0]["recall"] == 0.125
     assert json.loads(other.read_text("utf-8")) == json.loads(before)
@@ -247,17 +249,20 @@ def test_the_readme_gets_ten_lines_that_say_what_they_were_measured_on(measured)
     assert written.count("simulated |") + written.count("real |") == 10
 
 
-def test_the_page_and_its_figure_hold_what_was_measured(measured):
+@pytest.mark.parametrize(("new", "told_how_long"), [(11, True), (10, False)])
+def test_the_page_and_its_figure_hold_what_was_measured(measured, new, told_how_long):
     rows = [*rows_of(measured), dict(rows_of(measured)[0], what="default", of="scenes")]
     fronts = {of: {key: ["default"] for key in ("recall", "in_time", "macro_f1")} for of in ("scenes", "human")}
     us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
     latency = {"rows": [us], "ratios": {"step_over_own_forest": 5.5}, "memory": [{"process": "floor"}]}
-    told = page({"cost": {"rows": rows, "fronts": fronts}, "latency": latency,
+    took = {"wall_s": 90.0, "cores": 2, "new_points": new}
+    told = page({"cost": {"rows": rows, "fronts": fronts, "took": took}, "latency": latency,
                  "instructions": {"rows": [{"what": "whole step", "instructions": 7.0}]},
                  "training": {"rows": [{"trials": 50}]}})  # fmt: skip
     assert "| one decision ([below](#one-decision-beside-its-peers)) | 0.06 |" in told
     assert "simulated" in told
     assert "public real data" in told
+    assert ("in 1.5 minutes on 2 cores" in told) == told_how_long, "only of a run that made every point"
     drawn = figure(rows)
     assert drawn.startswith("<svg")
     assert "simulated" in drawn

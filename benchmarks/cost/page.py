@@ -80,6 +80,7 @@ def page(bench: dict[str, Any]) -> str:
     parts = [INTRO.format(events=default["events"], minutes=default["minutes"], step_ms=1e-3 * step_us)]
     parts.append(CHOICE + markdown([{"model": name} | line(by_choice[point.of, point.what])
                                     for name, point in RECOMMENDED.items()]))  # fmt: skip
+    parts += [told] if (told := _took(bench["cost"]["took"], len(rows))) else []
     for of, title in (("scenes", "Scenes (simulated)"), ("human", "People (public real data)")):
         here = [row for row in rows if row["of"] == of]
         parts.append(f"## {title}: the front\n\n{FRONT}\n\n{markdown(front(here, fronts[of]))}")
@@ -97,6 +98,14 @@ def page(bench: dict[str, Any]) -> str:
                  f"{markdown(bench['training']['rows'])}\n\nThe simulator's time against its step and its error: "
                  "[scenes](scenes.md).")  # fmt: skip
     return "\n\n".join(parts) + "\n"
+
+
+def _took(took: dict[str, Any], points: int) -> str:
+    """How long the surface took, where it was all made in one run."""
+    if took["new_points"] < points or took["cores"] is None:
+        return ""
+    return f"`holdfast bench cost` made all of it from nothing in {took['wall_s'] / 60.0:.1f} minutes on " \
+           f"{took['cores']} cores: {points} points."  # fmt: skip
 
 
 def front(rows: list[dict[str, Any]], fronts: dict[str, list[str]]) -> list[dict[str, Any]]:

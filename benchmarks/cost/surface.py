@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import json
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -42,11 +43,14 @@ TURNS, CALLS = 10, 60
 def cost(
     folder: Path, chosen: Sequence[Point] | None = None, *, dask: str | None = None, parts: Parts = PARTS
 ) -> dict[str, Any]:
-    """Rows of all points, and for each set the front of the step's time against what is found.
+    """Rows of all points, for each set the front of the step's time against what is found, and how long it took: s on
+    so many cores, for so many points that were not there yet.
 
     folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same folder.
     """
+    began_s = time.monotonic()
     chosen = points() if chosen is None else chosen
+    new = sum(not _figures(folder, point).is_file() for point in chosen)
     require_parts(folder, parts)
     rates_hz = sorted({point.rate_hz for point in chosen if point.of == "scenes"})
     with _workers(dask) as at_once:
@@ -55,7 +59,8 @@ def cost(
         kept = at_once(delayed(_kept)(folder, family) for family in _families(chosen))
     told = {(row["what"], row["of"]): row for rows in kept for row in rows}
     rows = [told[point.what, point.of] | us for point, us in zip(chosen, _priced(folder, chosen), strict=True)]
-    return {"rows": rows, "fronts": fronts(rows)}
+    took = {"wall_s": time.monotonic() - began_s, "cores": None if dask else WORKERS, "new_points": new}
+    return {"rows": rows, "fronts": fronts(rows), "took": took}
 
 
 def _families(chosen: Sequence[Point]) -> list[list[Point]]:
