@@ -165,6 +165,7 @@ def figure(rows: list[dict[str, Any]]) -> str:
                           ha=side)  # fmt: skip
             axes.legend(frameon=False, fontsize=8, loc="lower right" if axes is left else "lower left")
             axes.grid(color="#e4e7eb")
+            axes.margins(x=0.1)
         left.set_xscale("log")
         left.set_xlim(left=36.0)
         left.xaxis.set_major_formatter("{x:g}")
