@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import SITUATIONS, BoolArray, FloatArray
+from edge_runtime.errors import NotANumber
 from export.forest import Forest, IntArray, leaf_votes
 from export.heads import Head
 from export.spec import RANGE_LIMIT, StepSpec
@@ -18,13 +19,16 @@ ROWS_AT_ONCE = 8192
 
 
 def reference_votes(forest: Forest, features: FloatRows, n_classes: int) -> IntArray:
-    """Exact integer votes [N, n_classes] of float32 rows [N, F]; of no rows, none."""
+    """Exact integer votes [N, n_classes] of float32 rows [N, F]; of no rows, none. Raises NotANumber."""
     total = np.zeros((len(features), n_classes), dtype=np.int64)
     trees = list(zip(forest.estimators_, leaf_votes(forest, n_classes), strict=True))
     for start in range(0, len(features), ROWS_AT_ONCE):
         some = slice(start, start + ROWS_AT_ONCE)
+        rows = np.asarray(features[some], dtype=np.float32)
+        if not np.isfinite(rows).all():
+            raise NotANumber(f"a feature of rows {start} to {start + len(rows)} is not finite", where="a forest's rows")
         for tree, votes in trees:
-            total[some] += votes[tree.tree_.apply(features[some])]
+            total[some] += votes[tree.tree_.apply(rows)]
     return total
 
 

@@ -20,7 +20,7 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 import export.forest
 from edge_runtime.contract import CLASSES, SITUATIONS
-from edge_runtime.errors import VerificationFailed
+from edge_runtime.errors import NotANumber, VerificationFailed
 from edge_runtime.graph import open_session
 from export.exporting import export_artifact, whole_graph
 from export.forest import Forest, leaf_votes, vote_bits
@@ -350,6 +350,14 @@ def test_the_rule_for_ties_is_verified_where_no_row_is_tied() -> None:
     safer_wins(model)
     with pytest.raises(VerificationFailed, match="ties"):
         verify(model, SPEC, heads, x)
+
+
+@pytest.mark.parametrize("odd", [np.nan, np.inf])
+def test_rows_that_are_no_numbers_get_no_votes(odd: float) -> None:
+    forest, rows = fitted("random", (0, 1, 2, 3), 5)
+    rows[7, 2] = odd
+    with pytest.raises(NotANumber, match="not finite"):
+        reference_votes(forest, rows, 4)
 
 
 def test_a_second_head_is_verified_as_the_first() -> None:
