@@ -82,6 +82,12 @@ def test_a_set_that_is_not_there_says_how_to_get_it(tmp_path: Path, monkeypatch:
         load(tmp_path / "file")
 
 
+@pytest.mark.parametrize("path", ["/", "//", "/./"])
+def test_a_path_that_was_cut_short_to_the_whole_file_system_is_not_searched(path: str) -> None:
+    with pytest.raises(DataNotFound, match="whole file system"):
+        load(path)
+
+
 def test_kept_groups_come_with_their_windows_and_no_others(tmp_path: Path) -> None:
     whole = load(write_eflesh(tmp_path))
     part = load(tmp_path, groups=2, seed=3)

@@ -55,6 +55,11 @@ def find(name_or_path: str | Path) -> Path:
     named = str(name_or_path) in PUBLIC_SETS
     places = ([data_folder() / name_or_path] if named else []) + [Path(name_or_path)]
     for place in places:
+        if place.is_dir() and place.resolve() == Path(place.resolve().anchor):
+            raise DataNotFound(
+                "the whole file system is no data set", where=place, cause="a path that was cut short",
+                next_step="give the folder of the set",
+            )  # fmt: skip
         if place.is_dir():
             return place
     if named:
