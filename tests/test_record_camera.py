@@ -220,16 +220,25 @@ def stand_stills(run: subprocess.Popen[str]) -> Spans:
 
 
 def lost_to(spans: Spans, host_ns: IntArray, sequence: IntArray) -> int:
-    """Samples that are missing where the reader, but for stand-stills, would not have been two periods late."""
+    """Samples that are missing where the processor stood still for at least as long as they would have taken."""
+    missing = np.diff(sequence) - 1
     return sum(
-        int(sequence[k + 1] - sequence[k] - 1)
-        for k in np.flatnonzero(np.diff(sequence) > 1)
-        if host_ns[k + 1] - host_ns[k] - _within(spans, host_ns[k], host_ns[k + 1]) < 2 * PERIOD_NS
+        int(missing[k])
+        for k in np.flatnonzero(missing)
+        if _within(spans, host_ns[k + 1] - (missing[k] + 1) * PERIOD_NS, host_ns[k + 1]) >= missing[k] * PERIOD_NS
     )
 
 
 def _within(spans: Spans, from_ns: int, to_ns: int) -> int:
     return sum(max(0, min(end_ns, to_ns) - max(begin_ns, from_ns)) for begin_ns, end_ns in spans)
+
+
+@pytest.mark.parametrize(("stood_periods", "lost"), [(0.0, 0), (0.9, 0), (1.1, 1)])
+def test_a_lost_sample_is_laid_to_a_stand_still_only_where_that_was_long_enough(stood_periods, lost):
+    host_ns, sequence = np.array([0, 1, 3, 4]) * PERIOD_NS, np.array([0, 1, 3, 4])
+    begin_ns = round(1.5 * PERIOD_NS)
+    assert lost_to([(begin_ns, begin_ns + round(stood_periods * PERIOD_NS))], host_ns, sequence) == lost
+    assert lost_to([], host_ns - np.array([0, 0, PERIOD_NS // 2, 0]), sequence) == 0
 
 
 @pytest.mark.soak
