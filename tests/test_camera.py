@@ -83,7 +83,7 @@ def process(
         if file_limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
 
-    plain = {key: value for key, value in os.environ.items() if not key.startswith("DEPTHAI_")}
+    plain = {key: value for key, value in os.environ.items() if key not in QUIET and not key.startswith("DEPTHAI_")}
     told = plain | dict(environment or {})
     return subprocess.run(
         [sys.executable, *words], cwd=ROOT, env=told, capture_output=True, text=True, check=False, preexec_fn=limit
@@ -184,7 +184,7 @@ def test_stamps_are_the_middle_of_the_exposure(drawn, recorded):
 def test_a_recording_holds_every_frame_bit_for_bit_and_its_stamps(drawn, recorded):
     told = program(
         """
-frames, shots = read_video(Path(sys.argv[1]), load_depthai(quiet)), np.load(sys.argv[2])
+frames, shots = list(read_video(Path(sys.argv[1]), load_depthai(quiet))), np.load(sys.argv[2])
 off = [abs(f.end_s - t) for f, t in zip(frames, shots["time_s"])]
 same = len(frames) == len(shots["frames"]) and all((f.image == i).all() for f, i in zip(frames, shots["frames"]))
 in_order = [f.sequence for f in frames] == list(range(len(off)))
@@ -196,21 +196,62 @@ print(json.dumps({"same": bool(same), "off_s": max(off), "in_order": in_order}))
     assert told == {"same": True, "off_s": pytest.approx(0.0, abs=1e-6), "in_order": True}
 
 
-def test_a_video_is_counted_without_being_held_in_memory(recorded):
+def test_a_video_is_written_by_one_thread_and_none_waits_busily_beside_a_hand(tmp_path):
+    told = program(
+        """
+names = []
+def looked_at():
+    for k in range(20):
+        names[:] = [path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")]
+        yield Frame(k, k / 60.0, np.zeros((400, 640), dtype=np.uint8))
+watch(Stored("drawn", Lens(60.0, 2.0, 10.0, "trial"), looked_at()), Path(sys.argv[1]), say=quiet)
+print(json.dumps({"writers": sum(name.startswith("RecordVideo") for name in names)}))
+""",
+        tmp_path,
+    )
+    assert told == {"writers": 1}
+
+
+def test_a_video_is_read_and_counted_without_being_held_in_memory(recorded):
     told = program(
         """
 import tracemalloc
-dai = load_depthai(quiet)
-tracemalloc.start()
-frames = read_video(Path(sys.argv[1]), dai, images=False)
-held = tracemalloc.get_traced_memory()[0]
-with_images = read_video(Path(sys.argv[1]), dai)
-print(json.dumps({"frames": len(frames), "held": held, "one": with_images[0].image.nbytes}))
+dai, most = load_depthai(quiet), {}
+for name, images in (("counted", False), ("read", True)):
+    tracemalloc.start()
+    for frame in read_video(Path(sys.argv[1]), dai, images=images):
+        size = frame.image.nbytes
+    most[name] = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+print(json.dumps({**most, "image": size}))
 """,
         recorded,
     )
-    assert told["frames"] == N_FRAMES
-    assert told["held"] < told["one"]
+    assert told["counted"] < 2 * told["image"]
+    assert told["read"] < 15 * told["image"] < N_FRAMES * told["image"]
+
+
+def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_hangs_nobody(recorded):
+    told = program(
+        """
+import time
+dai, folder = load_depthai(quiet), Path(sys.argv[1])
+for taken in range(20):
+    frames = read_video(folder, dai)
+    early = [next(frames).sequence for _ in range(taken)]
+    frames.close()
+    assert early == list(range(taken))
+slowly = []
+for frame in read_video(folder, dai):
+    slowly.append(frame.sequence)
+    busy_s = time.monotonic() + 0.02
+    while time.monotonic() < busy_s:
+        pass
+print(json.dumps({"slowly": slowly}))
+""",
+        recorded,
+    )
+    assert told["slowly"] == list(range(N_FRAMES))
 
 
 def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_digit(recorded, tmp_path):
@@ -441,7 +482,7 @@ def unplugged():
 try:
     watch(Stored("oak", source.lens, unplugged()), Path(sys.argv[2]), say=quiet)
 except HoldfastError as error:
-    video = read_video(Path(sys.argv[2]), load_depthai(quiet))
+    video = list(read_video(Path(sys.argv[2]), load_depthai(quiet)))
     print(json.dumps({"error": type(error).__name__, "video": len(video)}))
 """,
         drawn[0],
@@ -501,7 +542,7 @@ def test_a_recording_cut_off_is_read_as_far_as_it_goes_or_refused(recorded, tmp_
     told = program(
         """
 try:
-    print(json.dumps({"frames": len(read_recorded(Path(sys.argv[1]), load_depthai(quiet)).frames)}))
+    print(json.dumps({"frames": len(list(read_recorded(Path(sys.argv[1]), load_depthai(quiet)).frames))}))
 except HoldfastError as error:
     print(json.dumps({"error": type(error).__name__}))
 """,

@@ -170,7 +170,7 @@ class _Watch:
                 cause="the camera's clock and this machine's were being matched anew", next_step="record again",
             )  # fmt: skip
         try:
-            video = read_video(self.out, self.dai, images=False)
+            video = list(read_video(self.out, self.dai, images=False))
             tracks = read_tracks(self.out)
             require_same_stamps(video, tracks, self.source.lens, self.out)
         except HoldfastError as error:

@@ -20,9 +20,11 @@ QUIET = {
     "DEPTHAI_SEARCH_TIMEOUT": "1500",
     "DEPTHAI_LEVEL": "error",
     "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0",
+    "OPENCV_FOR_THREADS_NUM": "1",
 }
 """What depthai is told unless the user has said otherwise: send nothing, save no dumps, ask no network, search 1.5 s
-and not ten, log errors only, and leave the signals alone (its handler makes a file-size limit kill the process)."""
+and not ten, log errors only, leave the signals alone (its handler makes a file-size limit kill the process), and write
+video in one thread (the others wait for each frame busily, thousands of turns a second, a sixth of a core)."""
 ABSENT = ("not plugged in, no USB here, or a cable for power only", "lsusb -d 03e7: shows it; another cable or port")
 DENIED = ("no udev rule for the vendor 03e7", "add the rule of docs/camera.md, then plug it in anew")
 

@@ -13,9 +13,12 @@ from __future__ import annotations
 import csv
 import json
 import math
-import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Empty, Full, Queue
+from threading import Event
 from types import TracebackType
 from typing import Any, TextIO
 
@@ -32,7 +35,7 @@ CORNERS = [f"{axis}{k}" for k in range(1, 5) for axis in "xy"]
 COLUMNS = ["sequence", "t_s", "tag", *CORNERS]
 STAMP_S = 2e-6
 """depthai keeps stamps to a microsecond."""
-POLL_S = 0.01
+POLL_S, AHEAD = 0.01, 8
 NO_IMAGE = np.empty((0, 0), dtype=np.uint8)
 Corners = list[float]
 
@@ -144,12 +147,14 @@ def read_about(folder: Path) -> dict[str, Any]:
 
 
 def read_recorded(folder: Path, dai: Any) -> Stored:
-    """A recorded folder as a source. Raises what read_about, read_tracks and read_video raise."""
+    """A recorded folder as a source. Raises what read_about, read_tracks and read_video raise.
+
+    The video is read twice, first for its stamps alone: ten minutes of pictures are nine gigabytes.
+    """
     about = read_about(folder)
     lens = Lens.of(about, str(about.get("clock")))
-    frames = read_video(folder, dai)
-    require_same_stamps(frames, read_tracks(folder), lens, folder)
-    return Stored(f"{folder.name}/{VIDEO}", lens, frames)
+    require_same_stamps(list(read_video(folder, dai, images=False)), read_tracks(folder), lens, folder)
+    return Stored(f"{folder.name}/{VIDEO}", lens, read_video(folder, dai))
 
 
 def require_same_stamps(frames: list[Frame], tracks: Tracks, lens: Lens, folder: Path) -> None:
@@ -168,13 +173,46 @@ def _image(message: Any) -> npt.NDArray[np.uint8]:
     return np.array(message.getData(), dtype=np.uint8)[: shape[0] * shape[1]].reshape(shape)
 
 
-def read_video(folder: Path, dai: Any, *, images: bool = True) -> list[Frame]:
-    """Every frame of a recorded folder, in order. Raises DataNotFound, EmptyRecording.
+def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame]:
+    """The frames of a recorded folder, in order, a few held at a time. Raises DataNotFound, EmptyRecording.
 
-    The end of the file stops depthai's pipeline at once, so frames are taken by a callback on a queue of one, which
-    takes them in depthai's own thread (a queue that is pulled loses the last ones). It must not raise, and nothing may
-    wait for the pipeline: either would end the interpreter.
+    The end of the file stops depthai's pipeline at once, so frames are taken by a callback on a queue of one, in
+    depthai's own thread (a queue that is pulled loses the last ones); it waits while nobody takes them on. It must not
+    raise, and nothing may wait for the pipeline: either would end the interpreter.
     """
+    pipeline, output = _replayed(folder, dai)
+    ahead: Queue[Frame | str] = Queue(AHEAD)
+    over = Event()
+
+    def take(message: Any) -> None:
+        try:
+            image = _image(message) if images else NO_IMAGE
+            _hand_on(Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image), ahead, over)
+        except Exception as error:  # it would end the interpreter
+            _hand_on(f"{type(error).__name__}: {error}", ahead, over)
+
+    output.addCallback(take)
+    found: Frame | str | None = None
+    try:
+        pipeline.start()
+        while pipeline.isRunning() or not ahead.empty():
+            with suppress(Empty):
+                found = ahead.get(timeout=POLL_S)
+                if isinstance(found, str):
+                    break
+                yield found
+    finally:
+        over.set()
+        pipeline.stop()
+    if not isinstance(found, Frame):
+        raise EmptyRecording(
+            f"the video cannot be read ({found or 'no frame'})", where=folder / VIDEO, cause="cut off, or not ours",
+            next_step=f"{TAGS} may still hold the tracks: holdfast onset",
+        )  # fmt: skip
+
+
+def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
+    """A pipeline that plays a folder's video as fast as it is taken, and the queue it comes out of."""
     for name in (VIDEO, STAMPS):
         if not (folder / name).is_file():
             raise DataNotFound(f"no {name}", where=folder, next_step="give a folder that holdfast watch made")
@@ -185,25 +223,12 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> list[Frame]:
     replay.setOutFrameType(dai.ImgFrame.Type.GRAY8)
     replay.setLoop(False)
     replay.setFps(1000)
-    queue = replay.out.createOutputQueue(maxSize=1, blocking=False)
-    frames: list[Frame] = []
-    broken: list[str] = []
+    return pipeline, replay.out.createOutputQueue(maxSize=1, blocking=False)
 
-    def take(message: Any) -> None:
-        try:
-            image = _image(message) if images else NO_IMAGE
-            frames.append(Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image))
-        except Exception as error:  # it would end the interpreter
-            broken.append(f"{type(error).__name__}: {error}")
 
-    queue.addCallback(take)
-    pipeline.start()
-    while pipeline.isRunning():
-        time.sleep(POLL_S)
-    pipeline.stop()
-    if broken or not frames:
-        raise EmptyRecording(
-            f"the video cannot be read ({broken[0] if broken else 'no frame'})", where=folder / VIDEO,
-            cause="cut off, or not ours", next_step=f"{TAGS} may still hold the tracks: holdfast onset",
-        )  # fmt: skip
-    return frames
+def _hand_on(found: Frame | str, ahead: Queue[Frame | str], over: Event) -> None:
+    """Wait for room, unless nobody wants any more."""
+    while not over.is_set():
+        with suppress(Full):
+            ahead.put(found, timeout=POLL_S)
+            return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -106,7 +106,9 @@ class Stored:
         return step
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Let go of what the frames are read from."""
+        if isinstance(self.frames, Generator):
+            self.frames.close()
 
 
 class Oak:
