@@ -234,19 +234,23 @@ print(json.dumps({**most, "image": size}))
 def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_hangs_nobody(recorded):
     told = program(
         """
-import time
+import faulthandler, time
+faulthandler.dump_traceback_later(60, exit=True)
 dai, folder = load_depthai(quiet), Path(sys.argv[1])
-for taken in range(20):
+def busy(for_s):
+    until_s = time.monotonic() + for_s
+    while time.monotonic() < until_s:
+        pass
+for taken in range(1, 11):
     frames = read_video(folder, dai)
     early = [next(frames).sequence for _ in range(taken)]
+    busy(0.1)
     frames.close()
     assert early == list(range(taken))
 slowly = []
 for frame in read_video(folder, dai):
     slowly.append(frame.sequence)
-    busy_s = time.monotonic() + 0.02
-    while time.monotonic() < busy_s:
-        pass
+    busy(0.02)
 print(json.dumps({"slowly": slowly}))
 """,
         recorded,

@@ -13,12 +13,13 @@ from __future__ import annotations
 import csv
 import json
 import math
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, Full, Queue
-from threading import Event
+from threading import Event, get_native_id
 from types import TracebackType
 from typing import Any, TextIO
 
@@ -182,9 +183,10 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
     """
     pipeline, output = _replayed(folder, dai)
     ahead: Queue[Frame | str] = Queue(AHEAD)
-    over = Event()
+    over, threads = Event(), set[int]()
 
     def take(message: Any) -> None:
+        threads.add(get_native_id())
         try:
             image = _image(message) if images else NO_IMAGE
             _hand_on(Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image), ahead, over)
@@ -204,6 +206,7 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
     finally:
         over.set()
         pipeline.stop()
+        _wait_for_end(threads)
     if not isinstance(found, Frame):
         raise EmptyRecording(
             f"the video cannot be read ({found or 'no frame'})", where=folder / VIDEO, cause="cut off, or not ours",
@@ -224,6 +227,13 @@ def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
     replay.setLoop(False)
     replay.setFps(1000)
     return pipeline, replay.out.createOutputQueue(maxSize=1, blocking=False)
+
+
+def _wait_for_end(threads: set[int]) -> None:
+    """Until depthai's threads have ended. To let go of the pipeline before is to wait for them with the interpreter
+    held, which they wait for themselves."""
+    while any(Path(f"/proc/self/task/{thread}").exists() for thread in threads):
+        time.sleep(POLL_S)
 
 
 def _hand_on(found: Frame | str, ahead: Queue[Frame | str], over: Event) -> None:
