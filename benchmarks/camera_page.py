@@ -60,8 +60,8 @@ clock), else from the first frame; they are those of the middle of the exposure.
 labels of others are left alone. A void trial (camera lost, disk full, killed) keeps what it has and gets no label.
 
 A folder: `camera.mkv` (FFV1, lossless), `camera.mcap` (stamps), `tags.csv` (sequence, t_s, tag, corners in px),
-`camera.json` (lens, counts, gaps, why it is void). Frames of your own go in as .npz: `frames` [K, H, W] uint8,
-`time_s` [K] (ends of exposure), `fps`, `exposure_ms`, `tag_mm`.
+`camera.json` (lens, counts, gaps, why it is void). Frames of your own go in as .npz: `frames` [K, H, W] uint8, H
+and W even, `time_s` [K] (ends of exposure), `fps`, `exposure_ms`, `tag_mm`.
 
 """
 LIMITS = """## Limits, to be stated with every lead time

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edge_runtime.command import place, positive
-from edge_runtime.errors import DataError, LabelError, NotANumber, UsageError
+from edge_runtime.errors import DataError, LabelError, NotANumber, TimeError, UsageError
 from holdfast.watch import printed_mm
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None)
 
 def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None) -> Trial:
     """A watched folder read; `trial` is what its label belongs to. Raises LabelError where the trial is void."""
-    from drivers.camera.recording import read_about, read_tracks
+    from drivers.camera.recording import TAGS, read_about, read_tracks, require_whole
     from training.onset import motion
 
     about = read_about(folder)
@@ -106,6 +106,7 @@ def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | N
             "a void trial gets no label", where=folder, cause=str(about["void"]), next_step="record it again"
         )
     tracks = read_tracks(folder)
+    require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
     try:
         moved = motion(
             tracks.t_s, tracks.of(OBJECT_TAG), tracks.of(HAND_TAG),
@@ -131,8 +132,7 @@ def _starts_s(folder: Path, moved: Motion) -> float:
     """The monotonic time of the trial's first tactile sample, s; of the first frame where nothing tactile is there."""
     try:
         with (folder / TACTILE).open(newline="", encoding="utf-8-sig") as lines:
-            first = next(csv.DictReader(lines))
-        return 1e-9 * int(first["host_ns"])
+            starts_s = 1e-9 * int(next(csv.DictReader(lines))["host_ns"])
     except FileNotFoundError:
         return float(moved.t_s[0])
     except (OSError, StopIteration, KeyError, ValueError, TypeError):
@@ -140,6 +140,12 @@ def _starts_s(folder: Path, moved: Motion) -> float:
             "its first row has no host_ns, so nobody knows when it was in the camera's time", where=folder / TACTILE,
             cause="recorded on another machine, or without host stamps", next_step="record both on one machine",
         ) from None  # fmt: skip
+    if moved.t_s[-1] < starts_s:
+        raise TimeError(
+            f"the camera's last frame is {starts_s - moved.t_s[-1]:.0f} s before the trial", where=folder,
+            cause="a video of another time was given as its camera", next_step="film the trial itself",
+        )  # fmt: skip
+    return starts_s
 
 
 def write(trial: Trial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:

@@ -538,24 +538,82 @@ def test_a_full_disk_is_an_error_though_depthai_says_nothing(drawn, tmp_path, li
     assert len(read_tracks(tmp_path).t_s) > 10
 
 
-@pytest.mark.parametrize(("name", "share"), [("camera.mkv", 0.5), ("camera.mkv", 0.0), ("camera.mcap", 0.0)])
-def test_a_recording_cut_off_is_read_as_far_as_it_goes_or_refused(recorded, tmp_path, name, share):
-    for path in recorded.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[: int(share * (tmp_path / name).stat().st_size)])
-    told = program(
-        """
+READ = """
 try:
     print(json.dumps({"frames": len(list(read_recorded(Path(sys.argv[1]), load_depthai(quiet)).frames))}))
 except HoldfastError as error:
-    print(json.dumps({"error": type(error).__name__}))
-""",
-        tmp_path,
-    )
-    if share:
-        assert 30 < told["frames"] < N_FRAMES
-    else:
-        assert told == {"error": "EmptyRecording" if name == "camera.mkv" else "ColumnError"}
+    print(json.dumps({"error": type(error).__name__, "what": error.what}))
+"""
+
+
+def cut(recorded: Path, folder: Path, name: str, share: float) -> None:
+    """A copy of a recording, one file of it cut off."""
+    for path in recorded.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / name).write_bytes((folder / name).read_bytes()[: int(share * (folder / name).stat().st_size)])
+
+
+@pytest.mark.parametrize(("name", "share"), [("camera.mkv", 0.0), ("camera.mcap", 0.0), ("tags.csv", 0.5)])
+def test_a_recording_cut_off_is_refused(recorded, tmp_path, name, share):
+    cut(recorded, tmp_path, name, share)
+    assert program(READ, tmp_path)["error"] == ("ColumnError" if name == "camera.mcap" else "EmptyRecording")
+
+
+def test_half_a_video_is_refused_where_it_was_whole_once_and_read_as_far_as_it_goes_where_a_kill_ended_it(
+    recorded, tmp_path
+):
+    cut(recorded, tmp_path, "camera.mkv", 0.5)
+    told = program(READ, tmp_path)
+    assert told["error"] == "EmptyRecording"
+    assert f"of its {N_FRAMES} frames" in told["what"]
+    write_about(tmp_path, read_about(tmp_path) | {"frames": 0, "in_video": 0})
+    assert 30 < program(READ, tmp_path)["frames"] < N_FRAMES
+
+
+def test_half_the_tracks_are_no_whole_trial_in_which_nothing_slips(recorded, tmp_path, capsys):
+    cut(recorded, tmp_path, "tags.csv", 0.4)
+    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert f"of its {N_FRAMES} frames" in capsys.readouterr().err
+    assert not (tmp_path / "events.jsonl").exists()
+
+
+def test_a_video_of_another_time_gives_a_trial_no_onset(tmp_path, capsys):
+    hand_made(tmp_path, at_s=4000.0, slides_at_s=0.8)
+    (tmp_path / "tactile.csv").write_text("Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n")
+    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert "another time" in capsys.readouterr().err
+    assert not (tmp_path / "events.jsonl").exists()
+
+
+@pytest.mark.parametrize("size", [(159, 240), (160, 239)])
+def test_frames_that_no_video_holds_without_loss_are_refused(tmp_path, size):
+    path = write_frames(tmp_path / "odd.frames.npz", np.arange(3) / FPS, np.zeros((3, *size), dtype=np.uint8))
+    done = command("watch", "--camera", path, "--out", tmp_path / "out")
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (done.returncode, len(errors)) == (3, 1), done.stderr
+    assert f"{size[1]} x {size[0]} pixels" in errors[0]
+    assert read_about(tmp_path / "out")["void"]
+
+
+@pytest.mark.parametrize(
+    ("name", "number"), [("fps", np.nan), ("fps", -60.0), ("fps", 0.3), ("tag_mm", 0.0), ("exposure_ms", -2.0)]
+)
+def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(tmp_path, name, number):
+    said = {name: number}
+    path = write_frames(tmp_path / "some.frames.npz", np.arange(3) / FPS, np.zeros((3, 8, 8), dtype=np.uint8), **said)
+    with pytest.raises(EmptyRecording, match=r"some\.frames\.npz"):
+        read_frames(path)
+    write_about(tmp_path, {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "clock": "trial"} | said)
+    with pytest.raises(NotANumber, match=r"camera\.json"):
+        read_about(tmp_path)
+
+
+def test_stamps_may_begin_before_zero(tmp_path):
+    stamps_s = np.arange(5) / FPS - 30.0
+    path = write_frames(tmp_path / "early.frames.npz", stamps_s, np.zeros((5, 64, 64), dtype=np.uint8))
+    done = command("watch", "--camera", path, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_allclose(read_tracks(tmp_path / "out").t_s, stamps_s - 1e-3, atol=1.1e-6)
 
 
 # -- the rest needs no depthai

@@ -7,6 +7,7 @@ lost, so the queues are emptied first; and a video that could not be written say
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -70,7 +71,7 @@ class _Watch:
     def __init__(self, dai: Any, pipeline: Any, source: Source, out: Path) -> None:
         self.dai, self.pipeline, self.source, self.out = dai, pipeline, source, out
         self.last = -1
-        self.last_s = -1.0
+        self.last_s = -math.inf
         self.frames = self.lost = self.backwards = 0
         _require_empty(out)
 

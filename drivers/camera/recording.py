@@ -26,7 +26,7 @@ from typing import Any, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from drivers.camera.sources import LENS, Frame, Lens, Stored, require_forward
+from drivers.camera.sources import Frame, Lens, Stored, require_forward
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, OutputError
 from edge_runtime.writing import write_whole
@@ -137,13 +137,11 @@ def read_about(folder: Path) -> dict[str, Any]:
     path = folder / ABOUT
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
-        numbers = [float(about[name]) for name in (*LENS, "apart_mm") if name in LENS or about.get(name) is not None]
-        if not all(math.isfinite(number) and number > 0.0 for number in numbers):
-            raise ValueError("not positive")
+        Lens.of(about, "")
         return dict(about)
     except FileNotFoundError:
         raise DataNotFound(f"no {ABOUT}", where=folder, next_step="holdfast watch makes one") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise NotANumber(f"cannot be used ({type(error).__name__})", where=path, next_step="mend it") from None
 
 
@@ -154,7 +152,10 @@ def read_recorded(folder: Path, dai: Any) -> Stored:
     """
     about = read_about(folder)
     lens = Lens.of(about, str(about.get("clock")))
-    require_same_stamps(list(read_video(folder, dai, images=False)), read_tracks(folder), lens, folder)
+    frames, tracks = list(read_video(folder, dai, images=False)), read_tracks(folder)
+    require_same_stamps(frames, tracks, lens, folder)
+    require_whole(len(frames), about.get("in_video"), folder / VIDEO)
+    require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
     return Stored(f"{folder.name}/{VIDEO}", lens, read_video(folder, dai))
 
 
@@ -166,6 +167,15 @@ def require_same_stamps(frames: list[Frame], tracks: Tracks, lens: Lens, folder:
         raise ColumnError(
             f"{len(off)} frames of the video have stamps that {TAGS} does not have", where=folder,
             cause=f"{STAMPS} is broken or of another recording", next_step="record again",
+        )  # fmt: skip
+
+
+def require_whole(found: int, told: object, where: Path) -> None:
+    """Raise EmptyRecording where a file holds fewer frames than camera.json told when it was complete."""
+    if isinstance(told, int) and found < told:
+        raise EmptyRecording(
+            f"holds {found} of its {told} frames", where=where, cause="an interrupted copy, or a broken disk",
+            next_step="copy it again from where it was recorded",
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import zipfile
 from collections.abc import Callable, Generator, Iterable, Sequence
@@ -25,6 +26,8 @@ OAK_ISO = 800
 QUEUE = 4
 POLL_S = 0.001
 LONGEST_WAIT_S = 10.0
+SLOWEST_FPS = 0.5
+"""depthai takes whole frames a second."""
 LOSSLESS_LAST = 20
 """A camera goes on filming while it is stopped: so many frames at the end may have tags and no picture."""
 
@@ -54,10 +57,13 @@ class Lens:
 
     @classmethod
     def of(cls, told: Any, clock: str) -> Lens:
-        """From numbers by name."""
-        apart = told.get("apart_mm")
+        """From numbers by name. Raises ValueError where one is not positive, or there is less than a frame a second."""
         fps, exposure_ms, tag_mm = (float(told[name]) for name in LENS)
-        return cls(fps, exposure_ms, tag_mm, clock, None if apart is None else float(apart))
+        apart_mm = None if told.get("apart_mm") is None else float(told["apart_mm"])
+        numbers = (fps - SLOWEST_FPS, exposure_ms, tag_mm, 1.0 if apart_mm is None else apart_mm)
+        if not all(math.isfinite(number) and number > 0.0 for number in numbers):
+            raise ValueError(f"fps {fps}, exposure_ms {exposure_ms}, tag_mm {tag_mm}, apart_mm {apart_mm}")
+        return cls(fps, exposure_ms, tag_mm, clock, apart_mm)
 
 
 class Source(Protocol):
@@ -100,7 +106,7 @@ class Stored:
                 return False
             message = _message(dai, frame)
             for queue in queues:
-                _put(queue, message, pipeline)
+                _put(dai, queue, message, pipeline)
             return True
 
         return step
@@ -155,6 +161,11 @@ class Oak:
 
 
 def _message(dai: Any, frame: Frame) -> Any:
+    if frame.image.shape[0] % 2 or frame.image.shape[1] % 2:
+        raise EmptyRecording(
+            f"frames of {frame.image.shape[1]} x {frame.image.shape[0]} pixels", where="camera",
+            cause="video of an odd width or height is not lossless", next_step="cut a row or column off every frame",
+        )  # fmt: skip
     message = dai.ImgFrame()
     message.setType(dai.ImgFrame.Type.GRAY8)
     message.setSize(frame.image.shape[1], frame.image.shape[0])
@@ -165,16 +176,24 @@ def _message(dai: Any, frame: Frame) -> Any:
     return message
 
 
-def _put(queue: Any, message: Any, pipeline: Any) -> None:
+def _put(dai: Any, queue: Any, message: Any, pipeline: Any) -> None:
     """Wait for room; TransferFailed where the graph has stopped or takes nothing for ten seconds."""
     until_s = time.monotonic() + LONGEST_WAIT_S
-    while not queue.trySend(message):
+    while not _taken(dai, queue, message):
         if not pipeline.isRunning() or time.monotonic() > until_s:
             raise TransferFailed(
                 "the graph takes no more frames", where="depthai", cause="a node of it stopped",
                 next_step="again with DEPTHAI_LEVEL=info, which says why",
             )  # fmt: skip
         time.sleep(POLL_S)
+
+
+def _taken(dai: Any, queue: Any, message: Any) -> bool:
+    """Whether there was room; a queue that a stopping graph has closed has none."""
+    try:
+        return bool(queue.trySend(message))
+    except dai.MessageQueue.QueueException:
+        return False
 
 
 def read_frames(path: Path) -> Stored:

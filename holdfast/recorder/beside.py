@@ -40,7 +40,7 @@ class Beside:
                 self.stop()
                 raise CameraUnavailable(
                     self._said() or "no frame came", where="camera", cause="as it says itself",
-                    next_step=f"mend that, or record without --camera; {folder / LOG} has the whole",
+                    next_step=f"mend that, or record without --camera; {LOG} of the discarded trial has the whole",
                 )  # fmt: skip
             time.sleep(POLL_S)
 
