@@ -155,7 +155,7 @@ def test_a_rate_that_carries_no_band_is_refused(rate_hz: float) -> None:
 
 @POLE.mark
 @given(rate_hz=st.floats(21.75, 20_000.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(rate_hz: float) -> None:
     """The differentiator's pole at -1, on the circle, is gone."""
     bands = bands_for(rate_hz)
@@ -166,7 +166,7 @@ def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(rate
 
 @RATES.mark
 @given(rate_hz=st.floats(21.75, 1000.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_band_rings_for_more_than_a_second_after_it_was_named_at_any_rate(rate_hz: float) -> None:
     """Time constant of the slowest pole; two samples' worth of it are spared to rates under 30 Hz."""
     bands = bands_for(rate_hz)
@@ -195,7 +195,7 @@ def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: flo
 
 @OFFSET.mark
 @given(offset=st.integers(-(2**18), 2**18), numbers=st.lists(st.integers(-(2**10), 2**10), min_size=12, max_size=60))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_constant_offset_however_large_changes_nothing(offset: int, numbers: list[int]) -> None:
     spec = spec_at(150.0, n_sensors=1)
     values = np.array(numbers[: len(numbers) // 3 * 3]).reshape(-1, 3) / 64.0  # exact with the offset on top

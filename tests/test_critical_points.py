@@ -108,21 +108,21 @@ def test_a_point_names_the_methods_that_found_it() -> None:
 
 
 @given(offset=st.lists(st.floats(-50.0, 50.0), min_size=6, max_size=6), seed=st.integers(0, 50))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_constant_offset_changes_nothing(offset: list[float], seed: int) -> None:
     samples = held_object(seed=seed)
     assert rows(samples + np.array(offset)) == rows(samples)
 
 
 @given(factor=st.floats(1e-3, 1e3), seed=st.integers(0, 50))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_unit_of_the_channels_changes_nothing(factor: float, seed: int) -> None:
     samples = held_object(seed=seed)
     assert rows(factor * samples) == rows(samples)
 
 
 @given(order=st.permutations(range(4)), seed=st.integers(0, 50))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_order_of_the_sensors_changes_nothing(order: list[int], seed: int) -> None:
     samples = np.hstack([held_object(seed=seed), held_object(seed=seed + 1, slip_s=7.0)])
     shuffled = samples.reshape(len(samples), 4, 3)[:, order].reshape(len(samples), -1)
@@ -131,7 +131,7 @@ def test_the_order_of_the_sensors_changes_nothing(order: list[int], seed: int) -
 
 @SIGN.mark
 @given(mirror=st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4), seed=st.integers(0, 50))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_sign_of_a_shear_axis_changes_nothing(mirror: list[float], seed: int) -> None:
     samples = held_object(seed=seed)
     signs = np.array([*mirror[:2], 1.0, *mirror[2:], 1.0])
@@ -139,7 +139,7 @@ def test_the_sign_of_a_shear_axis_changes_nothing(mirror: list[float], seed: int
 
 
 @given(seed=st.integers(0, 1000), rate_hz=st.sampled_from(RATES_HZ), slip_s=st.floats(0.0, 9.0))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_points_keep_off_both_ends_and_apart_from_each_other(seed: int, rate_hz: float, slip_s: float) -> None:
     points = offline_critical_points(recording(held_object(rate_hz, seed, slip_s), rate_hz))
     times = np.array([point.t_s for point in points])

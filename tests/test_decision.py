@@ -60,7 +60,7 @@ def test_it_arms_at_the_first_risky_sample_and_acts_at_the_second() -> None:
 
 
 @given(rules=any_rules)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_it_arms_and_acts_after_as_many_risky_samples_in_a_row_as_the_rules_say(rules: DecisionRules) -> None:
     states = fed(times(12, RISKY_SLIP), rules)
     assert [s.act for s in states].index(True) == rules.act_samples - 1
@@ -94,7 +94,7 @@ def test_after_a_release_the_next_risky_slip_counts_from_one() -> None:
 
 
 @given(told=told_anything, rules=any_rules, gap=st.integers(1, 20), opening=st.booleans())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_while_unknown_nothing_is_counted_and_nothing_is_released(
     told: list[Told], rules: DecisionRules, gap: int, opening: bool
 ) -> None:
@@ -103,14 +103,14 @@ def test_while_unknown_nothing_is_counted_and_nothing_is_released(
 
 
 @given(told=told_anything, rules=any_rules)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_unknown_samples_might_as_well_not_have_been(told: list[Told], rules: DecisionRules) -> None:
     known = [now for now in told if now.situation != UNKNOWN or now.override]
     assert after([Told(GRASP), *told], rules) == after([Told(GRASP), *known], rules)
 
 
 @given(told=told_anything, rules=any_rules, last=st.builds(Told, st.sampled_from(LABELS), opening=st.booleans()))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_users_override_always_wins_and_ends_what_runs(told: list[Told], rules: DecisionRules, last: Told) -> None:
     assert after([*told, last._replace(override=True)], rules) == DecisionState()
 
@@ -124,7 +124,7 @@ def test_the_hands_own_opening_vetoes_a_new_action_and_does_not_end_a_running_on
 
 
 @given(rules=any_rules, permille=st.integers(0, 1000))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_risky_label_with_too_few_votes_does_not_count(rules: DecisionRules, permille: int) -> None:
     convinced = permille >= rules.min_risky_permille
     state = after(times(10, RISKY_SLIP, permille=permille), rules)
@@ -140,7 +140,7 @@ def test_a_doubtful_risky_label_ends_a_run_of_risky_ones_and_a_run_of_nothing() 
 
 
 @given(told=told_anything, rules=any_rules, cut=st.integers(0, 40))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_it_is_pure_the_same_words_from_the_same_state_give_the_same_state(
     told: list[Told], rules: DecisionRules, cut: int
 ) -> None:
@@ -152,7 +152,7 @@ def test_it_is_pure_the_same_words_from_the_same_state_give_the_same_state(
 
 
 @given(told=told_anything, rules=any_rules)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_state_stays_small_integers_and_whoever_acts_is_armed(told: list[Told], rules: DecisionRules) -> None:
     for state in fed(told * 3, rules):
         assert all(type(value) in (int, bool) for value in asdict(state).values())
@@ -162,7 +162,7 @@ def test_the_state_stays_small_integers_and_whoever_acts_is_armed(told: list[Tol
 
 
 @given(told=told_anything, rules=any_rules)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_an_action_begins_only_after_a_full_run_and_ends_only_by_nothing_or_override(
     told: list[Told], rules: DecisionRules
 ) -> None:

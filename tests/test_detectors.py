@@ -57,7 +57,7 @@ def burst(values: FloatArray, start_s: float, lasts_s: float, size: float, chann
 
 
 @given(seed=st.integers(0, 2**16), cut=st.integers(1, 299))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_what_comes_later_changes_nothing_that_was_said(seed: int, cut: int) -> None:
     values = burst(quiet(3.0, seed=seed), 1.0, 0.3, 1.0)
     later = values.copy()
@@ -116,7 +116,7 @@ def test_a_burst_leaves_the_floor_almost_where_it_was() -> None:
 
 
 @given(bursts=st.lists(st.tuples(st.integers(0, 900), st.integers(1, 60)), max_size=10), seed=st.integers(0, 2**16))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_critical_point_is_the_first_sample_of_an_excursion_after_enough_quiet(
     bursts: list[tuple[int, int]], seed: int
 ) -> None:
@@ -179,7 +179,7 @@ def pressed(forces: FloatArray) -> FloatArray:
         min_size=1, max_size=30,
     )
 )  # fmt: skip
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_cone_is_more_shear_than_friction_holds_at_some_finger_pressed_hard_enough(
     forces: list[list[float]],
 ) -> None:

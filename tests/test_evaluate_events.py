@@ -291,7 +291,7 @@ def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
     assert slide([slow], np.array([np.inf]), Hand()).slides_from_s[0] == pytest.approx(expected_s, abs=0.004)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(earlier_s=st.floats(0.0, 0.1), by_s=st.floats(0.0, 0.1), lag_s=st.floats(0.0, 0.1), grip_n=st.floats(0.3, 1.6))
 def test_who_is_asked_earlier_never_keeps_less(earlier_s: float, by_s: float, lag_s: float, grip_n: float) -> None:
     drop, hand = replace(FALL, grip_n=grip_n), Hand(lag_s=lag_s)

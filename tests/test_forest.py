@@ -118,7 +118,7 @@ def test_the_reference_is_the_forests_own_probability_within_the_quantisation(ki
 
 @EXACT.mark
 @given(trees=st.integers(1, 5000))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would_be(trees: int) -> None:
     k = vote_bits(trees)
     assert trees << k < 2**24
@@ -127,7 +127,7 @@ def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would
 
 @EXACT.mark
 @given(seed=st.integers(0, 2**16), trees=st.integers(1, 9), depth=st.sampled_from([1, 2, 4, None]), spare=st.booleans())
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_every_leaf_sums_to_its_full_vote_and_is_its_tree_within_one(
     seed: int, trees: int, depth: int | None, spare: bool
 ) -> None:
@@ -145,7 +145,7 @@ def test_every_leaf_sums_to_its_full_vote_and_is_its_tree_within_one(
 @given(
     votes=st.lists(st.lists(st.integers(0, 5), min_size=4, max_size=4), min_size=1, max_size=20),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_of_equal_votes_the_riskier_class_wins(votes: list[list[int]]) -> None:
     for row, label in zip(votes, riskier_argmax(np.array(votes)), strict=True):
         assert row[label] == max(row)
@@ -269,7 +269,7 @@ def test_a_file_that_is_wrong_in_one_place_is_not_verified(classes: tuple[str, .
 
 @MILLION.mark
 @given(kind=st.sampled_from(sorted(KINDS)), place=st.integers(0, 2**16), what=st.sampled_from(["leaf", "threshold"]))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_it_does_not_matter_which_leaf_or_which_threshold_is_wrong(kind: str, place: int, what: str) -> None:
     forest, rows = fitted(kind, (0, 1, 2, 3), 4)
     heads = [head_of(forest, SITUATIONS)]

@@ -174,7 +174,7 @@ def corrupted(draw: st.DrawFn, sensors: int, length: int = 70) -> tuple[FloatArr
 
 @BAD_SAMPLE.mark
 @given(stream=corrupted(SENSORS))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_no_pattern_of_corruption_lets_a_number_that_is_not_finite_into_features_or_state(
     stream: tuple[FloatArray, BoolArray],
 ) -> None:
@@ -185,7 +185,7 @@ def test_no_pattern_of_corruption_lets_a_number_that_is_not_finite_into_features
 
 @MISSING.mark
 @given(stream=corrupted(6))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_no_pattern_of_corruption_reaches_votes_or_probabilities(
     eight_classes: Built, stream: tuple[FloatArray, BoolArray]
 ) -> None:
@@ -234,7 +234,7 @@ def gaps(draw: st.DrawFn, length: int = 260) -> BoolArray:
 @pytest.mark.parametrize("rate_hz", [50.0, 58.9, 100.0, 150.0])
 @pytest.mark.parametrize("needed", [0, 2])
 @given(good=gaps())
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_settled_and_unknown_follow_the_stated_rule_at_every_sample(
     rate_hz: float, needed: int, good: BoolArray
 ) -> None:

@@ -41,7 +41,7 @@ def flat(values: dict[str, Any]) -> dict[str, Any]:
 
 
 @given(seed=SEEDS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_permuting_the_rows_changes_nothing(seed: int) -> None:
     one = answers(seed)
     mixed = np.random.default_rng(seed).permutation(len(one["truth"]))
@@ -60,7 +60,7 @@ def predictions_of(a: dict[str, Any], n_draws: int = 50) -> dict[str, Any]:
 
 
 @given(seed=SEEDS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_figures_equal_scikit_learns(seed: int) -> None:
     a = answers(seed)
     values = situations_of(a)
@@ -71,7 +71,7 @@ def test_figures_equal_scikit_learns(seed: int) -> None:
 
 
 @given(seed=SEEDS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_weighted_figures_equal_scikit_learns_on_the_resampled_rows(seed: int) -> None:
     a = answers(seed)
     code = a["groups"].astype(int)

@@ -97,7 +97,7 @@ def test_the_seal_is_the_sha256_of_the_file_with_its_own_digits_zeroed(eight_cla
 
 
 @given(place=st.floats(0.0, 1.0, exclude_max=True), flip=st.integers(1, 255))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_one_altered_byte_anywhere_is_refused(
     eight_classes: Built, tmp_path_factory: pytest.TempPathFactory, place: float, flip: int
 ) -> None:
@@ -119,7 +119,7 @@ def test_one_altered_digit_of_the_seal_is_refused(
 
 
 @given(share=st.floats(0.0, 1.0, exclude_max=True))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_a_file_cut_short_anywhere_is_refused(
     eight_classes: Built, tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:

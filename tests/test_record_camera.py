@@ -32,7 +32,7 @@ rate_hz = 150
 objects = ["soft-ball"]
 action = "pull"
 style = "author"
-close_at_s = 7.0
+close_at_s = 12.0
 hold_s = 1.0
 tail_s = 1.0
 [effects.brush]
@@ -71,7 +71,7 @@ def runs(pid: int) -> bool:
 
 
 def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp_path, capsys):
-    with start(*words_of(tmp_path), "--seconds", "6") as run:
+    with start(*words_of(tmp_path), "--seconds", "14") as run:
         _, err = run.communicate(timeout=120)
     assert run.returncode == 0, err
     folder = trial_in(tmp_path)

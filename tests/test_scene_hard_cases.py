@@ -225,7 +225,7 @@ def fallen_on(box: Floor, speed_m_s: float, dt_s: float, mass_kg: float, steps: 
     AREA, "an impact at high speed", elsewhere="a deep first step, and the spring throws it back faster than it came",
     here="never faster than it came, and momentum is what box and weight have given, in every step",
 )  # fmt: skip
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.floats(0.1, 30.0), st.floats(-6.0, 0.0).map(lambda power: 10.0**power), st.sampled_from([0.0151, 0.5173])
 )

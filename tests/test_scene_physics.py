@@ -93,7 +93,7 @@ any_step = {
 
 
 @pytest.mark.hard_case(AREA, "any step", **any_step)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(hard, steps_s, st.sampled_from([0.0, 0.5, 20.0]), st.sampled_from([0.0, 0.3, 10.0]), st.integers(0, 99))
 def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_leaves_the_numbers(kind, dt_s, grip_n, speed, seed):
     held = body(16, **{**kind, "kinetic": 0.8 * kind["friction"]})

@@ -143,7 +143,7 @@ def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_l
     AREA, "jitter", elsewhere="a sample that comes early or late is taken for two, or for none",
     here="up to half a period either way every sample is one sample",
 )  # fmt: skip
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(0.0, 0.45), min_size=120, max_size=120))
 def test_jitter_below_half_a_period_loses_nothing(late):
     model = _loaded()

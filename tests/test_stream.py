@@ -104,7 +104,7 @@ def bits(outputs: Outputs) -> dict[str, bytes]:
 @given(
     seed=st.integers(0, 2**16), length=st.integers(1, 90), cuts=st.lists(st.integers(0, 90), max_size=4), data=st.data()
 )
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_a_stream_in_random_chunks_gives_the_same_bits_as_sample_by_sample(
     eight_classes: Built, seed: int, length: int, cuts: list[int], data: st.DataObject
 ) -> None:
@@ -117,7 +117,7 @@ def test_a_stream_in_random_chunks_gives_the_same_bits_as_sample_by_sample(
 
 @pytest.mark.parametrize("n_sensors", [1, 2, 6, 16])
 @given(seed=st.integers(0, 2**16), lengths=st.lists(st.integers(0, 90), min_size=1, max_size=9))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 def test_recordings_of_unequal_length_in_one_batch_give_the_bits_each_gives_alone(
     n_sensors: int, seed: int, lengths: list[int]
 ) -> None:
@@ -125,7 +125,7 @@ def test_recordings_of_unequal_length_in_one_batch_give_the_bits_each_gives_alon
 
 
 @given(seed=st.integers(0, 2**16), lengths=st.lists(st.integers(1, 60), min_size=2, max_size=9), eight=st.booleans())
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_so_do_whole_models_down_to_the_probabilities(
     eight_classes: Built, four_situations: Built, seed: int, lengths: list[int], eight: bool
 ) -> None:
@@ -146,7 +146,7 @@ def batch_equals_alone(session: ort.InferenceSession, n_sensors: int, seed: int,
 
 
 @given(seed=st.integers(0, 2**16), wanted=st.sets(st.integers(0, 59), max_size=8))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_the_rows_that_are_asked_for_are_the_rows_that_come(seed: int, wanted: set[int]) -> None:
     session, stream = whole_step(2), stream_of(60, 2, seed)
     rows = np.array(sorted(wanted), dtype=np.int64)
@@ -208,7 +208,7 @@ def inside(seconds: float, rate_hz: float) -> int:
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize("name", FINITE)
 @given(seed=st.integers(0, 2**16), longer=st.integers(0, 40))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_a_group_sees_nothing_older_than_its_stated_memory(name: str, rate_hz: float, seed: int, longer: int) -> None:
     spec = StepSpec(2, rate_hz, "N", (name,))
     values = numbers(120, 2, seed)

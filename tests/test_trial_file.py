@@ -58,7 +58,7 @@ def test_a_byte_order_mark_and_windows_line_ends_are_nobodys_fault(tmp_path: Pat
 
 
 @given(values=st.lists(st.lists(st.floats(allow_infinity=False, width=64), min_size=3, max_size=3), min_size=2))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_what_is_written_is_read_back_to_the_last_bit(
     tmp_path_factory: pytest.TempPathFactory, values: list[list[float]]
 ) -> None:

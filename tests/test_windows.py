@@ -80,7 +80,7 @@ def tables(draw: st.DrawFn) -> pd.DataFrame:
 
 
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, seed: int) -> None:
     balanced = balance(windows, seed)
     assert set(class_counts(balanced).values()) == {min(class_counts(windows).values())}
@@ -89,7 +89,7 @@ def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, see
 
 
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_cells_of_a_class_give_as_equally_as_they_can(windows: pd.DataFrame, seed: int) -> None:
     keys = ["label", *STRATA]
     had = windows.groupby(keys).size()
@@ -101,7 +101,7 @@ def test_the_cells_of_a_class_give_as_equally_as_they_can(windows: pd.DataFrame,
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(seed: int) -> None:
     windows = pd.DataFrame([(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=list(COLUMNS))
     np.random.seed(1)
