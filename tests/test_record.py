@@ -567,7 +567,9 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
     )  # fmt: skip
     folder = out / "p01/cup/pull/trial_1"
     assert done.returncode == -signal.SIGKILL, done.stderr
-    assert columns_of(folder)["sequence"] == [str(k) for k in range(77)]
+    sequence = [int(one) for one in columns_of(folder)["sequence"]]
+    assert len(sequence) == 77, "a row for every reading; a machine that stands still leaves gaps between them"
+    assert sequence == sorted(set(sequence))
     assert meta_of(folder)["state"] == "recording"
     with (folder / "tactile.csv").open("a") as file:
         file.write("0.513,1.0,2.")  # and as if the kill had come in the middle of a write
@@ -575,7 +577,7 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
     said = capsys.readouterr().out
     assert "12 bytes of a torn line taken away, 77 samples whole" in said
     assert "marked as interrupted with 77 samples" in said
-    assert len(open_replay(folder).values) == 77
+    assert len(open_replay(folder).values) == sequence[-1] + 1
     assert main(["repair", str(out)]) == 0
     assert "whole" in capsys.readouterr().out
     recorded(out, "--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
