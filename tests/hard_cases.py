@@ -6,6 +6,9 @@
     )
     def test_a_slip_on_an_offset_of_ten_thousand_is_seen(record_property): ...
 
+Hazards (tests/hazard_marks.py, `--hazards=FILE`) are written down in the same way, and tests/safety_page.py makes
+docs/safety.md of them.
+
 `pytest -m hard_case --hard-cases=FILE` writes area, case, both sentences, test, outcome and what the test recorded with
 `record_property` as JSON; tests/hard_cases_page.py makes docs/hard-cases.md of it. A test that shows what happens
 without a guard carries the same mark and `unguarded=True`.
@@ -22,37 +25,48 @@ import pytest
 
 AREAS = ("Filter and features", "Forest and ONNX", "Calibration and metrics", "Simulation", "Time and schedule",
          "What comes from outside")  # fmt: skip
-RESULTS = pytest.StashKey[list[dict[str, Any]]]()
+RESULTS = pytest.StashKey[dict[str, list[dict[str, Any]]]]()
+OPTIONS = {"hard_case": "--hard-cases", "hazard": "--hazards"}
+"""Marks whose tests are written down, and the option that names the file."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Where the results go."""
-    parser.addoption("--hard-cases", type=Path, help="write how the hard cases went to this JSON file")
+    for mark, option in OPTIONS.items():
+        parser.addoption(option, type=Path, help=f"write how the tests marked {mark} went to this JSON file")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Nothing has run yet."""
-    config.stash[RESULTS] = []
+    config.stash[RESULTS] = {mark: [] for mark in OPTIONS}
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Note down every hard case that was run, or was skipped."""
+    """Note down every marked test that was run, or was skipped."""
     report = yield
-    mark = item.get_closest_marker("hard_case")
-    if mark is not None and (report.when == "call" or report.skipped):
-        item.config.stash[RESULTS].append(told(mark) | {
-            "test": item.nodeid, "outcome": report.outcome, "measured": dict(report.user_properties),
-        })  # fmt: skip
+    for name, tell in (("hard_case", told), ("hazard", hazard)):
+        mark = item.get_closest_marker(name)
+        if mark is not None and (report.when == "call" or report.skipped):
+            item.config.stash[RESULTS][name].append(tell(mark) | {
+                "test": item.nodeid, "outcome": report.outcome, "measured": dict(report.user_properties),
+            })  # fmt: skip
     return report
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the file, if one was asked for."""
-    path = session.config.getoption("--hard-cases")
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(session.config.stash[RESULTS], indent=1) + "\n", encoding="utf-8")
+    """Write the files that were asked for."""
+    for mark, option in OPTIONS.items():
+        path = session.config.getoption(option)
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps(session.config.stash[RESULTS][mark], indent=1) + "\n", encoding="utf-8")
+
+
+def hazard(mark: pytest.Mark) -> dict[str, Any]:
+    """What a hazard's mark says."""
+    area, name = mark.args
+    return {"area": area, "hazard": name, **mark.kwargs}
 
 
 def told(mark: pytest.Mark) -> dict[str, Any]:

@@ -1,0 +1,190 @@
+"""The hazards by name: what can go wrong, what the software does, and what is left to the hand's own controller.
+
+@FOREIGN_CHIP.mark
+def test_a_scan_leaves_an_eeprom_as_it_was(): ...
+
+docs/safety.md is written from these and from how the marked tests went (`make safety`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """A row of docs/safety.md: one sentence each. left: what the software cannot do."""
+
+    area: str
+    hazard: str
+    does: str
+    left: str
+
+    @property
+    def mark(self) -> pytest.MarkDecorator:
+        """For a test that shows it."""
+        return pytest.mark.hazard(self.area, self.hazard, does=self.does, left=self.left)
+
+
+RECORDINGS, BUS, LIVE = "Recordings", "Sensors and bus", "The live loop"
+DECISIONS, OUTSIDE = "Decisions", "Input from outside"
+
+DAMAGED_FILE = Hazard(
+    RECORDINGS,
+    "A recording has a damaged header or a torn last line",
+    "`repair` removes at most one torn last line and keeps it beside the file; it refuses where header and rows disagree",
+    "A person mends a damaged header",
+)
+READABLE_BY_OTHERS = Hazard(
+    RECORDINGS,
+    "Other users of the computer can read a participant's files",
+    "New files respect the umask",
+    "The permissions of the folder above",
+)
+OVERWRITTEN = Hazard(
+    RECORDINGS,
+    "A command overwrites an earlier result",
+    "It refuses without `--force`",
+    "Backups",
+)
+HALF_FINISHED = Hazard(
+    RECORDINGS,
+    "A command is stopped half-way",
+    "Unfinished output has another name until it is whole, or says that it is unfinished",
+    "Running the command again",
+)
+SOURCE_ENDED = Hazard(
+    RECORDINGS,
+    "The source ends in the middle of a trial",
+    "The recorder says so and does not keep the trial",
+    "Recording the trial again",
+)
+FOREIGN_CHIP = Hazard(
+    BUS,
+    "A foreign chip is on the bus",
+    "`scan` only reads from an address that has not identified itself as a known sensor",
+    "Keeping other chips off the bus in use",
+)
+CORRUPT_READING = Hazard(
+    BUS,
+    "Two sensors share an address, or the bus flips bits",
+    "The chip's own CRC turns such a reading into an invalid one, never into a wrong valid one",
+    "A bus short and clean enough to be read",
+)
+SLOW_REPAIR = Hazard(
+    BUS,
+    "A sensor comes back on a bus that is read slowly",
+    "It is valid again from its second new reading on; the repair does not trigger itself again",
+    "Nothing",
+)
+STUCK_BUS = Hazard(
+    BUS,
+    "SDA or SCL is held low when the hand starts",
+    "Nine clocks free SDA; a held SCL is reported once; every later reading is invalid until the bus is free",
+    "Power cycling a sensor that holds SCL",
+)
+BRIDGE_FAULT = Hazard(
+    BUS,
+    "The USB bridge halts an endpoint, or a start fails half-way",
+    "The halt is cleared; a failed start releases the interface",
+    "Power on USB",
+)
+WIRING = Hazard(
+    BUS,
+    "The wiring or the address of a mux is wrong",
+    "The message names the likely wire or address",
+    "A person mends the wiring",
+)
+DEAD_LOG = Hazard(
+    LIVE,
+    "A terminal, a pipe, a log or a disk takes nothing any more",
+    "Control goes on; the failed sink is dropped, counted and reported on the others",
+    "The last command holds if every consumer that can act is gone",
+)
+RESTART = Hazard(
+    LIVE,
+    "The program restarts while the hand holds something",
+    "Forces above the stored unloaded bias are told as `started_loaded`, and `nothing` is not answered until the hand"
+    " has been empty",
+    "The hand's own controller keeps its grip while no answer comes",
+)
+DEAD_HAND = Hazard(
+    LIVE,
+    "The hand repeats old readings",
+    "Repeats are counted per sensor over its valid readings; a hand of repeating sensors is `unknown`",
+    "The hand holds its grip on `unknown`",
+)
+LATE_ANSWER = Hazard(
+    LIVE,
+    "An answer is late because the computer paused",
+    "An answer older than two periods says `late` and its state is `unknown`",
+    "A watchdog that holds the grip while no answer comes",
+)
+WRONG_RATE = Hazard(
+    LIVE,
+    "The source runs at another rate, or its clock stands still",
+    "The monitor notices by itself and answers `unknown`",
+    "Nothing",
+)
+LOST_SENSOR = Hazard(
+    LIVE,
+    "A sensor is lost, stale, saturated or not finite",
+    "The state is `unknown` unless the model declares that the others are enough; it is never safe",
+    "The hand holds its grip on `unknown`",
+)
+OVERRIDE = Hazard(
+    DECISIONS,
+    "The user overrides, and the alarm comes back at once",
+    "Override ends every request and lasts until the hand has been empty, or for two seconds after its last command",
+    "Following the user's command before any request",
+)
+OPENING = Hazard(
+    DECISIONS,
+    "The user opens the hand while it tightens",
+    "Opening ends a running act and prevents a new one",
+    "Opening the hand",
+)
+NO_EVIDENCE = Hazard(
+    DECISIONS,
+    "A false alarm keeps the hand tight",
+    "An act without fresh evidence ends after a time that the model's card states, and the answer says so",
+    "Giving the grip back slowly",
+)
+SILENT_SENDER = Hazard(
+    DECISIONS,
+    "The sender of the user's commands goes silent",
+    "Its last command expires after 0.3 s, and every answer says so",
+    "Nothing",
+)
+INVARIANTS = Hazard(
+    DECISIONS,
+    "A sequence of inputs that no test thought of",
+    "All reachable states and inputs of the decision are searched, and the invariants hold in each",
+    "Nothing",
+)
+FOREIGN_MODEL = Hazard(
+    OUTSIDE,
+    "A model file was altered and sealed again",
+    "Its shapes, types, names and operators are checked before it is run; a file that does not fit is refused at load",
+    "Deciding whose model files to trust: the seal shows integrity and not who made it",
+)
+HUGE_INPUT = Hazard(
+    OUTSIDE,
+    "Input is huge, or claims to be",
+    "It is refused by a typed error before memory or time is spent on it",
+    "Nothing",
+)
+TERMINAL_ESCAPES = Hazard(
+    OUTSIDE,
+    "A file or column name carries terminal escapes",
+    "Messages show them as visible characters",
+    "Nothing",
+)
+MISTAKEN_ARGUMENT = Hazard(
+    OUTSIDE,
+    "A path or a URL means something else",
+    "The error says what was meant and what to write",
+    "Nothing",
+)
