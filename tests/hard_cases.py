@@ -38,7 +38,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Nothing has run yet."""
-    config.stash[RESULTS] = {mark: [] for mark in OPTIONS}
+    nothing: dict[str, list[dict[str, Any]]] = {mark: [] for mark in OPTIONS}
+    config.stash[RESULTS] = nothing
 
 
 @pytest.hookimpl(wrapper=True)
