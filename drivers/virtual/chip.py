@@ -36,6 +36,10 @@ BY_ADDRESS = {register.address: register for register in REGISTERS.values()}
 STATUS = REGISTERS["CONV_STATUS"].address
 IDS = (REGISTERS["MANUFACTURER_ID_LSB"].address, REGISTERS["MANUFACTURER_ID_MSB"].address)
 WRONG_ID = 0x00
+CHECKED_BYTES = 4
+"""Register bytes before the check byte of a register read with CRC; longer reads have none (SYLS045A 7.5.1.3.3)."""
+NOTHING_SENT = 0xFF
+"""What a master reads where no chip pulls SDA low."""
 
 
 class Chip:
@@ -70,6 +74,7 @@ class Chip:
         self._packet: bytes | None = None
         self._packet_at = 0
         self._first_byte = False
+        self._sent = bytearray()
 
     # -- the wire
 
@@ -90,6 +95,7 @@ class Chip:
         self._first_byte = not read
         self._packet = self._burst(address) if read else None
         self._packet_at = 0
+        self._sent.clear()
         return True
 
     def write(self, byte: int) -> bool:
@@ -107,11 +113,25 @@ class Chip:
     def read(self) -> int:
         """The next register, or the next byte of a packet where 1-byte reads are on."""
         if self._packet is not None:
-            byte = self._packet[self._packet_at] if self._packet_at < len(self._packet) else 0xFF
+            byte = self._packet[self._packet_at] if self._packet_at < len(self._packet) else NOTHING_SENT
             self._packet_at += 1
             return byte
+        if self._checked:
+            return self._read_checked()
         byte = self._load(self._pointer)
         self._pointer += 1
+        return byte
+
+    def _read_checked(self) -> int:
+        """A register read with CRC_EN: four registers, the check byte over these four, and then nothing."""
+        if len(self._sent) > CHECKED_BYTES:
+            return NOTHING_SENT
+        if len(self._sent) == CHECKED_BYTES:
+            byte = crc8(bytes(self._sent))
+        else:
+            byte = self._load(self._pointer)
+            self._pointer += 1
+        self._sent.append(byte)
         return byte
 
     def stop(self) -> None:
@@ -152,6 +172,7 @@ class Chip:
         self._averages = 1 << min(self._field_of("DEVICE_CONFIG_1", "CONV_AVG"), 5)
         self._lasts_s = conversion_s(self._averages)
         self._reads_as = self._field_of("DEVICE_CONFIG_1", "I2C_RD")
+        self._checked = bool(self._field_of("DEVICE_CONFIG_1", "CRC_EN"))
         ranges_mt = RANGES_MT[self.version]
         xy_mt, z_mt = (ranges_mt[self._field_of("SENSOR_CONFIG_2", name)] for name in ("X_Y_RANGE", "Z_RANGE"))
         self._full_ut = (1e3 * xy_mt, 1e3 * xy_mt, 1e3 * z_mt)
@@ -208,7 +229,7 @@ class Chip:
             return None
         results = bytes(self._bytes[RESULTS : RESULTS + 6])
         data = (results if self._reads_as == BURST_16 else results[::2]) + bytes([self._load(STATUS)])
-        if self._field_of("DEVICE_CONFIG_1", "CRC_EN"):
+        if self._checked:
             data += bytes([crc8(bytes([address << 1 | 1]) + data)])
         return data
 
