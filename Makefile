@@ -59,7 +59,7 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	$(BIN)/holdfast simulate broad --rate $(RATE) --out build/models/$(RATE)hz-$(SIZE)/broad
 	$(BIN)/holdfast train --data build/models/$(RATE)hz-$(SIZE)/thesis build/models/$(RATE)hz-$(SIZE)/broad \
 	    --windows dense --size $(SIZE) --out build/models/$(RATE)hz-$(SIZE)
-	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
+	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
 
 evaluate: setup  ## the default model on fresh sets it never met, beside its rivals, into build/evaluate
 	rm -rf build/evaluate

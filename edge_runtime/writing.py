@@ -1,32 +1,91 @@
-"""Results appear whole or not at all: written under a temporary name beside the target, then renamed."""
+"""Results appear whole or not at all: written under a temporary name beside the target, then renamed.
+
+A new file has the permissions that the umask leaves; a file that replaces another one keeps the other's.
+"""
 
 from __future__ import annotations
 
 import os
+import secrets
+import shutil
+import stat
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from edge_runtime.errors import OutputError
+
+UNFINISHED = ".unfinished"
+"""The end of a folder's name until all of it is written."""
 
 
 def write_whole(path: str | Path, data: bytes | str) -> Path:
     """Write a file so that nobody ever sees half of it; OutputError where that cannot be done."""
     path = Path(path)
     content = data.encode() if isinstance(data, str) else data
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         try:
-            with os.fdopen(handle, "wb") as file:
+            with temporary.open("xb") as file:
+                _keep_permissions(path, file)
                 file.write(content)
-            os.chmod(temporary, 0o644)
             os.replace(temporary, path)
         except BaseException:
-            os.unlink(temporary)
+            temporary.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise _unwritable(path, error) from None
     return path
+
+
+def _keep_permissions(path: Path, file: BinaryIO) -> None:
+    """Give a new, still empty file the permissions of the one it will replace, if there is one."""
+    if path.exists():
+        before, now = (stat.S_IMODE(one.st_mode) for one in (path.stat(), os.fstat(file.fileno())))
+        if before != now:
+            os.fchmod(file.fileno(), before)
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A new folder to fill, which gets its name when the block has ended and is removed when the block fails.
+
+    Until then it is called `<folder>.unfinished`, so that a killed program leaves nothing that looks whole. In a
+    folder that exists (an empty one) it is `<folder>/.unfinished`, and what is in it moves up at the end.
+    Raises OutputError: nothing can be written, or the unfinished folder of another run is there.
+    """
+    unfinished = folder / UNFINISHED if folder.is_dir() else folder.with_name(folder.name + UNFINISHED)
+    try:
+        unfinished.mkdir(parents=True)
+    except FileExistsError:
+        raise OutputError(
+            "is there already", where=unfinished, cause="another run is writing it, or one was killed",
+            next_step="wait for that run, or remove this folder",
+        ) from None  # fmt: skip
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    try:
+        yield unfinished
+        _give_name(unfinished, folder)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+
+
+def _give_name(unfinished: Path, folder: Path) -> None:
+    """Rename a finished folder, or move what is in it up. Raises OutputError."""
+    try:
+        if unfinished.parent != folder:
+            unfinished.rename(folder)
+            return
+        for path in sorted(unfinished.iterdir()):
+            path.rename(folder / path.name)
+        unfinished.rmdir()
+    except OSError as error:
+        raise _unwritable(folder, error) from None
 
 
 def require_writable(folder: str | Path) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 import skops.io
 
 from edge_runtime.decision import DecisionRules
-from edge_runtime.errors import ArtifactError
+from edge_runtime.errors import ArtifactError, OutputError
 from edge_runtime.preparation import Preparation, preparation_from_json
 from edge_runtime.writing import remove, write_whole
 from export.features import feature_count
@@ -48,6 +48,15 @@ class Artifact:
     heads: list[Head]
     rows: FloatRows
     training: dict[str, Any]
+
+
+def require_no_artifact(folder: Path) -> None:
+    """Raise OutputError for a folder that holds a whole artifact, which a new one would replace."""
+    if (folder / INDEX).exists():
+        raise OutputError(
+            "holds an artifact already", where=folder, cause="an earlier training",
+            next_step="name a new folder with --out, or add --force to replace it",
+        )  # fmt: skip
 
 
 def write_artifact(folder: str | Path, artifact: Artifact) -> Path:

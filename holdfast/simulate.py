@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -24,17 +29,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and write; the same card and seed write the same bytes."""
+    """Simulate and write; the same card and seed write the same bytes. Interrupted, it leaves no folder."""
     require_new(args.out)
     scene = Scene(read_card(args.card, rate_hz=args.rate), args.seed)
     total = len(scene.trials(args.trials))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    progress = Progress(*columns, console=Console(stderr=True), transient=True)
+    with _nothing_left_of(args.out), progress:
         bar = progress.add_task(scene.card.name, total=total)
         files = write_set(scene, args.out, args.trials, lambda n: progress.update(bar, completed=n))
     print(f"{scene.card.title}")
     print(f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}")
     return 0
+
+
+@contextmanager
+def _nothing_left_of(out: Path) -> Iterator[None]:
+    """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder; and say so."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    heeded = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) != signal.SIG_IGN]
+    before: dict[int, Any] = {number: signal.signal(number, interrupt) for number in heeded}
+    try:
+        yield
+    except KeyboardInterrupt:
+        sys.stderr.write(f"{out} is not written: nothing is left of it\n")
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _next(out: Path) -> str:

@@ -22,7 +22,7 @@ import numpy as np
 from edge_runtime.contract import FloatArray, channel_names
 from edge_runtime.errors import OutputError
 from edge_runtime.trial_file import TIME_COLUMN
-from edge_runtime.writing import require_writable, write_whole
+from edge_runtime.writing import require_writable, whole_folder, write_whole
 from simulation.camera.frames import Camera
 from simulation.card import Card
 from simulation.effect import Signal
@@ -40,10 +40,18 @@ Done = Callable[[int], None]
 
 
 def write_set(scene: Scene, out: Path, total: int | None = None, done: Done = lambda n: None) -> int:
-    """Simulate a card's trials into a new folder; returns how many files of samples. Raises OutputError."""
+    """Simulate a card's trials into a new folder; returns how many files of samples. Raises OutputError.
+
+    The folder gets its name when all of it is written: a run that is interrupted leaves none.
+    """
     require_new(out)
+    with whole_folder(out) as unfinished:
+        return _fill(scene, unfinished, scene.trials(total), done)
+
+
+def _fill(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
+    """Write a whole set; returns how many files of samples. Raises OutputError."""
     card = scene.card
-    trials = scene.trials(total)
     write_whole(out / "card.toml", card.text)
     write_whole(out / "meta.json", _json(_meta(card, scene.seed)))
     for thing in {t.thing.name: t.thing for t in trials if t.action != "nothing"}.values():

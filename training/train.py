@@ -1,6 +1,7 @@
 """Train on sets and leave an artifact folder for export: `python training/train.py --data SET .. --out DIR`.
 
-Without arguments it trains on the small generated fixture, into build/default.
+Without arguments it trains on the small generated fixture, into build/default, and may be run again: an artifact of the
+fixture there is replaced. Every other artifact is replaced only with --force.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 import argparse
 
 from edge_runtime.command import place, run_script, seed
+from edge_runtime.errors import DataError
 
 WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
 """As training/windows.py and training/plan.py have them; here so that --help need not import them."""
@@ -25,7 +27,9 @@ FIXTURE_TRIALS = 8
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast train`."""
     parser.add_argument("--data", nargs="+", metavar="SET|FOLDER", help="sets by name or path (default: the fixture)")
-    parser.add_argument("--out", type=place, default=DEFAULT_OUT, metavar="DIR", help="artifact folder")
+    parser.add_argument("--out", type=place, default=DEFAULT_OUT, metavar="DIR",
+                        help="artifact folder (default build/default)")  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="replace an artifact that is in DIR already")
     parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
     parser.add_argument("--windows", choices=WINDOWS, default="balanced", metavar="WHICH",
@@ -38,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train; prints what it does and the held-out figures."""
     from edge_runtime.writing import require_writable
+    from export.artifact import require_no_artifact
     from training.datasets import load
     from training.datasets.joined import join
     from training.fitting import train
@@ -45,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     from training.summary import windows_table
 
     require_writable(args.out)
+    if not args.force and not _rebuilds_fixture(args):
+        require_no_artifact(args.out)
     folders = args.data or [str(_fixture(args.out))]
     plan = SIZES[args.size] if args.size else TrainingPlan()
     sets = [load(folder, channels=args.channels, groups=args.groups, seed=args.seed, windows=args.windows)
@@ -61,6 +68,21 @@ def run(args: argparse.Namespace) -> int:
     print(data.caveat)
     print(f"artifact: {args.out}; next: python export/export.py {args.out}")
     return 0
+
+
+def _rebuilds_fixture(args: argparse.Namespace) -> bool:
+    """Whether this is the run without arguments, and the artifact it would replace is of the fixture too."""
+    from export.artifact import INDEX
+    from training.fixture import KIND
+    from training.objects import read_json
+
+    if args.data or args.out != DEFAULT_OUT:
+        return False
+    try:
+        origin = read_json(args.out / INDEX).get("training")
+    except DataError:
+        return False
+    return isinstance(origin, dict) and origin.get("kind") == KIND
 
 
 def _fixture(out: Path) -> Path:

@@ -1,0 +1,188 @@
+"""What a command writes: whole or not there, readable by whom the umask says, and never over an earlier result."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
+from test_cli import Run, fails, run  # noqa: F401
+from test_record import one_pull
+
+from edge_runtime.errors import OutputError
+from edge_runtime.writing import whole_folder, write_whole
+from export.export import require_replaceable
+from holdfast.cli import main
+from training.fixture import write_fixture
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+ROOT = Path(__file__).resolve().parent.parent
+SetUmask = Callable[[int], None]
+
+
+@pytest.fixture
+def umask() -> Iterator[SetUmask]:
+    """Set the umask of this process for one test."""
+    before = os.umask(0o022)
+    yield lambda mask: void(os.umask(mask))
+    os.umask(before)
+
+
+def void(_: object) -> None:
+    return None
+
+
+def mode_of(path: Path) -> int:
+    return path.stat().st_mode & 0o777
+
+
+# -- permissions
+
+
+@READABLE_BY_OTHERS.mark
+@pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)])
+def test_a_new_file_has_the_permissions_that_the_umask_leaves(tmp_path, umask, mask, mode):
+    umask(mask)
+    assert mode_of(write_whole(tmp_path / "meta.json", "{}")) == mode
+
+
+@READABLE_BY_OTHERS.mark
+def test_a_file_written_anew_is_readable_by_no_more_people_than_before(tmp_path, umask):
+    path = write_whole(tmp_path / "meta.json", "{}")
+    path.chmod(0o600)
+    umask(0o000)
+    write_whole(path, '{"mass_g": 80}')
+    assert (mode_of(path), path.read_text()) == (0o600, '{"mass_g": 80}')
+
+
+@READABLE_BY_OTHERS.mark
+def test_under_a_umask_of_077_no_command_leaves_a_file_that_others_can_read(tmp_path, umask):
+    umask(0o077)
+    one_pull(tmp_path / "recorded")
+    with whole_folder(tmp_path / "set") as unfinished:
+        write_whole(unfinished / "a/b.csv", "1")
+    write_fixture(tmp_path / "fixture", trials_per_cell=1)
+    written = list(tmp_path.rglob("*"))
+    assert len(written) > 20
+    assert {path.name: oct(mode_of(path)) for path in written if mode_of(path) & 0o077} == {}
+
+
+# -- half-finished output
+
+
+@HALF_FINISHED.mark
+@pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "SIGKILL"])
+def test_a_simulation_that_is_ended_leaves_nothing_that_looks_whole(tmp_path, end):
+    command = [sys.executable, "-m", "holdfast", "simulate", "thesis", "--trials", "99", "--out", str(tmp_path / "set")]
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+        while not list(tmp_path.rglob("meta.json")):
+            assert process.poll() is None
+            os.sched_yield()
+        process.send_signal(signal.Signals[end])
+        _, err = process.communicate(timeout=60)
+    assert not (tmp_path / "set").exists()
+    if end == "SIGKILL":
+        assert [path.name for path in tmp_path.iterdir()] == ["set.unfinished"]
+    else:
+        assert (process.returncode, list(tmp_path.iterdir())) == (130, [])
+        assert f"{tmp_path / 'set'} is not written" in err
+
+
+@HALF_FINISHED.mark
+def test_what_a_killed_run_left_is_named_and_not_touched(tmp_path, capsys):
+    (tmp_path / "set.unfinished").mkdir()
+    (tmp_path / "set.unfinished/card.toml").write_text("half")
+    assert main(["simulate", "thesis", "--trials", "1", "--out", str(tmp_path / "set")]) == 5
+    assert "set.unfinished: is there already; likely cause: another run" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.rglob("*")] == ["set.unfinished", "card.toml"]
+
+
+def test_a_folder_that_is_there_and_empty_is_filled_and_keeps_its_place(tmp_path):
+    inode = tmp_path.stat().st_ino
+    with whole_folder(tmp_path) as unfinished:
+        write_whole(unfinished / "a/b.csv", "1")
+        assert [path.name for path in tmp_path.iterdir()] == [".unfinished"]
+    assert [str(path.relative_to(tmp_path)) for path in sorted(tmp_path.rglob("*"))] == ["a", "a/b.csv"]
+    assert tmp_path.stat().st_ino == inode
+
+
+def test_a_folder_that_another_run_finished_first_is_not_written_over(tmp_path):
+    def both_write() -> None:
+        with whole_folder(tmp_path / "set") as unfinished:
+            write_whole(unfinished / "card.toml", "ours")
+            write_whole(tmp_path / "set/card.toml", "theirs")
+
+    with pytest.raises(OutputError, match="cannot write"):
+        both_write()
+    assert {path.name: path.read_text() for path in tmp_path.rglob("*.toml")} == {"card.toml": "theirs"}
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+
+
+# -- earlier results
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def artifact(eight_classes: Built, tmp_path: Path) -> Path:
+    """An artifact of the fixture, exported, as it lies in build/default."""
+    return shutil.copytree(eight_classes.artifact, tmp_path / "build/default")
+
+
+@OVERWRITTEN.mark
+def test_training_does_not_replace_an_artifact_unless_told(run: Run, artifact: Path, tmp_path: Path) -> None:  # noqa: F811
+    before = bytes_of(artifact)
+    words = ("train", "--data", tmp_path / "nowhere", "--out", artifact)
+    fails(run, 5, "OutputError", *words, says="holds an artifact already")
+    fails(run, 3, "DataNotFound", *words, "--force")
+    fails(run, 3, "DataNotFound", "train", "--data", tmp_path / "nowhere", "--out", tmp_path / "new")
+    assert bytes_of(artifact) == before
+
+
+@OVERWRITTEN.mark
+def test_the_bare_command_rebuilds_the_fixture_s_model_and_replaces_no_other(
+    run: Run, artifact: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch  # noqa: F811
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    fails(run, 2, "UsageError", "train", "--groups", "0", says="keeps nobody")
+    index = json.loads((artifact / "artifact.json").read_text())
+    index["training"]["kind"] = "recorded"
+    (artifact / "artifact.json").write_text(json.dumps(index))
+    fails(run, 5, "OutputError", "train", "--groups", "0", says="build/default: holds an artifact already")
+    (artifact / "artifact.json").write_text("{")
+    fails(run, 5, "OutputError", "train", "--groups", "0", says="build/default: holds an artifact already")
+
+
+@OVERWRITTEN.mark
+def test_an_export_replaces_what_was_made_of_its_artifact_and_nothing_else_unless_told(
+    run: Run, artifact: Path, tmp_path: Path  # noqa: F811
+) -> None:  # fmt: skip
+    elsewhere = tmp_path / "models/hand.onnx"
+    for there in (elsewhere, elsewhere.with_suffix(".json")):
+        write_whole(there, "of another training")
+        fails(run, 5, "OutputError", "export", artifact, "--out", elsewhere, says=f"{there}: is there already")
+        there.unlink()
+    require_replaceable(artifact, artifact / "holdfast.onnx", force=False)
+    write_whole(elsewhere, "of another training")
+    assert run("export", artifact, "--out", elsewhere, "--force")[0] == 0
+    assert elsewhere.read_bytes() == (artifact / "holdfast.onnx").read_bytes()
+
+
+@OVERWRITTEN.mark
+@pytest.mark.parametrize("name", ["artifact.onnx", "rows.npz", "situation.skops"])
+def test_an_export_never_replaces_a_part_of_its_artifact(run: Run, artifact: Path, name: str) -> None:  # noqa: F811
+    before = bytes_of(artifact)
+    fails(run, 5, "OutputError", "export", artifact, "--force", "--out", artifact / name, says="part of the artifact")
+    assert bytes_of(artifact) == before
