@@ -26,9 +26,14 @@ SKIPPED = ("features", "state_out")
 """Not stored: labels, votes and probabilities depend on every one of them already."""
 
 
+def golden_length(settle_samples: int) -> int:
+    """Samples in the golden input: long enough to settle twice."""
+    return 3 * settle_samples + 24
+
+
 def golden_input(n_channels: int, unit: str, settle_samples: int) -> tuple[FloatArray, BoolArray]:
-    """values [T, C] and valid [T, C/3] by formula; T is long enough to settle twice."""
-    length = 3 * settle_samples + 24
+    """values [T, C] and valid [T, C/3] by formula."""
+    length = golden_length(settle_samples)
     numbers = _integers(length * n_channels).reshape(length, n_channels)
     ramp = np.minimum(np.arange(length), settle_samples)[:, None] * 4
     press = np.where(np.arange(n_channels) % 3 == 2, ramp, ramp // 4)

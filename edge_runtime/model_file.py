@@ -25,6 +25,8 @@ GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """2: the step takes its sample and state in rows of channels."""
 DIGITS = 64
+MOST_BYTES = 512 << 20
+"""The largest model for a hand (100 trees, full depth) has a tenth of it; onnxruntime reads 2 GiB."""
 _MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
 """How the seal's key and the length of its value stand in the file (protobuf: field 2, 64 bytes)."""
 
@@ -60,17 +62,21 @@ def read_sealed(path: str | Path) -> bytes:
     path = Path(path)
     require_file(path)
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
         raise DataNotFound("no such model file", where=path, next_step="export one: holdfast export DIR") from None
     except OSError as error:
         raise NotAModel(f"cannot be read ({error.strerror})", where=path, next_step="check the path") from None
-    at = data.rfind(_MARKER)
-    if at < 0:
+    if len(data) > MOST_BYTES:
+        raise NotAModel(
+            f"larger than {MOST_BYTES >> 20} MiB, which no model is", where=path, cause="another file",
+            next_step="check the path",
+        )  # fmt: skip
+    start = _seal_at(data)
+    if start < 0:
         raise _foreign(data, path)
-    start = at + len(_MARKER)
-    written = data[start : start + DIGITS]
-    if hashlib.sha256(data[:start] + b"0" * DIGITS + data[start + DIGITS :]).hexdigest().encode() != written:
+    if _digest(data, start) != data[start : start + DIGITS]:
         raise BrokenSeal(
             "the file is not what was sealed",
             where=path,
@@ -78,6 +84,27 @@ def read_sealed(path: str | Path) -> bytes:
             next_step="export it or copy it again",
         )
     return data
+
+
+def _seal_at(data: bytes) -> int:
+    """Where the digits of the seal begin; negative where there are none."""
+    at = data.rfind(_MARKER)
+    return at + len(_MARKER) if at >= 0 else at
+
+
+def _digest(data: bytes, start: int) -> bytes:
+    """SHA-256 of the file with the digits at `start` zeroed, without a copy of the file."""
+    whole, made = memoryview(data), hashlib.sha256()
+    for part in (whole[:start], b"0" * DIGITS, whole[start + DIGITS :]):
+        made.update(part)
+    return made.hexdigest().encode()
+
+
+def require_own_seal(data: bytes, metadata: dict[str, str]) -> None:
+    """Raise ValueError where the digits that were checked are not the ones that the metadata name as the seal."""
+    start = _seal_at(data)
+    if metadata.get(SEAL_KEY, "").encode() != data[start : start + DIGITS]:
+        raise ValueError("its seal is not in its metadata")
 
 
 def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:

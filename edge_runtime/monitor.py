@@ -12,8 +12,8 @@ from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample, State
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 from edge_runtime.errors import ChannelError, TimeError
 from edge_runtime.graph import StepGraph
-from edge_runtime.model import ANSWERS, WEIGHS
 from edge_runtime.model import Model as Model  # the README's import: a monitor and its model from one module
+from edge_runtime.onnx_rules import ANSWERS, WEIGHS
 
 
 class GripMonitor:

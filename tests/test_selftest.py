@@ -96,18 +96,26 @@ def rewired(graph: Graph, name: str, *nodes: onnx.NodeProto) -> None:
     graph.node.extend([*nodes, *after])
 
 
+def constant(graph: Graph, value: np.generic) -> str:
+    graph.initializer.append(onnx.numpy_helper.from_array(np.asarray(value), name := f"more_{len(graph.initializer)}"))
+    return name
+
+
 def a_reset_that_is_ignored(graph: Graph) -> None:
-    rewired(graph, "reset", onnx.helper.make_node("Xor", ["reset", "reset"], ["never"]))
+    rewired(graph, "reset", onnx.helper.make_node("And", ["reset", constant(graph, np.bool_(False))], ["never"]))
 
 
 def a_driver_that_is_not_listened_to(graph: Graph) -> None:
-    no = onnx.helper.make_node("Not", ["valid"], ["not_valid"])
-    rewired(graph, "valid", no, onnx.helper.make_node("Or", ["valid", "not_valid"], ["always"]))
+    number = onnx.helper.make_node("Cast", ["valid"], ["number"], to=onnx.TensorProto.INT32)
+    always = onnx.helper.make_node("GreaterOrEqual", ["number", constant(graph, np.int32(0))], ["always"])
+    rewired(graph, "valid", number, always)
 
 
 def samples_in_half_precision(graph: Graph) -> None:
-    half = onnx.helper.make_node("Cast", ["sample"], ["half"], to=onnx.TensorProto.FLOAT16)
-    rewired(graph, "sample", half, onnx.helper.make_node("Cast", ["half"], ["rounded"], to=onnx.TensorProto.DOUBLE))
+    """Rounded to ten bits by Veltkamp's splitting: c = (2^43 + 1) x, then c - (c - x)."""
+    scaled = onnx.helper.make_node("Mul", ["sample", constant(graph, np.float64(2**43 + 1))], ["scaled"])
+    rest = onnx.helper.make_node("Sub", ["scaled", "sample"], ["rest"])
+    rewired(graph, "sample", scaled, rest, onnx.helper.make_node("Sub", ["scaled", "rest"], ["rounded"]))
 
 
 def a_vote_too_many(graph: Graph) -> None:
@@ -137,11 +145,11 @@ def states_that_fade_for_ever(graph: Graph) -> None:
 
 
 def damaged(built: Built, damage: Callable[[Graph], None], path: Path) -> Path:
+    """A file that is sealed after the damage, with golden rows of its own."""
     model = onnx.load_from_string(built.model.read_bytes())
     card = json.loads({entry.key: entry.value for entry in model.metadata_props}[CARD_KEY])
     damage(model.graph)
     path.write_bytes(seal(model, card, read_artifact(built.artifact).spec))
-    Model(path)
     return path
 
 
@@ -149,7 +157,6 @@ DAMAGES = {
     a_reset_that_is_ignored: "reset forgets",
     a_driver_that_is_not_listened_to: "unknown when it must be",
     samples_in_half_precision: "a large offset",
-    a_vote_too_many: "votes",
     a_range_without_an_end: "corrupted samples",
     states_that_fade_for_ever: "silence",
 }
@@ -163,6 +170,7 @@ DAMAGES = {
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
 def test_the_selftest_fails_on(four_situations: Built, tmp_path: Path, capsys, damage):
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
+    Model(path)
     assert main(["selftest", str(path), "--json"]) == 1
     told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert DAMAGES[damage] in [one["what"] for one in told if not one["ok"]]
@@ -173,6 +181,12 @@ def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, ca
     assert main(["selftest", str(tmp_path / "m.onnx")]) == 1
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith("failed  seal, card and golden rows  BrokenSeal")
+
+
+def test_so_does_one_whose_votes_do_not_add_up(four_situations: Built, tmp_path: Path, capsys):
+    assert main(["selftest", str(damaged(four_situations, a_vote_too_many, tmp_path / "m.onnx"))]) == 1
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("failed  seal, card and golden rows  NotAModel")
 
 
 def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(monkeypatch):

@@ -1,0 +1,47 @@
+"""Whether a model's answers can be what they say: checked on its golden sequences when it is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from edge_runtime.contract import SITUATIONS
+from edge_runtime.errors import NotAModel
+from edge_runtime.graph import Outputs
+from edge_runtime.model_file import ModelCard
+
+ROUNDING = 1e-5
+"""A probability is float32, and a sum of eight of them."""
+
+
+def require_in_range(answers: Outputs, card: ModelCard, path: str | Path) -> None:
+    """Raise NotAModel that names the outputs whose numbers are out of their range."""
+    wrong = sorted({*_wrong(answers, card)})
+    if wrong:
+        raise NotAModel(
+            f"its answers are out of range: {', '.join(wrong)}", where=path,
+            cause="a graph that was altered and sealed again", next_step="export the model again with holdfast export",
+        )  # fmt: skip
+
+
+def _wrong(answers: Outputs, card: ModelCard) -> Iterator[str]:
+    if not np.isin(answers["situation"], np.arange(len(SITUATIONS))).all():
+        yield "situation"
+    if not np.isin(answers["usable_sensors"], np.arange(card.n_channels // 3 + 1)).all():
+        yield "usable_sensors"
+    for head in ("situation", *card.heads):
+        name = "votes" if head == "situation" else f"votes_{head}"
+        votes, told = answers[name], card.raw["heads"][head]
+        whole = (votes >= 0) & (votes == np.floor(votes))
+        if not whole.all() or (votes.sum(axis=1, dtype=np.float64) != told["trees"] << told["vote_bits"]).any():
+            yield name
+    for name in ("p_situation", *(("p_class",) if card.has_weight else ())):
+        if not (_probable(answers[name]) and (np.abs(answers[name].sum(axis=1) - 1.0) <= ROUNDING).all()):
+            yield name
+    yield from (name for name in card.heads if not _probable(answers[name]))
+
+
+def _probable(values: np.ndarray) -> bool:
+    return bool(((values >= 0.0) & (values <= 1.0 + ROUNDING)).all())

@@ -1,0 +1,228 @@
+"""A model file's graph, read from its bytes: only what our exporter writes, before onnxruntime sees any of it.
+
+Field numbers are those of https://github.com/onnx/onnx/blob/main/onnx/onnx.proto. A field that the exporter never
+writes has no number here and is refused: subgraphs, local functions, external data, sequences, optionals, sparse
+tensors, training graphs, text.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.protobuf import (
+    LENGTH,
+    VARINT,
+    Field,
+    Message,
+    Reader,
+    Schema,
+    listed_floats,
+    listed_ints,
+    listed_words,
+    text,
+    varint,
+)
+
+MODEL: Schema = {
+    1: Field("ir_version", VARINT),
+    2: Field("producer_name", LENGTH),
+    7: Field("graph", LENGTH),
+    8: Field("opset_import", LENGTH, repeated=True),
+    14: Field("metadata_props", LENGTH, repeated=True),
+}
+OPSET: Schema = {1: Field("domain", LENGTH), 2: Field("version", VARINT)}
+ENTRY: Schema = {1: Field("key", LENGTH), 2: Field("value", LENGTH)}
+GRAPH: Schema = {
+    1: Field("node", LENGTH, repeated=True),
+    2: Field("name", LENGTH),
+    5: Field("initializer", LENGTH, repeated=True),
+    11: Field("input", LENGTH, repeated=True),
+    12: Field("output", LENGTH, repeated=True),
+}
+NODE: Schema = {
+    1: Field("input", LENGTH, repeated=True),
+    2: Field("output", LENGTH, repeated=True),
+    4: Field("op_type", LENGTH),
+    5: Field("attribute", LENGTH, repeated=True),
+    7: Field("domain", LENGTH),
+}
+TENSOR: Schema = {
+    1: Field("dims", VARINT, repeated=True),
+    2: Field("data_type", VARINT),
+    8: Field("name", LENGTH),
+    9: Field("raw_data", LENGTH),
+}
+VALUE: Schema = {1: Field("name", LENGTH), 2: Field("type", LENGTH)}
+TYPE: Schema = {1: Field("tensor_type", LENGTH)}
+TENSOR_TYPE: Schema = {1: Field("elem_type", VARINT), 2: Field("shape", LENGTH)}
+SHAPE: Schema = {1: Field("dim", LENGTH, repeated=True)}
+DIMENSION: Schema = {1: Field("dim_value", VARINT), 2: Field("dim_param", LENGTH)}
+
+FLOAT, INT32, INT64, BOOL, DOUBLE = 1, 6, 7, 9, 11
+DTYPES: dict[int, str] = {FLOAT: "<f4", INT32: "<i4", INT64: "<i8", BOOL: "|b1", DOUBLE: "<f8"}
+"""TensorProto.DataType -> how its raw data lies in the file."""
+INT, STRING, FLOATS, INTS, STRINGS = 2, 3, 6, 7, 8
+"""AttributeProto.AttributeType: what an attribute of ours may be."""
+_TYPE_TAG = b"\xa0\x01"
+"""The tag of AttributeProto.type (field 20), which protobuf writes last."""
+TREE_MODES = (b"LEAF", b"BRANCH_LEQ")
+"""The only list of words that a graph of ours has: what each node of a tree is."""
+MOST_ELEMENTS = 10_000_000
+"""Of one tensor, when a single sample is stepped."""
+
+Value = int | bytes | npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Node:
+    """One operator: its attributes by name, whole numbers, words or arrays."""
+
+    domain: str
+    op_type: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    attributes: dict[str, Value]
+
+
+@dataclass(frozen=True)
+class Declared:
+    """An input or an output as the file declares it: element type and dimensions, a word where it is a batch."""
+
+    element: int
+    shape: tuple[int | str, ...]
+
+
+@dataclass(frozen=True)
+class OnnxModel:
+    """Everything a model file of ours says."""
+
+    ir_version: int
+    opsets: dict[str, int]
+    metadata: dict[str, str]
+    nodes: tuple[Node, ...]
+    constants: dict[str, npt.NDArray[Any]]
+    inputs: dict[str, Declared]
+    outputs: dict[str, Declared]
+
+
+def read_onnx(data: bytes) -> OnnxModel:
+    """The model in the bytes; ValueError, in plain words, where it holds anything that our exporter never writes."""
+    reader = Reader()
+    model = reader.message(memoryview(data), MODEL)
+    graph = reader.message(_one(model, "graph"), GRAPH)
+    tensors = [_tensor(reader.message(one, TENSOR)) for one in graph.get("initializer", ())]
+    return OnnxModel(
+        ir_version=_one(model, "ir_version"),
+        opsets=_unique([_opset(reader.message(one, OPSET)) for one in model.get("opset_import", ())]),
+        metadata=_unique([_entry(reader.message(one, ENTRY)) for one in model.get("metadata_props", ())]),
+        nodes=tuple(_node(reader, one) for one in graph.get("node", ())),
+        constants=_unique(tensors),
+        inputs=_unique([_declared(reader, one) for one in graph.get("input", ())]),
+        outputs=_unique([_declared(reader, one) for one in graph.get("output", ())]),
+    )
+
+
+def _one(message: Message, name: str) -> Any:
+    if name not in message:
+        raise ValueError(f"it lacks the field {name}")
+    return message[name][0]
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a name in it comes twice")
+    return found
+
+
+def _opset(message: Message) -> tuple[str, int]:
+    return text(message.get("domain", [memoryview(b"")])[0]), _one(message, "version")
+
+
+def _entry(message: Message) -> tuple[str, str]:
+    return text(_one(message, "key")), bytes(_one(message, "value")).decode("utf-8")
+
+
+def _node(reader: Reader, data: memoryview) -> Node:
+    message = reader.message(data, NODE)
+    op_type = text(_one(message, "op_type"))
+    try:
+        attributes = _unique([_attribute(one) for one in message.get("attribute", ())])
+    except ValueError as error:
+        raise ValueError(f"operator {op_type}: {error}") from None
+    return Node(
+        domain=text(message.get("domain", [memoryview(b"")])[0]),
+        op_type=op_type,
+        inputs=tuple(text(name) for name in message.get("input", ())),
+        outputs=tuple(text(name) for name in message.get("output", ())),
+        attributes=attributes,
+    )
+
+
+def _attribute(data: memoryview) -> tuple[str, Value]:
+    """Name first, value, type last: the order in which every protobuf library writes an AttributeProto."""
+    if bytes(data[:1]) != b"\x0a" or bytes(data[-3:-1]) != _TYPE_TAG:
+        raise ValueError("an attribute is not written as ours are")
+    length, at = varint(data, 1)
+    name, value = data[at : at + length], data[at + length : -3]
+    if at + length > len(data) - 3:
+        raise ValueError("an attribute is cut short")
+    return text(name), _attribute_value(value, data[-1])
+
+
+def _attribute_value(data: memoryview, kind: int) -> Value:
+    if kind == INTS:
+        return listed_ints(data, 0x40)
+    if kind == FLOATS:
+        return listed_floats(data, 0x3D)
+    if kind == STRINGS:
+        return listed_words(data, 0x4A, TREE_MODES)
+    if kind not in (INT, STRING):
+        raise ValueError(f"an attribute is of a type ({kind}) that holdfast export never writes, such as a subgraph")
+    name = "i" if kind == INT else "s"
+    message = Reader().message(data, {3: Field("i", VARINT)} if kind == INT else {4: Field("s", LENGTH)})
+    value = _one(message, name)
+    return _signed(value) if kind == INT else bytes(value)
+
+
+def _signed(value: int) -> int:
+    """protobuf writes a negative int64 as its two's complement."""
+    return value - (1 << 64) if value >> 63 else value
+
+
+def _tensor(message: Message) -> tuple[str, npt.NDArray[Any]]:
+    """A constant: its dimensions and its raw data must say the same size."""
+    dtype = DTYPES.get(_one(message, "data_type"))
+    shape = tuple(message.get("dims", ()))
+    raw = message.get("raw_data", [memoryview(b"")])[0]
+    if dtype is None:
+        raise ValueError("a constant is of a type that holdfast export never writes")
+    if math.prod(shape) > MOST_ELEMENTS or math.prod(shape) * np.dtype(dtype).itemsize != len(raw) or not len(raw):
+        raise ValueError("a constant is not as large as it says")
+    values = np.frombuffer(raw, dtype).reshape(shape)
+    if np.isnan(values).any() or (values.dtype == np.float32 and not np.isfinite(values).all()):
+        raise ValueError("a constant is not finite")
+    return text(_one(message, "name")), values
+
+
+def _declared(reader: Reader, data: memoryview) -> tuple[str, Declared]:
+    value = reader.message(data, VALUE)
+    tensor = reader.message(_one(reader.message(_one(value, "type"), TYPE), "tensor_type"), TENSOR_TYPE)
+    if "shape" not in tensor:
+        raise ValueError("an input or output has no shape")
+    dims = reader.message(_one(tensor, "shape"), SHAPE).get("dim", ())
+    shape = tuple(_dimension(reader.message(one, DIMENSION)) for one in dims)
+    return text(_one(value, "name")), Declared(_one(tensor, "elem_type"), shape)
+
+
+def _dimension(message: Message) -> int | str:
+    if len(message) != 1:
+        raise ValueError("a dimension of an input or output is missing")
+    if "dim_param" in message:
+        return text(message["dim_param"][0])
+    return int(message["dim_value"][0])

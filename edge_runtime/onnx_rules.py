@@ -1,0 +1,154 @@
+"""What a model file may hold: the operators our exporter writes, and the inputs and outputs that its card names.
+
+Checked on the bytes, before onnxruntime sees them. What passes cannot fail on a later sample: votes are whole and sum
+to what the card says, a situation is 0 to 3, and every output has the type and shape that the monitor reads.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from edge_runtime.contract import SITUATIONS
+from edge_runtime.golden import golden_length
+from edge_runtime.model_file import ModelCard
+from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, Declared, Node, OnnxModel
+from edge_runtime.onnx_ranges import require_indices
+from edge_runtime.onnx_shapes import Tensor, shapes_of
+from edge_runtime.onnx_trees import require_trees
+
+IR_VERSION = 10
+OPSETS = {"": 20, "ai.onnx.ml": 3}
+_TREES = (
+    "nodes_treeids", "nodes_nodeids", "nodes_modes", "nodes_featureids", "nodes_values", "nodes_truenodeids",
+    "nodes_falsenodeids", "target_ids", "target_treeids", "target_nodeids", "target_weights", "n_targets",
+    "aggregate_function", "post_transform",
+)  # fmt: skip
+ALLOWED: dict[tuple[str, str], frozenset[str]] = {
+    **{("", op): frozenset() for op in (
+        "Abs", "Add", "And", "Clip", "Div", "Greater", "GreaterOrEqual", "Less", "MatMul", "Max", "Min", "Mul",
+        "Reshape", "Slice", "Sqrt", "Sub", "Where",
+    )},
+    **{("", op): frozenset({"axis"}) for op in ("Concat", "Flatten", "Gather", "Softmax", "Split")},
+    **{("", op): frozenset({"keepdims"}) for op in ("ReduceL2", "ReduceMax", "ReduceMin", "ReduceSum")},
+    ("", "ArgMax"): frozenset({"axis", "keepdims", "select_last_index"}),
+    ("", "Cast"): frozenset({"to"}),
+    ("", "Transpose"): frozenset({"perm"}),
+    ("ai.onnx.ml", "TreeEnsembleRegressor"): frozenset(_TREES),
+}  # fmt: skip
+"""(domain, operator) -> the attributes it may have: what export/ writes, over all its options, and nothing else."""
+
+STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", "state_out")
+ANSWERS = ("votes", "situation", "p_situation", "detectors", "settled", "unknown", "usable_sensors")
+WEIGHS = ("p_class", "weight")
+"""Outputs that the monitor takes from a graph: always, and where it knows light and heavy."""
+INPUTS = ("sample", "valid", "reset", "state")
+_HEAD = re.compile(r"p_[a-z0-9_]{1,60}")
+MOST_TREES, MOST_BITS = 100_000, 16
+MOST_GOLDEN = 1_000_000
+"""Numbers of the golden input, which are made one by one; the default model: 4,536."""
+
+
+def require_ours(model: OnnxModel, card: ModelCard) -> None:
+    """Raise ValueError, in plain words, where the file is not what our exporter would have written for this card."""
+    require_allowed(model)
+    _require_heads(card)
+    _require_inputs(model, card)
+    steps = golden_length(card.settle_samples)
+    if steps * card.n_channels > MOST_GOLDEN:
+        raise ValueError(f"its golden sequences have {steps} samples of {card.n_channels} channels")
+    tensors = shapes_of(model, steps)
+    _require_outputs(model, card, tensors)
+    require_indices(model, tensors)
+    _require_votes(model, card, tensors)
+
+
+def require_allowed(model: OnnxModel) -> None:
+    """Raise ValueError for an operator, an attribute or an operator set that our exporter never writes."""
+    if model.ir_version != IR_VERSION or model.opsets != OPSETS:
+        raise ValueError(f"it is of IR version {model.ir_version} and operator sets {model.opsets}")
+    for node in model.nodes:
+        kind = (node.domain, node.op_type)
+        if kind not in ALLOWED:
+            raise ValueError(f"it holds the operator {kind[0]}:{kind[1]}, which holdfast export never writes")
+        more = sorted(set(node.attributes) - ALLOWED[kind])
+        if more or not node.outputs:
+            raise ValueError(f"operator {node.op_type} has attributes that holdfast export never writes: {more!s:.80}")
+
+
+def _require_heads(card: ModelCard) -> None:
+    """A further head is a probability of its own, never a name that the graph already has for something else."""
+    taken = {*INPUTS, *STEP, *ANSWERS, *WEIGHS}
+    for name in card.heads:
+        if name in taken or not _HEAD.fullmatch(name):
+            raise ValueError(f"its card names a head {name!r}, which is no name of a further probability")
+
+
+def _require_inputs(model: OnnxModel, card: ModelCard) -> None:
+    rows = model.inputs.get("state", Declared(0, ("B", 0, 0))).shape[1:2]
+    wanted = {
+        "sample": Declared(DOUBLE, ("B", 1, card.n_channels)),
+        "valid": Declared(BOOL, ("B", 1, card.n_channels // 3)),
+        "reset": Declared(BOOL, ("B", 1, 1)),
+        "state": Declared(DOUBLE, ("B", *rows, card.n_channels)),
+    }
+    whole = all(isinstance(size, int) for size in rows)
+    if model.inputs != wanted or not whole:
+        raise ValueError("its inputs are not those that its card names")
+
+
+def _require_outputs(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]) -> None:
+    """Names, types and shapes as the card says them, as the file declares them and as the operators make them."""
+    wanted = _outputs_of(model, card)
+    if set(model.outputs) != set(wanted):
+        raise ValueError(f"its outputs are {_words(model.outputs)}, its card names {_words(wanted)}")
+    for name, expected in wanted.items():
+        made = tensors.get(name, Tensor(0, ()))
+        batched = Declared(made.element, ("B", *made.shape[1:]) if made.shape[:1] == (1,) else ())
+        if not model.outputs[name] == batched == expected:
+            raise ValueError(f"its output {name} is not of the type and shape that its card says")
+
+
+def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, Declared]:
+    """What a graph with this card publishes. How many features there are is the graph's own affair."""
+    features = model.outputs.get("features", Declared(FLOAT, ("B", 1))).shape
+    wanted = {
+        "settled": Declared(BOOL, ("B",)),
+        "unknown": Declared(BOOL, ("B",)),
+        "usable_sensors": Declared(INT32, ("B",)),
+        "detectors": Declared(BOOL, ("B", len(card.detectors))),
+        "features": Declared(FLOAT, features),
+        "votes": Declared(FLOAT, ("B", len(card.classes))),
+        "p_situation": Declared(FLOAT, ("B", len(SITUATIONS))),
+        "situation": Declared(INT64, ("B",)),
+        "state_out": model.inputs["state"],
+    }
+    if card.has_weight:
+        wanted |= {"p_class": Declared(FLOAT, ("B", len(card.classes))), "weight": Declared(BOOL, ("B",))}
+    for name in card.heads:
+        wanted |= {name: Declared(FLOAT, ("B",)), f"votes_{name}": Declared(FLOAT, ("B", 2))}
+    return wanted
+
+
+def _words(names: Any) -> str:
+    return ", ".join(sorted(name[:40] for name in names))[:400]
+
+
+def _require_votes(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]) -> None:
+    """Votes come from trees alone, and a situation is the greatest of four."""
+    made_by = {name: node for node in model.nodes for name in node.outputs}
+    situation = made_by["situation"]
+    if situation.op_type != "ArgMax" or tensors[situation.inputs[0]].shape != (1, len(SITUATIONS)):
+        raise ValueError("its situation is not the one with the most votes")
+    for head in ("situation", *card.heads):
+        name = "votes" if head == "situation" else f"votes_{head}"
+        _require_forest(made_by[name], card.raw["heads"][head], tensors)
+
+
+def _require_forest(node: Node, head: Any, tensors: dict[str, Tensor]) -> None:
+    trees, bits, classes = head.get("trees"), head.get("vote_bits"), head.get("classes")
+    if type(trees) is not int or type(bits) is not int or not (0 < trees <= MOST_TREES and 0 <= bits <= MOST_BITS):
+        raise ValueError("its card does not say how many trees vote, and with how many votes")
+    if node.op_type != "TreeEnsembleRegressor" or not isinstance(classes, list):
+        raise ValueError("its votes do not come from trees")
+    require_trees(node, tensors[node.inputs[0]].shape[1], len(classes), trees, bits)

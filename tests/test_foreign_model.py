@@ -1,0 +1,669 @@
+"""Model files that were altered and sealed again: refused when they are opened, before onnxruntime sees them."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from hazard_marks import FOREIGN_MODEL, HUGE_INPUT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from onnx import TensorProto, helper, numpy_helper
+from small_model import EXTRA_HEAD, artifact, card_of, graph_of, resealed, sealed_again, sealed_bytes, spec
+
+from edge_runtime.contract import Sample, Unit
+from edge_runtime.errors import HoldfastError, ModelError, NotAModel
+from edge_runtime.model import Model, read_model
+from edge_runtime.monitor import GripMonitor
+from edge_runtime.onnx_bytes import read_onnx
+from edge_runtime.onnx_rules import ALLOWED
+from edge_runtime.onnx_shapes import RULES
+from edge_runtime.protobuf import MOST_FIELDS, Field, Reader
+from export.artifact import Artifact
+from export.features import GROUPS
+from export.forest import FOREST_KINDS
+from export.seal import model_card, seal
+from training.plan import RAW_BASELINE, SIZES
+
+ROOT = Path(__file__).resolve().parent.parent
+RELEASED = sorted((ROOT / "models").glob("*.onnx"))
+
+
+def opened(eight: bool = True) -> onnx.ModelProto:
+    return onnx.load_from_string(sealed_bytes(eight))
+
+
+def maker(model: onnx.ModelProto, output: str) -> onnx.NodeProto:
+    (node,) = [node for node in model.graph.node if output in node.output]
+    return node
+
+
+def attribute(node: onnx.NodeProto, name: str) -> onnx.AttributeProto:
+    (found,) = [one for one in node.attribute if one.name == name]
+    return found
+
+
+def output(model: onnx.ModelProto, name: str) -> onnx.ValueInfoProto:
+    (found,) = [one for one in model.graph.output if one.name == name]
+    return found
+
+
+def constant(model: onnx.ModelProto, name: str, values: Any) -> str:
+    model.graph.initializer.append(numpy_helper.from_array(np.asarray(values), name))
+    return name
+
+
+def after(model: onnx.ModelProto, name: str, op: str, *inputs: str, **attributes: Any) -> None:
+    """An output is changed by one more operator, which takes its name."""
+    node = maker(model, name)
+    node.output[list(node.output).index(name)] = f"{name}_before"
+    for later in model.graph.node:
+        for k, one in enumerate(later.input):
+            later.input[k] = f"{name}_before" if one == name else one
+    model.graph.node.append(helper.make_node(op, [f"{name}_before", *inputs], [name], **attributes))
+
+
+# -- outputs that are not what the card says
+
+
+def situation_plus_seven(model: onnx.ModelProto) -> None:
+    after(model, "situation", "Add", constant(model, "seven", np.int64(7)))
+
+
+def eight_situations(model: onnx.ModelProto) -> None:
+    after(model, "p_situation", "Concat", "p_class_half", axis=1)
+    maker(model, "p_situation").input[1] = "p_situation_before"
+    output(model, "p_situation").type.tensor_type.shape.dim[1].dim_value = 8
+
+
+def symbolic_shape(model: onnx.ModelProto) -> None:
+    output(model, "p_situation").type.tensor_type.shape.dim[1].dim_param = "N"
+
+
+def symbolic_channels(model: onnx.ModelProto) -> None:
+    model.graph.input[0].type.tensor_type.shape.dim[2].dim_param = "C"
+
+
+def missing_shape(model: onnx.ModelProto) -> None:
+    output(model, "detectors").type.tensor_type.ClearField("shape")
+
+
+def missing_dimension(model: onnx.ModelProto) -> None:
+    output(model, "detectors").type.tensor_type.shape.dim[1].Clear()
+
+
+def negative_dimension(model: onnx.ModelProto) -> None:
+    output(model, "detectors").type.tensor_type.shape.dim[1].dim_value = -1
+
+
+def string_output(model: onnx.ModelProto) -> None:
+    after(model, "usable_sensors", "Cast", to=TensorProto.STRING)
+    output(model, "usable_sensors").type.tensor_type.elem_type = TensorProto.STRING
+
+
+def other_type(model: onnx.ModelProto) -> None:
+    after(model, "unknown", "Cast", to=TensorProto.FLOAT)
+    output(model, "unknown").type.tensor_type.elem_type = TensorProto.FLOAT
+
+
+def one_output_more(model: onnx.ModelProto) -> None:
+    model.graph.output.append(helper.make_tensor_value_info("state_before", TensorProto.DOUBLE, ["B", 1, 6]))
+
+
+def one_output_less(model: onnx.ModelProto) -> None:
+    model.graph.output.remove(output(model, "settled"))
+
+
+def sequence_output(model: onnx.ModelProto) -> None:
+    output(model, "detectors").type.CopyFrom(helper.make_sequence_type_proto(output(model, "settled").type))
+
+
+def optional_output(model: onnx.ModelProto) -> None:
+    output(model, "detectors").type.CopyFrom(helper.make_optional_type_proto(output(model, "settled").type))
+
+
+def map_output(model: onnx.ModelProto) -> None:
+    output(model, "detectors").type.map_type.key_type = TensorProto.INT64
+
+
+# -- operators and parts of a file that our exporter never writes
+
+
+def endless_loop(model: onnx.ModelProto) -> None:
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Identity", ["x"], ["y"])], "body",
+        [helper.make_tensor_value_info("k", TensorProto.INT64, []),
+         helper.make_tensor_value_info("go", TensorProto.BOOL, []),
+         helper.make_tensor_value_info("x", TensorProto.FLOAT, ["B", 4])],
+        [helper.make_tensor_value_info("on", TensorProto.BOOL, []),
+         helper.make_tensor_value_info("y", TensorProto.FLOAT, ["B", 4])],
+    )  # fmt: skip
+    yes = constant(model, "yes", np.bool_(True))
+    after(model, "p_situation", "Loop", body=body)
+    maker(model, "p_situation").input[:] = ["", yes, "p_situation_before"]
+
+
+def one_branch(model: onnx.ModelProto) -> None:
+    branch = helper.make_graph([], "branch", [], [helper.make_tensor_value_info("settled", TensorProto.BOOL, ["B"])])
+    model.graph.node.append(helper.make_node("If", ["unknown"], ["if"], then_branch=branch, else_branch=branch))
+
+
+def scan(model: onnx.ModelProto) -> None:
+    body = helper.make_graph([], "body", [], [])
+    model.graph.node.append(helper.make_node("Scan", ["sample"], ["s"], body=body, num_scan_inputs=1))
+
+
+def hidden_subgraph(model: onnx.ModelProto) -> None:
+    """An attribute that an allowed operator does not have, with a graph in it."""
+    body = helper.make_graph([helper.make_node("Loop", ["", ""], ["z"])], "body", [], [])
+    maker(model, "settled").attribute.append(helper.make_attribute("body", body))
+
+
+def tensor_attribute(model: onnx.ModelProto) -> None:
+    maker(model, "settled").attribute.append(helper.make_attribute("value", numpy_helper.from_array(np.zeros(3))))
+
+
+def local_function(model: onnx.ModelProto) -> None:
+    made = helper.make_function("", "Abs", ["x"], ["y"], [helper.make_node("Neg", ["x"], ["y"])], model.opset_import)
+    model.functions.append(made)
+
+
+def custom_domain(model: onnx.ModelProto) -> None:
+    maker(model, "settled").domain = "com.microsoft"
+
+
+def custom_operator(model: onnx.ModelProto) -> None:
+    maker(model, "settled").op_type = "Sample"
+
+
+def other_operator_set(model: onnx.ModelProto) -> None:
+    model.opset_import.append(helper.make_opsetid("com.microsoft", 1))
+
+
+def newer_operator_set(model: onnx.ModelProto) -> None:
+    model.opset_import[0].version = 21
+
+
+def overload(model: onnx.ModelProto) -> None:
+    maker(model, "settled").overload = "x"
+
+
+def external_data(model: onnx.ModelProto) -> None:
+    tensor = model.graph.initializer[0]
+    tensor.ClearField("raw_data")
+    tensor.data_location = TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="/etc/passwd")
+
+
+def float_data(model: onnx.ModelProto) -> None:
+    tensor = model.graph.initializer[0]
+    tensor.ClearField("raw_data")
+    tensor.double_data.append(1.0)
+
+
+def sparse_constant(model: onnx.ModelProto) -> None:
+    model.graph.sparse_initializer.add().dims.append(10**12)
+
+
+def training_graph(model: onnx.ModelProto) -> None:
+    model.training_info.add()
+
+
+# -- what costs memory or time
+
+
+def huge_constant(model: onnx.ModelProto) -> None:
+    model.graph.initializer[0].dims[:] = [10**6, 10**6]
+
+
+def overflowing_constant(model: onnx.ModelProto) -> None:
+    model.graph.initializer[0].dims[:] = [2**32, 2**32]
+
+
+def negative_constant(model: onnx.ModelProto) -> None:
+    model.graph.initializer[0].dims[:] = [-1, -8]
+
+
+def doubled_forty_times(model: onnx.ModelProto) -> None:
+    wide = "sample"
+    for k in range(40):
+        model.graph.node.append(helper.make_node("Concat", [wide, wide], [f"wide{k}"], axis=1))
+        wide = f"wide{k}"
+
+
+def outer_product(model: onnx.ModelProto) -> None:
+    high, wide = constant(model, "high", np.zeros((9000, 1))), constant(model, "wide", np.zeros((1, 9000)))
+    model.graph.node.append(helper.make_node("Add", [high, wide], ["outer"]))
+
+
+def dear_product(model: onnx.ModelProto) -> None:
+    big = constant(model, "big", np.zeros((1000, 1000)))
+    for k in range(9):
+        model.graph.node.append(helper.make_node("MatMul", [big, big], [f"product{k}"]))
+
+
+# -- trees
+
+
+def trees(model: onnx.ModelProto) -> onnx.NodeProto:
+    return maker(model, "votes")
+
+
+def zero_leaves(model: onnx.ModelProto) -> None:
+    weights = attribute(trees(model), "target_weights").floats
+    weights[:] = [0.0] * len(weights)
+
+
+def half_votes(model: onnx.ModelProto) -> None:
+    weights = attribute(trees(model), "target_weights").floats
+    weights[0] += 0.5
+    weights[1] -= 0.5
+
+
+def negative_votes(model: onnx.ModelProto) -> None:
+    node = trees(model)
+    weights, places = attribute(node, "target_weights").floats, attribute(node, "target_nodeids").ints
+    k = next(k for k in range(len(places) - 1) if places[k] == places[k + 1])
+    weights[k], weights[k + 1] = weights[k] + weights[k + 1] + 5.0, -5.0
+
+
+def votes_that_are_no_number(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "target_weights").floats[0] = float("nan")
+
+
+def tree_that_loops(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "nodes_truenodeids").ints[0] = 0
+
+
+def tree_that_joins(model: onnx.ModelProto) -> None:
+    node = trees(model)
+    attribute(node, "nodes_truenodeids").ints[0] = attribute(node, "nodes_falsenodeids").ints[0]
+
+
+def child_of_another_tree(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "nodes_falsenodeids").ints[0] = 10**6
+
+
+def feature_outside(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "nodes_featureids").ints[0] = 2**31 - 1
+
+
+def negative_feature(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "nodes_featureids").ints[0] = -1
+
+
+def vote_for_no_node(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "target_nodeids").ints[0] = 10**6
+
+
+def vote_for_no_tree(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "target_treeids").ints[-1] = 10**6
+
+
+def vote_for_no_class(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "target_ids").ints[0] = 8
+
+
+def another_mode(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "nodes_modes").strings[0] = b"BRANCH_EQ"
+
+
+def averaged(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "aggregate_function").s = b"AVERAGE"
+
+
+def a_column_short(model: onnx.ModelProto) -> None:
+    attribute(trees(model), "nodes_values").floats.pop()
+
+
+def deep_tree(model: onnx.ModelProto) -> None:
+    """A chain of 3000 branches, each of which has a leaf and the next; and a tree that is a leaf."""
+    node, depth = trees(model), 3000
+    at = np.append(np.arange(2 * depth + 1), 0)
+    tree = np.append(np.zeros(2 * depth + 1, int), 1)
+    branch = (at % 2 == 0) & (at < 2 * depth) & (tree == 0)
+    columns = {
+        "nodes_treeids": tree, "nodes_nodeids": at, "nodes_featureids": 0 * at,
+        "nodes_truenodeids": np.where(branch, at + 1, 0), "nodes_falsenodeids": np.where(branch, at + 2, 0),
+    }  # fmt: skip
+    leaves = at[~branch]
+    columns |= {"target_treeids": tree[~branch], "target_nodeids": leaves, "target_ids": 0 * leaves}
+    for name, values in columns.items():
+        attribute(node, name).ints[:] = values.tolist()
+    attribute(node, "nodes_modes").strings[:] = [b"BRANCH_LEQ" if one else b"LEAF" for one in branch]
+    attribute(node, "nodes_values").floats[:] = [0.0] * len(at)
+    attribute(node, "target_weights").floats[:] = [65536.0] * len(leaves)
+
+
+# -- numbers that fail on some later sample
+
+
+def place_outside_of_its_table(model: onnx.ModelProto) -> None:
+    """A table whose last entry, which a settled hand reaches, leads outside of it."""
+    (guard,) = [node for node in model.graph.node if node.op_type == "Gather" and node.input[1].startswith("cast")]
+    (table,) = [one for one in model.graph.initializer if one.name == guard.input[0]]
+    values = numpy_helper.to_array(table).copy()
+    values[-1] = 1e6
+    table.raw_data = values.tobytes()
+
+
+def divided_by_zero(model: onnx.ModelProto) -> None:
+    maker(model, "usable_sensors").input[1] = constant(model, "zero", np.int32(0))
+
+
+def divided_by_what_may_be_zero(model: onnx.ModelProto) -> None:
+    node = maker(model, "usable_sensors")
+    node.input[1] = node.input[0]
+
+
+def not_a_number(model: onnx.ModelProto) -> None:
+    constant(model, "nan", np.float64("nan"))
+
+
+def input_from_nowhere(model: onnx.ModelProto) -> None:
+    maker(model, "settled").input[0] = "nowhere"
+
+
+def other_state(model: onnx.ModelProto) -> None:
+    model.graph.input[3].type.tensor_type.shape.dim[1].dim_value += 1
+
+
+ALTERED: tuple[Callable[[onnx.ModelProto], None], ...] = (
+    situation_plus_seven, eight_situations, symbolic_shape, symbolic_channels, missing_shape, missing_dimension,
+    negative_dimension, string_output, other_type, one_output_more, one_output_less, sequence_output, optional_output,
+    map_output, endless_loop, one_branch, scan, hidden_subgraph, tensor_attribute, local_function, custom_domain,
+    custom_operator, other_operator_set, newer_operator_set, overload, external_data, float_data, sparse_constant,
+    training_graph, huge_constant, overflowing_constant, negative_constant, doubled_forty_times, outer_product,
+    dear_product, zero_leaves, half_votes, negative_votes, votes_that_are_no_number, tree_that_loops, tree_that_joins,
+    child_of_another_tree, feature_outside, negative_feature, vote_for_no_node, vote_for_no_tree, vote_for_no_class,
+    another_mode, averaged, a_column_short, deep_tree, place_outside_of_its_table, divided_by_zero,
+    divided_by_what_may_be_zero, not_a_number, input_from_nowhere, other_state,
+)  # fmt: skip
+
+
+def refused_unopened(data: bytes) -> NotAModel:
+    """The error; read_model never calls onnxruntime."""
+    with pytest.raises(ModelError) as caught:
+        read_model(data, "m.onnx")
+    assert type(caught.value) is NotAModel
+    assert str(caught.value).startswith("m.onnx: ")
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize("alter", ALTERED, ids=lambda alter: alter.__name__)
+def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(alter: Callable[[onnx.ModelProto], None]) -> None:
+    model = opened()
+    alter(model)
+    assert refused_unopened(resealed(model)).next_step
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize("alter", [situation_plus_seven, zero_leaves, endless_loop, tree_that_loops, deep_tree])
+def test_so_it_is_when_it_is_opened_for_use(alter: Callable[[onnx.ModelProto], None], tmp_path: Path) -> None:
+    model = opened()
+    alter(model)
+    (tmp_path / "m.onnx").write_bytes(resealed(model))
+    with pytest.raises(NotAModel):
+        Model(tmp_path / "m.onnx")
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize(
+    "name",
+    ["settled", "features", "votes", "situation_", "p_class", "sample", "state_out", "votes_p_x", "", "p\x1b[2J"],
+)
+def test_a_further_head_may_not_be_named_like_anything_else(name: str) -> None:
+    card = card_of(sealed_bytes())
+    card["heads"][name] = card["heads"].pop(EXTRA_HEAD)
+    error = refused_unopened(resealed(opened(), card))
+    assert "\x1b" not in str(error)
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize(
+    ("key", "value"), [("trees", 3), ("trees", 0), ("trees", "2"), ("trees", True), ("trees", 10**30), ("vote_bits", 4),
+                       ("vote_bits", 10**9), ("vote_bits", -1), ("classes", []), ("classes", None)],
+)  # fmt: skip
+def test_a_card_that_names_other_votes_than_its_trees_give_is_refused(key: str, value: object) -> None:
+    for head in ("situation", EXTRA_HEAD):
+        card = card_of(sealed_bytes())
+        card["heads"][head][key] = value
+        refused_unopened(resealed(opened(), card))
+
+
+@HUGE_INPUT.mark
+def test_a_card_whose_golden_sequences_would_take_hours_is_refused_before_they_are_made() -> None:
+    card = card_of(sealed_bytes()) | {"settle_samples": 10_000}
+    model = opened()
+    for shape in (model.graph.input[0], model.graph.input[3], output(model, "state_out")):
+        shape.type.tensor_type.shape.dim[2].dim_value = 30_000
+    model.graph.input[1].type.tensor_type.shape.dim[2].dim_value = 10_000
+    card["spec"] = {**card["spec"], "n_sensors": 10_000, "min_valid_sensors": 10_000}
+    assert "golden" in str(refused_unopened(resealed(model, card)))
+
+
+# -- bytes that two parsers could read differently
+
+
+def varint(number: int) -> bytes:
+    groups = [number >> 7 * k & 127 for k in range(max(1, -(-number.bit_length() // 7)))]
+    return bytes([*(group | 128 for group in groups[:-1]), groups[-1]])
+
+
+def field(number: int, data: bytes) -> bytes:
+    return varint(number << 3 | 2) + varint(len(data)) + data
+
+
+def a_second_graph(data: bytes) -> bytes:
+    """protobuf joins two fields where one belongs: a parser that takes one of them sees another graph."""
+    loop = helper.make_node("Loop", ["", ""], ["x"]).SerializeToString()
+    return field(7, field(1, loop)) + data
+
+
+def a_second_card(data: bytes) -> bytes:
+    return field(14, field(1, b"holdfast.card") + field(2, b"{}")) + data
+
+
+UNLIKE: dict[str, Callable[[bytes], bytes]] = {
+    "a second graph": a_second_graph,
+    "a second card": a_second_card,
+    "a field of no number": lambda data: b"\x02\x00" + data,
+    "an unknown field": lambda data: field(99, b"x") + data,
+    "a group": lambda data: b"\x3b\x3c" + data,
+    "eight bytes": lambda data: b"\x09" + bytes(8) + data,
+    "a padded number": lambda data: data.replace(b"\x08\x0a", b"\x08\x8a\x00", 1),
+    "an endless number": lambda data: b"\x08" + b"\xff" * 11 + data,
+    "a length past the end": lambda data: b"\x3a\xff\xff\xff\x7f" + data,
+    "a second IR version": lambda data: b"\x08\x0a" + data,
+    "too many fields": lambda data: field(8, b"") * (MOST_FIELDS + 1) + data,
+}
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize("kind", UNLIKE)
+def test_bytes_that_two_parsers_could_read_differently_are_refused(kind: str) -> None:
+    refused_unopened(sealed_again(UNLIKE[kind](sealed_bytes())))
+
+
+@FOREIGN_MODEL.mark
+def test_a_seal_that_is_not_in_the_metadata_is_refused() -> None:
+    """The digits that are checked stand in the card, and the metadata name a model of their own choice."""
+    model = opened()
+    model.metadata_props[2].value = "f" * 64
+    hidden = field(14, field(1, b"note") + field(2, b"holdfast.sha256\x12\x40" + b"0" * 64))
+    assert "seal" in str(refused_unopened(sealed_again(model.SerializeToString() + hidden)))
+
+
+@HUGE_INPUT.mark
+def test_reading_the_bytes_of_a_bomb_takes_little_memory() -> None:
+    model = opened()
+    huge_constant(model)
+    doubled_forty_times(model)
+    data = resealed(model)
+    tracemalloc.start()
+    refused_unopened(data)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20 * len(data)
+
+
+@HUGE_INPUT.mark
+def test_the_fields_that_are_read_are_counted_and_limited() -> None:
+    reader = Reader()
+    with pytest.raises(ValueError, match="more than"):
+        reader.message(memoryview(b"\x08\x01" * (2 * MOST_FIELDS)), {1: Field("x", 0, repeated=True)})
+    assert reader.fields == MOST_FIELDS + 1
+
+
+# -- answers that only show when the model runs
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize("eight", [True, False])
+def test_probabilities_that_are_no_number_are_refused_at_load(eight: bool, tmp_path: Path) -> None:
+    model = opened(eight)
+    softmax = maker(model, "p_class" if eight else "p_situation")
+    product = maker(model, maker(model, softmax.input[0]).input[0])
+    (weights,) = [one for one in model.graph.initializer if one.name == product.input[1]]
+    weights.raw_data = np.full_like(numpy_helper.to_array(weights), 3e38).tobytes()
+    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
+    with pytest.raises(NotAModel, match="p_situation"):
+        Model(tmp_path / "m.onnx")
+
+
+@FOREIGN_MODEL.mark
+def test_more_sensors_than_there_are_are_refused_at_load(tmp_path: Path) -> None:
+    model = opened()
+    after(model, "usable_sensors", "Add", constant(model, "nine", np.int32(9)))
+    (tmp_path / "m.onnx").write_bytes(resealed(model, golden=True))
+    with pytest.raises(NotAModel, match="usable_sensors"):
+        Model(tmp_path / "m.onnx")
+
+
+@FOREIGN_MODEL.mark
+@given(data=st.data())
+@settings(max_examples=15)
+def test_no_altered_graph_that_opens_ever_raises_in_the_monitor(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Numbers and names are exchanged at random, the golden sequences made anew: it is refused, or it answers."""
+    model = opened(data.draw(st.booleans()))
+    for _ in range(data.draw(st.integers(1, 3))):
+        _exchange(model, data)
+    path = tmp_path_factory.getbasetemp() / "altered.onnx"
+    path.write_bytes(_with_its_own_golden(model))
+    try:
+        monitor = GripMonitor(Model(path), lambda: 0)
+    except ModelError:
+        return
+    for k in range(80):
+        values = np.array(data.draw(st.lists(st.floats(), min_size=6, max_size=6))) if k % 20 == 3 else np.full(6, k)
+        monitor.feed(Sample(20_000_000 * k, values, np.array([k % 31 > 0, True]), k))
+
+
+def _with_its_own_golden(model: onnx.ModelProto) -> bytes:
+    """Only where its bytes would be accepted: what is refused unopened could hang."""
+    unopened = resealed(model)
+    try:
+        read_model(unopened, "")
+        return resealed(model, golden=True)
+    except (HoldfastError, RuntimeError, ValueError):
+        return unopened
+
+
+def _exchange(model: onnx.ModelProto, data: st.DataObject) -> None:
+    node = data.draw(st.sampled_from(list(model.graph.node)))
+    names = [*(one.name for one in model.graph.initializer), *(name for n in model.graph.node for name in n.output)]
+    kind = data.draw(st.sampled_from(["input", "attribute", "constant", "operator"]))
+    if kind == "input" and node.input:
+        node.input[data.draw(st.integers(0, len(node.input) - 1))] = data.draw(st.sampled_from(names))
+    if kind == "attribute" and node.attribute:
+        _alter_attribute(data.draw(st.sampled_from(list(node.attribute))), data)
+    if kind == "constant":
+        tensor = data.draw(st.sampled_from(list(model.graph.initializer)))
+        raw = bytearray(tensor.raw_data)
+        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+        tensor.raw_data = bytes(raw)
+    if kind == "operator":
+        node.op_type = data.draw(st.sampled_from(sorted({one.op_type for one in model.graph.node})))
+
+
+def _alter_attribute(attribute: onnx.AttributeProto, data: st.DataObject) -> None:
+    number = data.draw(st.integers(-3, 40))
+    if attribute.ints:
+        attribute.ints[data.draw(st.integers(0, len(attribute.ints) - 1))] = number
+    elif attribute.floats:
+        attribute.floats[data.draw(st.integers(0, len(attribute.floats) - 1))] = float(number)
+    elif attribute.type == onnx.AttributeProto.INT:
+        attribute.i = number
+
+
+# -- what our exporter writes is what is allowed
+
+
+@pytest.fixture(scope="module")
+def artifacts() -> list[Artifact]:
+    """Every feature group alone and all together, every unit, every size of forest, with every option and without."""
+    plans = [plan.situation for plan in SIZES.values()] + [RAW_BASELINE.situation]
+    assert {type(plan.build(0, n_jobs=1)) for plan in plans} == set(FOREST_KINDS)
+    alone = [artifact(spec([group])) for group in GROUPS]
+    whole = [
+        artifact(spec([*GROUPS], unit, n_sensors, rate_hz), eight, extra, replace(plan, n_estimators=2))
+        for (unit, n_sensors, rate_hz, eight, extra), plan in zip(OPTIONS, plans, strict=True)
+    ]
+    return alone + whole
+
+
+OPTIONS: tuple[tuple[Unit, int, float, bool, bool], ...] = (
+    ("N", 6, 150.0, True, False),
+    ("uT", 6, 50.0, False, True),
+    ("count", 16, 100.0, False, False),
+    ("N", 1, 58.9, True, True),
+)
+"""Unit, sensors, rate, whether of eight classes, whether with a further head."""
+
+
+@FOREIGN_MODEL.mark
+def test_the_allowed_operators_are_those_that_the_exporter_writes_over_all_its_options(artifacts) -> None:
+    written: dict[tuple[str, str], set[str]] = {}
+    for one in artifacts:
+        for node in read_onnx(graph_of(one).SerializeToString()).nodes:
+            written.setdefault((node.domain, node.op_type), set()).update(node.attributes)
+    assert written == ALLOWED
+    assert {op for _, op in written} == set(RULES)
+
+
+def test_whatever_the_exporter_writes_is_accepted(artifacts) -> None:
+    for one in artifacts:
+        card, _ = read_model(seal(graph_of(one), model_card(one), one.spec), "m.onnx")
+        assert card.n_channels == one.spec.n_channels
+
+
+@pytest.mark.parametrize("path", RELEASED, ids=lambda path: path.name)
+def test_every_released_model_is_accepted(path: Path) -> None:
+    card, golden = read_model(path.read_bytes(), path)
+    assert set(golden) >= {"votes", "situation", *card.heads}
+
+
+@pytest.mark.parametrize("eight", [True, False])
+def test_the_bytes_are_read_as_onnx_reads_them(eight: bool) -> None:
+    told, model = read_onnx(sealed_bytes(eight)), opened(eight)
+    assert [(n.domain, n.op_type, [*n.inputs], [*n.outputs]) for n in told.nodes] == [
+        (n.domain, n.op_type, [*n.input], [*n.output]) for n in model.graph.node
+    ]
+    for node, other in zip(told.nodes, model.graph.node, strict=True):
+        for one in other.attribute:
+            expected = helper.get_attribute_value(one)
+            expected = [word == b"BRANCH_LEQ" for word in expected] if one.name == "nodes_modes" else expected
+            np.testing.assert_array_equal(node.attributes[one.name], expected)
+    for tensor in model.graph.initializer:
+        np.testing.assert_array_equal(told.constants[tensor.name], numpy_helper.to_array(tensor), strict=True)
+    assert told.metadata == {entry.key: entry.value for entry in model.metadata_props}
