@@ -1,30 +1,60 @@
 """From one label a sample to one request: a pure integer state machine, no floats, no clock.
 
-arm: a risky slip has been seen for `arm_samples` in a row. act: for `act_samples` in a row; the hand
-should tighten. Once acting it holds until the load falls (the situation is "nothing" for
-`release_samples` in a row): letting go because the alarm ended would drop the object. A risky label
-with less than `min_risky_permille` of the votes does not count (rejection by confidence). While the
-state is unknown nothing is counted and nothing is released. The hand's own opening command vetoes a
-new action; the user's override always wins and ends a running one.
+arm: a risky slip has been seen for `arm_samples` in a row. act: for `act_samples` in a row; the hand should tighten.
+A risky label with less than `min_risky_permille` of the votes does not count (rejection by confidence).
+
+Once acting it goes on when the alarm ends, because letting go then would drop the object. An act ends
+
+- "released": the situation is "nothing" for `release_samples` in a row;
+- "timed_out": no risky label for `evidence_ms` of known samples;
+- "opened": the user opens the hand, which also prevents a new act;
+- "overridden": the user overrides. The override lasts until the hand has been empty (as above) or for `override_ms`
+  after its last sample; meanwhile nothing arms and nothing is counted.
+
+While the state is unknown nothing is counted and nothing is released. docs/safety.md has the invariants as a table;
+tests/test_decision_invariants.py searches every reachable state.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Literal
 
 from edge_runtime.contract import NOTHING, RISKY_SLIP
 
 UNKNOWN = -1
+ActEnd = Literal["released", "timed_out", "opened", "overridden"]
+
+LIMITS = {
+    "arm_samples": (1, 10_000), "act_samples": (1, 10_000), "release_samples": (1, 10_000),
+    "min_risky_permille": (0, 1000), "override_ms": (1, 600_000), "evidence_ms": (1, 600_000),
+}  # fmt: skip
+"""Least and largest value of every parameter."""
+
+
+
+
+def period_us(rate_hz: float) -> int:
+    """The period of a rate, in whole us."""
+    return round(1e6 / rate_hz)
 
 
 @dataclass(frozen=True)
 class DecisionRules:
-    """Parameters in samples and thousandths; they travel in the model's metadata."""
+    """Parameters in samples, thousandths and ms; they travel in the model's metadata. Raises ValueError."""
 
     arm_samples: int = 1
     act_samples: int = 2
     release_samples: int = 5
     min_risky_permille: int = 0
+    override_ms: int = 2000
+    evidence_ms: int = 2000
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value, (least, most) = getattr(self, one.name), LIMITS[one.name]
+            if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+                raise ValueError(f"{one.name} = {value!r:.40}, which is no whole number from {least} to {most}")
 
     def to_json(self) -> dict[str, int]:
         """As a JSON object of integers."""
@@ -33,12 +63,23 @@ class DecisionRules:
 
 @dataclass(frozen=True)
 class DecisionState:
-    """Risky samples in a row, samples of no contact in a row, and what is requested now."""
+    """Risky samples in a row, samples of no contact in a row, what is requested now, and what time is left.
+
+    override_us, evidence_us: until the override, and the act, end by themselves. ended: how the last act ended.
+    """
 
     risky_run: int = 0
     nothing_run: int = 0
     arm: bool = False
     act: bool = False
+    override_us: int = 0
+    evidence_us: int = 0
+    ended: ActEnd | None = None
+
+    @property
+    def overridden(self) -> bool:
+        """Whether the user's override lasts."""
+        return self.override_us > 0
 
 
 def decide(
@@ -47,20 +88,62 @@ def decide(
     situation: int,
     risky_permille: int,
     *,
+    period_us: int,
     opening: bool = False,
     override: bool = False,
 ) -> DecisionState:
-    """Next state after one sample's label (UNKNOWN, or 0..3) and the risky share of the votes."""
+    """Next state after one sample's label (UNKNOWN, or 0..3) and the risky share of the votes.
+
+    period_us: time from one sample to the next. opening, override: what the user commands at this sample.
+    """
     if override:
-        return DecisionState()
+        ended = "overridden" if state.act else state.ended
+        return DecisionState(override_us=1000 * rules.override_ms, ended=ended)
+    if state.overridden:
+        return _overridden(rules, state, situation, period_us)
     if situation == UNKNOWN:
-        return state
+        return _ended(rules, state, "opened") if opening and state.act else state
     risky = situation == RISKY_SLIP and risky_permille >= rules.min_risky_permille
-    risky_run = min(state.risky_run + 1, rules.act_samples + rules.arm_samples) if risky else 0
-    nothing_run = min(state.nothing_run + 1, rules.release_samples) if situation == NOTHING else 0
-    released = nothing_run >= rules.release_samples
-    called = risky_run >= rules.act_samples and not opening
-    act = called or (state.act and not released)
+    return _known(rules, _counted(rules, state, situation, risky, period_us), opening)
+
+
+def _counted(rules: DecisionRules, state: DecisionState, situation: int, risky: bool, period_us: int) -> DecisionState:
+    """The runs and the time left after one known sample; what is requested is as before."""
     return replace(
-        state, risky_run=risky_run, nothing_run=nothing_run, arm=act or risky_run >= rules.arm_samples, act=act
+        state,
+        risky_run=min(state.risky_run + 1, rules.act_samples + rules.arm_samples) if risky else 0,
+        nothing_run=_nothing_run(rules, state, situation),
+        evidence_us=1000 * rules.evidence_ms if risky else max(0, state.evidence_us - period_us),
     )
+
+
+def _known(rules: DecisionRules, state: DecisionState, opening: bool) -> DecisionState:
+    """What is requested, once a known sample is counted."""
+    if opening:
+        return _ended(rules, state, "opened") if state.act else _armed(rules, state)
+    if state.risky_run >= rules.act_samples:
+        return replace(state, arm=True, act=True, ended=None)
+    if not state.act:
+        return _armed(rules, state)
+    if state.nothing_run >= rules.release_samples:
+        return _ended(rules, state, "released")
+    return state if state.evidence_us else _ended(rules, state, "timed_out")
+
+
+def _armed(rules: DecisionRules, state: DecisionState) -> DecisionState:
+    return replace(state, arm=state.risky_run >= rules.arm_samples)
+
+
+def _ended(rules: DecisionRules, state: DecisionState, how: ActEnd) -> DecisionState:
+    return _armed(rules, replace(state, act=False, ended=how))
+
+
+def _overridden(rules: DecisionRules, state: DecisionState, situation: int, period_us: int) -> DecisionState:
+    """One sample of an override that lasts: only its own end is counted."""
+    nothing_run = state.nothing_run if situation == UNKNOWN else _nothing_run(rules, state, situation)
+    empty = nothing_run >= rules.release_samples
+    return replace(state, nothing_run=nothing_run, override_us=0 if empty else max(0, state.override_us - period_us))
+
+
+def _nothing_run(rules: DecisionRules, state: DecisionState, situation: int) -> int:
+    return min(state.nothing_run + 1, rules.release_samples) if situation == NOTHING else 0

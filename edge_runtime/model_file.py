@@ -14,7 +14,7 @@ from typing import Any
 import onnxruntime as ort
 
 from edge_runtime.contract import CLASSES, SITUATIONS, UNITS, Unit
-from edge_runtime.decision import DecisionRules
+from edge_runtime.decision import LIMITS, DecisionRules
 from edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from edge_runtime.preparation import Preparation, preparation_from_json
 from edge_runtime.reading import json_of, require_file
@@ -47,7 +47,7 @@ class ModelCard:
     heads: tuple[str, ...]
     detectors: tuple[str, ...]
     preparation: Preparation
-    decision: dict[str, int]
+    decision: DecisionRules
     min_valid_sensors: int
     raw: dict[str, Any]
 
@@ -198,8 +198,8 @@ def _classes(value: object) -> tuple[str, ...]:
     return classes
 
 
-def _decision(value: object) -> dict[str, int]:
+def _decision(value: object) -> DecisionRules:
     """Whole numbers by the names of DecisionRules; none stands for its default."""
-    if not isinstance(value, dict) or not set(value) <= set(DecisionRules().to_json()):
+    if not isinstance(value, dict) or not set(value) <= set(LIMITS):
         raise ValueError(f"{value!r:.40}, which are no rules of a decision")
-    return {key: _count(number, most=10**9) for key, number in value.items()}
+    return DecisionRules(**value)

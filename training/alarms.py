@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import NOTHING, RISKY_SLIP, BoolArray
-from edge_runtime.decision import UNKNOWN, DecisionRules
+from edge_runtime.decision import UNKNOWN, DecisionRules, period_us
 from training.recording import Recording
 
 
@@ -34,12 +34,14 @@ def acts(answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: S
 
 
 def _asked(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> BoolArray:
-    """A request lasts from its last call on until it is let go; what is unknown neither calls nor lets go, nor breaks
-    a run of what does."""
+    """A request lasts from its last call on until it is let go or has had no evidence for too long; what is unknown
+    neither calls nor lets go, nor breaks a run of what does."""
     known = np.flatnonzero(one.situation != UNKNOWN)
     situation, permille = one.situation[known], one.risky_permille[known, None]
-    calls = _lasting((situation == RISKY_SLIP)[:, None] & (permille >= least), rules.act_samples)
-    lets_go = _lasting((situation == NOTHING)[:, None], rules.release_samples)
+    risky = (situation == RISKY_SLIP)[:, None] & (permille >= least)
+    calls = _lasting(risky, rules.act_samples)
+    patience = -(-1000 * rules.evidence_ms // period_us(one.recording.rate_hz))
+    lets_go = _lasting((situation == NOTHING)[:, None], rules.release_samples) | _lasting(~risky, patience)
     asked = np.zeros((1 + len(known), len(least)), dtype=np.bool_)
     called = _last(calls)
     asked[1:] = (called > 0) & (called >= _last(lets_go))

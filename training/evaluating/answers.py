@@ -51,7 +51,7 @@ class Said:
 
 def rules_of(card: ModelCard) -> DecisionRules:
     """The decision's rules, as they are deployed."""
-    return DecisionRules(**card.decision)
+    return card.decision
 
 
 def everywhere(session: ort.InferenceSession, recordings: Sequence[Recording], outputs: Sequence[str]) -> list[Outputs]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, FloatArray
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
 from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
 from export.spec import StepSpec
 from training.critical_points import CriticalPoint, offline_critical_points
@@ -69,7 +69,7 @@ def _picture(folder: Path, recording: Recording, votes: IntArray, spec: StepSpec
     answer = riskier_argmax(by_situation)
     answer[: spec.settle_samples - 1] = UNKNOWN
     share = by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
-    return picture_of(folder, recording, answer, decided(answer, share))
+    return picture_of(folder, recording, answer, decided(answer, share, recording.rate_hz))
 
 
 def picture_of(
@@ -88,10 +88,11 @@ def picture_of(
     )
 
 
-def decided(answer: npt.NDArray[np.int64], risky_share: FloatArray) -> npt.NDArray[np.bool_]:
+def decided(answer: npt.NDArray[np.int64], risky_share: FloatArray, rate_hz: float) -> npt.NDArray[np.bool_]:
     """[T] whether the hand is asked to act, by the decision's own default rules."""
+    period = period_us(rate_hz)
     rules, state, acts = DecisionRules(), DecisionState(), np.zeros(len(answer), dtype=np.bool_)
     for t, (situation, share) in enumerate(zip(answer.tolist(), risky_share.tolist(), strict=True)):
-        state = decide(rules, state, situation, int(1000 * share))
+        state = decide(rules, state, situation, int(1000 * share), period_us=period)
         acts[t] = state.act
     return acts
