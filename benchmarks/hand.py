@@ -240,7 +240,7 @@ import sys
 import numpy as np
 from edge_runtime.contract import Sample
 from edge_runtime.monitor import GripMonitor, Model
-card = (monitor := GripMonitor(Model(sys.argv[1]))).card
+card = (monitor := GripMonitor(Model(sys.argv[1]), None)).card
 monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))
 """
 TELL = """

@@ -1,7 +1,9 @@
-"""What the user's own control says, as datagrams: {"opening": true}, {"override": true}. A log of its own.
+"""What the user's own control commands, as datagrams: {"opening": true}, {"override": true}. A log of its own.
 
-opening lasts until it is taken back; override holds for one sample, ends whatever is requested, and always wins.
-At most MOST_A_SAMPLE datagrams are read at one sample: whoever floods the port delays commands, and no sample.
+opening lasts until it is taken back, or until no datagram has come for EXPIRES_NS: a sender repeats what it means, or
+sends {} to say that it is still there. override counts for the sample at which it came; how long it then lasts is the
+decision's (edge_runtime/decision.py). At most MOST_A_SAMPLE datagrams are read at one sample: a flooded port delays
+commands, and no sample.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from edge_runtime.contract import CommandLink
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Command
 from edge_runtime.reading import json_of
@@ -17,13 +20,18 @@ from edge_runtime.reading import json_of
 LONGEST = 1024
 MOST_A_SAMPLE = 32
 KEYS = {"opening", "override"}
+EXPIRES_NS = 300_000_000
+"""A sender that has been silent for longer commands nothing any more."""
 
 
 @contextmanager
-def command_port(address: str, log: Callable[[str], None]) -> Iterator[Callable[[], Command]]:
-    """Listen on HOST:PORT; what it yields is asked once a sample and never waits. log: every command, one line.
+def command_port(
+    address: str, log: Callable[[str], None], now_ns: Callable[[], int]
+) -> Iterator[Callable[[], Command]]:
+    """Listen on HOST:PORT; what it yields is asked once a sample and never waits.
 
-    Raises UsageError where nobody can listen there.
+    log: every datagram that changes something or is not understood, and a sender that goes silent, one line each.
+    now_ns: monotonic. Raises UsageError where the port cannot be listened on.
     """
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal():
@@ -34,19 +42,41 @@ def command_port(address: str, log: Callable[[str], None]) -> Iterator[Callable[
         except (OSError, OverflowError, ValueError) as error:
             raise UsageError(f"{address!r}: {error}", next_step="another port") from None
         receiver.setblocking(False)
-        opening = False
+        yield _Listener(receiver, log, now_ns).ask
 
-        def ask() -> Command:
-            nonlocal opening
-            override = False
-            for told in _waiting(receiver):
-                command = _read(told)
-                log(f"command: {_printable(told)}" + ("" if command else " (not understood)"))
-                opening = command.get("opening", opening)
-                override = override or command.get("override", False)
-            return Command(opening, override)
 
-        yield ask
+class _Listener:
+    """What has been commanded so far, and when a datagram last came."""
+
+    def __init__(self, receiver: socket.socket, log: Callable[[str], None], now_ns: Callable[[], int]) -> None:
+        self._receiver, self._log, self._now_ns = receiver, log, now_ns
+        self._opening = False
+        self._heard_ns: int | None = None
+        self._link: CommandLink = "none"
+
+    def ask(self) -> Command:
+        """What is commanded at this sample."""
+        override = any([self._take(datagram) for datagram in _waiting(self._receiver)])
+        if self._heard_ns is not None and self._now_ns() - self._heard_ns > EXPIRES_NS:
+            self._expire()
+        return Command(self._opening, override, self._link)
+
+    def _take(self, datagram: bytes) -> bool:
+        """One datagram; whether it overrides."""
+        command = _read(datagram)
+        if command is None:
+            self._log(f"command: {_printable(datagram)} (not understood)")
+            return False
+        self._heard_ns, self._link = self._now_ns(), "live"
+        override, opening = command.get("override", False), command.get("opening", self._opening)
+        if override or opening != self._opening:
+            self._log(f"command: {_printable(datagram)}")
+        self._opening = opening
+        return override
+
+    def _expire(self) -> None:
+        self._log("command: the sender is silent; its last command has expired")
+        self._opening, self._heard_ns, self._link = False, None, "expired"
 
 
 def _waiting(receiver: socket.socket) -> Iterator[bytes]:
@@ -62,12 +92,12 @@ def _printable(told: bytes) -> str:
     return "".join(c if c.isprintable() else "?" for c in told.decode(errors="replace"))
 
 
-def _read(told: bytes) -> dict[str, bool]:
-    """The known keys with true or false; nothing where it is not understood."""
+def _read(datagram: bytes) -> dict[str, bool] | None:
+    """The known keys with true or false; None where it is not understood."""
     try:
-        found = json_of(told)
+        found = json_of(datagram)
     except ValueError:
-        return {}
+        return None
     if not isinstance(found, dict) or not set(found) <= KEYS or not all(isinstance(v, bool) for v in found.values()):
-        return {}
+        return None
     return found

@@ -35,6 +35,12 @@ NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP = range(4)
 Unit = Literal["N", "uT", "count"]
 UNITS: tuple[Unit, ...] = ("N", "uT", "count")
 State = Literal["unknown", "nothing", "grasp", "safe_slip", "risky_slip"]
+Reason = Literal["", "settling", "sensors", "repeats", "rate", "started_loaded", "late", "clock"]
+"""Why the state is unknown: the history is not whole yet, too few sensors are usable, the whole hand repeats itself,
+the rate is not the model's, the hand has not been empty since a loaded start, the answer is late, or the sample's
+stamp lies in the future."""
+CommandLink = Literal["none", "live", "expired"]
+"""The user's commands: none has come yet, they come, or their sender went silent."""
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -74,9 +80,13 @@ class Prediction:
 
     t_acquired_ns, t_decided_ns, latency_us: monotonic clock. p_situation: the four situations, always.
     p_class and weight: None where the model knows no weight, and in "nothing" and "unknown".
-    state: "unknown" whenever fewer sensors than the model needs are usable and settled, or all repeat themselves.
+    state and why: "unknown" wherever the samples or the time of the answer cannot be believed, and why; "" where known.
     extra: further heads by name, such as p_risky_250ms. detectors: which classical detectors fire.
-    arm, act: the decision's debounced request. degraded: some sensor is missing, yet enough are left.
+    arm, act: the decision's debounced request. act_ended: how the last act ended (edge_runtime/decision.py), None
+    before the first and while one lasts. opening, overridden, commands: what the user commands, whether an override
+    lasts, and whether the commands still come. late: older than two periods when it was given. started_loaded: the
+    hand held something at the start and has not been empty since; None where no stored bias says what unloaded is.
+    degraded: some sensor is missing, yet enough are left.
     """
 
     sequence: int
@@ -84,6 +94,7 @@ class Prediction:
     t_decided_ns: int
     latency_us: float
     state: State
+    why: Reason
     p_situation: dict[str, float]
     p_risky: float
     p_class: dict[str, float] | None
@@ -92,6 +103,12 @@ class Prediction:
     detectors: dict[str, bool]
     arm: bool
     act: bool
+    act_ended: Literal["released", "timed_out", "opened", "overridden"] | None
+    opening: bool
+    overridden: bool
+    commands: CommandLink
+    late: bool
+    started_loaded: bool | None
     degraded: bool
     settled: bool
     model_id: str

@@ -13,6 +13,9 @@ from edge_runtime.contract import RATE_TOLERANCE, BoolArray, FloatArray
 
 RING = 8
 """A hand that is stuck in so many readings or fewer, over and over, repeats itself."""
+ONE_NUMBER = np.sqrt(np.array([2.0, 3.0, 5.0]))
+"""Makes one number of a sensor's three: two readings of different numbers hardly ever give the same, and never for
+long."""
 LEAST_SPAN = 8
 """Samples: a rate is not judged on fewer."""
 EMPTY_S = 0.2
@@ -29,29 +32,32 @@ class RepeatWatch:
     def __init__(self, n_sensors: int, most: int) -> None:
         """most: repeats in a row from which on a sensor is stuck."""
         self._most = most
-        self._past: FloatArray = np.full((RING, n_sensors, 3), np.nan)
-        self._runs = np.zeros((RING, n_sensors), dtype=np.int64)
+        self._past: FloatArray = np.full((RING, n_sensors), np.nan)
+        self._runs: FloatArray = np.zeros((RING, n_sensors))
 
     def stuck(self, values: FloatArray, usable: BoolArray) -> bool:
         """Take a sample, values [C] and usable [S]; whether every usable sensor, at least one, is stuck."""
-        reading = values.reshape(-1, 3)
-        repeats = (self._past == reading).all(axis=2)  # -0.0 equals 0.0, and NaN nothing
-        if usable.all():
-            self._runs = np.where(repeats, self._runs + 1, 0)
+        whole = bool(usable.all())
+        reading = (values if whole else np.where(np.repeat(usable, 3), values, 0.0)).reshape(-1, 3) @ ONE_NUMBER
+        runs = (self._runs + 1.0) * (self._past == reading)  # -0.0 equals 0.0, and NaN nothing
+        if whole:
+            self._runs = runs
             self._past[1:] = self._past[:-1]
             self._past[0] = reading
         else:
-            self._runs[:, usable] = np.where(repeats, self._runs + 1, 0)[:, usable]
+            self._runs[:, usable] = runs[:, usable]
             self._past[1:, usable] = self._past[:-1, usable]
             self._past[0, usable] = reading[usable]
-        runs = self._runs.max(axis=0) >= self._most
-        return bool(usable.any() and runs[usable].all())
+        if runs.max() < self._most:
+            return False
+        return bool(usable.any() and (self._runs.max(axis=0)[usable] >= self._most).all())
 
 
 class RateWatch:
     """Compares the time that passed over the last `span` samples with what they should have taken.
 
-    Losses that `sequence` counts do not matter. Where it does not count, every sample counts as one.
+    The rate is wrong where both the mean and the median of the intervals are: a gap spoils the mean alone, and
+    regular jitter the median alone. Losses that `sequence` counts spoil neither.
     """
 
     def __init__(self, rate_hz: float, span: int) -> None:
@@ -65,11 +71,20 @@ class RateWatch:
         if len(past) <= LEAST_SPAN:
             return True
         steps = max(sequence - past[0][1], len(past) - 1)
-        return abs((t_ns - past[0][0]) / (steps * self._period_ns) - 1.0) <= RATE_TOLERANCE
+        return self._within(t_ns - past[0][0], steps) or self._within(*self._median())
 
     def forget(self) -> None:
         """Begin anew: the next stamp has nothing to do with the last."""
         self._past.clear()
+
+    def _within(self, passed_ns: float, steps: int) -> bool:
+        return abs(passed_ns / (steps * self._period_ns) - 1.0) <= RATE_TOLERANCE
+
+    def _median(self) -> tuple[float, int]:
+        """The middle one of the intervals, each over the steps that its sequence numbers are apart."""
+        stamps = np.array(self._past, dtype=np.int64)
+        steps = np.maximum(np.diff(stamps[:, 1]), 1)
+        return float(np.median(np.diff(stamps[:, 0]) / steps)), 1
 
 
 class LoadedStart:

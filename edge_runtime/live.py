@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray, Prediction, Sample, Unit
+from edge_runtime.contract import BoolArray, CommandLink, FloatArray, Prediction, Sample, Unit
 from edge_runtime.monitor import GripMonitor
 from edge_runtime.tare import Tare
 
@@ -79,6 +79,8 @@ class Summary:
     samples: int = 0
     overruns: int = 0
     acts: int = 0
+    too_old: int = 0
+    """Answers that were older than two periods, and so unknown."""
     repeated: int = 0
     late: int = 0
     restarts: int = 0
@@ -95,6 +97,7 @@ class Summary:
         self.samples += 1
         self.states[prediction.state] = self.states.get(prediction.state, 0) + 1
         self.acts += prediction.act and not acted_before
+        self.too_old += prediction.late
 
     def latency_us(self) -> dict[str, dict[str, float]]:
         """Stage, and "read to emit" -> p50, p99, p99.9 in us."""
@@ -114,7 +117,7 @@ class Summary:
 
     def lost(self) -> dict[str, int]:
         """What else went wrong, by its name above."""
-        return {name: getattr(self, name) for name in ("repeated", "late", "restarts", "dropped")}
+        return {name: getattr(self, name) for name in ("repeated", "late", "restarts", "too_old", "dropped")}
 
 
 class Stamps:
@@ -140,10 +143,14 @@ class Stamps:
 
 @dataclass(frozen=True)
 class Command:
-    """What the user's own control says at a sample: opening vetoes, override ends every request."""
+    """What the user commands at a sample: opening ends an act and prevents one, override ends every request for long.
+
+    link: whether commands come at all, and still.
+    """
 
     opening: bool = False
     override: bool = False
+    link: CommandLink = "none"
 
 
 def run_live(
@@ -179,7 +186,7 @@ def run_live(
         sample = Sample(t_ns, values, valid, turn)
         converted_ns = clock.now_ns()
         told = command()
-        prediction = monitor.feed(sample, opening=told.opening, override=told.override)
+        prediction = monitor.feed(sample, opening=told.opening, override=told.override, commands=told.link)
         summary.dropped += emit(prediction, sample, measured) or 0
         times = [began_ns, read_ns, converted_ns, monitor.stepped_ns, prediction.t_decided_ns, clock.now_ns()]
         summary.note(prediction, acted, times)

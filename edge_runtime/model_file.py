@@ -35,7 +35,11 @@ WRONG_RUNTIMES = {"1.21.0": "crashes on a Raspberry Pi 4", "1.26.0": "mislabels 
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What the file says about itself. `model_id` is the first 12 digits of its seal."""
+    """What the file says about itself. `model_id` is the first 12 digits of its seal.
+
+    range_limit, normal_floor: in the model's unit; what no sensor reads, and what a finger that touches nothing reads
+    at most.
+    """
 
     model_id: str
     rate_hz: float
@@ -49,6 +53,8 @@ class ModelCard:
     preparation: Preparation
     decision: DecisionRules
     min_valid_sensors: int
+    range_limit: float
+    normal_floor: float
     raw: dict[str, Any]
 
     @property
@@ -161,6 +167,8 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
             preparation=preparation_from_json(raw["preparation"]),
             decision=_decision(raw["decision"]),
             min_valid_sensors=_count(raw["spec"]["min_valid_sensors"]),
+            range_limit=_above_zero(raw["range_limit"]),
+            normal_floor=_above_zero(raw["normal_floor"]),
             raw=raw,
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -182,6 +190,12 @@ def _count(value: object, least: int = 0, most: int = MOST) -> int:
 def _rate_hz(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= 1e5:
         raise ValueError(f"{value!r:.40}, which is no rate")
+    return float(value)
+
+
+def _above_zero(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
+        raise ValueError(f"{value!r:.40}, which is no size in the model's unit")
     return float(value)
 
 

@@ -4,73 +4,106 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample, State
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from edge_runtime.clock import MonotonicClock
+from edge_runtime.contract import CLASSES, NOTHING, SITUATIONS, CommandLink, Prediction, Reason, Sample, State
+from edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
 from edge_runtime.errors import ChannelError, TimeError
 from edge_runtime.graph import StepGraph
+from edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
 from edge_runtime.model import Model as Model  # the README's import: a monitor and its model from one module
 from edge_runtime.onnx_rules import ANSWERS, WEIGHS
+
+NOW_NS = MonotonicClock().now_ns
+OLDEST_PERIODS = 2.0
+"""An answer that is older when it is given is late: it says so, and its state is unknown."""
 
 
 class GripMonitor:
     """Feeds prepared samples to a model and turns its outputs into predictions.
 
-    clock_ns: monotonic; injected, so that a replay can run on the recording's own time.
+    clock_ns: the monotonic clock that the samples' stamps come from; None for a replay, whose answers are never late
+    and whose latency is the time that computing took. bias_known: the samples' bias was measured on the unloaded hand
+    and stored, so that a start under load can be seen.
     """
 
-    def __init__(self, model: Model, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self, model: Model, clock_ns: Callable[[], int] | None = NOW_NS, *, bias_known: bool = False
+    ) -> None:
         self.card = model.card
         self._graph = StepGraph(model.session, 1, self._outputs())
-        self._rules = DecisionRules(**self.card.decision)
         self._clock_ns = clock_ns
+        self._bias_known = bias_known
+        self._period_us = period_us(self.card.rate_hz)
+        self._oldest_ns = round(OLDEST_PERIODS * 1e9 / self.card.rate_hz)
+        self._handed_in_ns = 0
         self.stepped_ns = 0
         """When the graph was done with the last sample."""
         self.reset()
 
-    def feed(self, sample: Sample, *, opening: bool = False, override: bool = False) -> Prediction:
+    def feed(
+        self,
+        sample: Sample,
+        *,
+        opening: bool = False,
+        override: bool = False,
+        commands: CommandLink = "none",
+    ) -> Prediction:
         """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's unit.
 
         Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a gap of
-        more than 20 ms makes the state unknown until the history is whole again. Raises ChannelError, and
-        TimeError where time runs backwards.
+        more than 20 ms makes the state unknown until the history is whole again. A sample that comes twice, with the
+        same time and the same sequence, is answered again and counts once. Raises ChannelError, and TimeError where
+        time runs backwards.
 
-        A hand that has read the same numbers to the last bit for as long as the model looks back is no live hand, and
-        no model was trained on one: the state is unknown. (One finger that repeats itself is for the driver to find, by
-        the chip's own counter.) A sample that comes twice, with the same time and the same sequence, is answered again
-        and counts once.
+        The state is unknown, and `why` says so, where the samples cannot be believed (edge_runtime/health.py): the
+        whole hand repeats itself, the rate is not the model's, or the answer is late. (One finger that repeats itself
+        is for the driver to find, by the chip's own counter.) opening, override, commands: what the user commands now.
         """
-        if sample.values.shape != (self.card.n_channels,) or sample.valid.shape != (self.card.n_channels // 3,):
-            raise ChannelError(
-                f"a sample of {sample.values.shape} values and {sample.valid.shape} flags, "
-                f"the model wants {self.card.n_channels} channels of {self.card.n_channels // 3} sensors",
-                next_step="use a model made for this source",
-            )
+        self._require_fit(sample)
+        self._handed_in_ns = time.perf_counter_ns()
         came_before = (sample.t_ns, sample.sequence) == (self._last_t_ns, self._last_sequence)
         if not came_before:
             self._bridge_gap(sample.t_ns)
-            self._remember(sample)
+            self._watch(sample)
             np.copyto(self._graph.sample[0], sample.values)
             np.copyto(self._graph.valid[0], sample.valid)
             self._graph.step()
-        self.stepped_ns = self._clock_ns()
-        return self._predict(sample, came_before, opening, override)
+        self.stepped_ns = self._now_ns(sample)
+        return self._predict(sample, came_before, opening, override, commands)
 
     def reset(self) -> None:
         """Forget the stream; the next sample starts afresh and unsettled."""
+        card = self.card
         self._graph.reset()
         self._decision = DecisionState()
         self._last_t_ns: int | None = None
         self._last_sequence: int | None = None
-        self._last_reading, self._repeated = b"", 0
+        self._repeats = RepeatWatch(card.n_channels // 3, max(1, card.settle_samples - 1))
+        self._rate = RateWatch(card.rate_hz, card.settle_samples)
+        self._start = (
+            LoadedStart(card.normal_floor, card.rate_hz, card.min_valid_sensors) if self._bias_known else None
+        )
+        self._stuck, self._rate_fits = False, True
 
     def lose_track(self) -> None:
-        """Forget the stream, not what is requested: unknown until settled again, and who holds goes on holding."""
+        """Forget the stream and not what is requested: unknown until settled again; an active request continues."""
         self._graph.reset()
+        self._rate.forget()
         self._last_t_ns = None
+
+    def _require_fit(self, sample: Sample) -> None:
+        channels = self.card.n_channels
+        if sample.values.shape != (channels,) or sample.valid.shape != (channels // 3,):
+            raise ChannelError(
+                f"a sample of {sample.values.shape} values and {sample.valid.shape} flags, "
+                f"the model wants {channels} channels of {channels // 3} sensors",
+                next_step="use a model made for this source",
+            )
 
     def _bridge_gap(self, t_ns: int) -> None:
         """Step over the samples that are missing since the last one, as invalid ones."""
@@ -87,33 +120,76 @@ class GripMonitor:
         for _ in range(min(missing, self.card.gap_samples + 1)):  # one more than is bridged, and it is all the same
             self._graph.step()
 
-    def _remember(self, sample: Sample) -> None:
-        """Remember the sample, and count those in a row of which every valid sensor reads the same bits."""
+    def _watch(self, sample: Sample) -> None:
+        """Show the sample to everything that judges whether samples can be believed."""
         self._last_sequence = sample.sequence
-        reading = sample.values.reshape(-1, 3)[sample.valid].tobytes()
-        self._repeated = self._repeated + 1 if reading == self._last_reading else 1
-        self._last_reading = reading
+        inside = np.abs(sample.values) < self.card.range_limit  # False for NaN
+        usable = sample.valid & inside.reshape(-1, 3).all(axis=1)
+        self._stuck = self._repeats.stuck(sample.values, usable)
+        self._rate_fits = self._rate.fits(sample.t_ns, sample.sequence)
+        if self._start is not None:
+            self._start.take(sample.values, usable)
 
     def _outputs(self) -> list[str]:
         return [*ANSWERS, *(WEIGHS if self.card.has_weight else ()), *self.card.heads]
 
-    def _predict(self, sample: Sample, came_before: bool, opening: bool, override: bool) -> Prediction:
+    def _now_ns(self, sample: Sample) -> int:
+        """Now, by the clock; in a replay the sample's time plus what computing has taken."""
+        if self._clock_ns is not None:
+            return self._clock_ns()
+        return sample.t_ns + time.perf_counter_ns() - self._handed_in_ns
+
+    def _predict(
+        self, sample: Sample, came_before: bool, opening: bool, override: bool, commands: CommandLink
+    ) -> Prediction:
+        before, why = self._decision, self._why_unknown()
+        prediction = self._answer(sample, why, came_before, opening, override, commands)
+        age_ns = prediction.t_decided_ns - sample.t_ns
+        if self._clock_ns is None or abs(age_ns) <= self._oldest_ns:
+            return prediction
+        self._decision = before
+        why = why or ("late" if age_ns > 0 else "clock")
+        prediction = self._answer(sample, why, came_before, opening, override, commands)
+        return replace(prediction, late=age_ns > 0)
+
+    def _why_unknown(self) -> Reason:
+        """Why the state cannot be known, or "" where it is."""
         out = self._graph.out
-        unknown = bool(out["unknown"][0]) or self._repeated >= self.card.settle_samples
-        label = UNKNOWN if unknown else int(out["situation"][0])
-        permille = _risky_permille(out["votes"][0])
-        counted = UNKNOWN if came_before else label
-        self._decision = decide(self._rules, self._decision, counted, permille, opening=opening, override=override)
-        state: State = "unknown" if unknown else _STATES[label]
+        if out["unknown"][0]:
+            return "sensors" if out["settled"][0] else "settling"
+        if self._stuck:
+            return "repeats"
+        if not self._rate_fits:
+            return "rate"
+        if self._start is not None and not self._start.seen_empty and out["situation"][0] == NOTHING:
+            return "started_loaded"
+        return ""
+
+    def _decide(self, label: int, came_before: bool, opening: bool, override: bool) -> None:
+        if came_before and not (override or opening):
+            return
+        self._decision = decide(
+            self.card.decision, self._decision, UNKNOWN if came_before else label,
+            _risky_permille(self._graph.out["votes"][0]), period_us=self._period_us, opening=opening, override=override,
+        )  # fmt: skip
+
+    def _answer(
+        self, sample: Sample, why: Reason, came_before: bool, opening: bool, override: bool, commands: CommandLink
+    ) -> Prediction:
+        out = self._graph.out
+        label = UNKNOWN if why else int(out["situation"][0])
+        self._decide(label, came_before, opening, override)
+        state: State = "unknown" if why else _STATES[label]
         weighs = self.card.has_weight and state not in ("unknown", "nothing")
         p_situation = _named(SITUATIONS, out["p_situation"][0])
-        decided = self._clock_ns()
+        decided_ns = self._now_ns(sample)
         return Prediction(
             sequence=sample.sequence,
             t_acquired_ns=sample.t_ns,
-            t_decided_ns=decided,
-            latency_us=(decided - sample.t_ns) / 1000.0,
+            t_decided_ns=decided_ns,
+            latency_us=(decided_ns - sample.t_ns) / 1000.0,
             state=state,
+            why=why,
             p_situation=p_situation,
             p_risky=p_situation["risky_slip"],
             p_class=_named(CLASSES, out["p_class"][0]) if weighs else None,
@@ -122,7 +198,13 @@ class GripMonitor:
             detectors={n: bool(f) for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)},
             arm=self._decision.arm,
             act=self._decision.act,
-            degraded=not unknown and int(out["usable_sensors"][0]) < self.card.n_channels // 3,
+            act_ended=self._decision.ended,
+            opening=opening,
+            overridden=self._decision.overridden,
+            commands=commands,
+            late=False,
+            started_loaded=None if self._start is None else self._start.loaded,
+            degraded=not why and int(out["usable_sensors"][0]) < self.card.n_channels // 3,
             settled=bool(out["settled"][0]),
             model_id=self.card.model_id,
         )

@@ -15,10 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.clock import MonotonicClock
-from edge_runtime.contract import BoolArray, FloatArray, Sample
+from edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray, FloatArray, Sample
+from edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
 from edge_runtime.errors import HoldfastError
 from edge_runtime.golden import AMPLITUDE, golden_answers, golden_from_json, golden_input
 from edge_runtime.graph import Outputs, StepGraph, run_recording, run_recordings
+from edge_runtime.health import RING
 from edge_runtime.model_file import GOLDEN_KEY
 from edge_runtime.monitor import GripMonitor, Model
 
@@ -145,7 +147,7 @@ def _votes(model: Model) -> Iterator[Checked]:
 
 def _unknown(model: Model) -> Iterator[Checked]:
     """From the start until settled, and as soon as one sensor too many is lost, until settled again."""
-    card, monitor = model.card, GripMonitor(model)
+    card, monitor = model.card, GripMonitor(model, None)
     period_ns, sensors = round(1e9 / card.rate_hz), card.n_channels // 3
     too_few = np.arange(sensors) < max(card.min_valid_sensors, 1) - 1
     settle, gap = card.settle_samples, card.gap_samples
@@ -154,7 +156,7 @@ def _unknown(model: Model) -> Iterator[Checked]:
     for k in range(sum(turns)):
         lost = turns[0] <= k < turns[0] + turns[1]
         valid = too_few if lost else np.ones(sensors, dtype=np.bool_)
-        moving = np.full(card.n_channels, AMPLITUDE[card.unit] * (k % 2))  # good numbers: the flags alone must do
+        moving = np.full(card.n_channels, AMPLITUDE[card.unit] * k / 1024)  # good numbers: the flags alone must do
         sample = Sample(k * period_ns, moving, valid, k)
         states.append(monitor.feed(sample).state == "unknown")
     must = np.zeros(sum(turns), dtype=np.bool_)
@@ -162,6 +164,55 @@ def _unknown(model: Model) -> Iterator[Checked]:
     must[turns[0] : turns[0] + turns[1] + settle - 1] = True
     bold, shy = int((must & ~np.array(states)).sum()), int((~must & np.array(states)).sum())
     yield Checked("unknown when it must be", bold + shy == 0, f"{must.sum()} samples; missed {bold}, needlessly {shy}")
+
+
+def _unbelievable(model: Model) -> Iterator[Checked]:
+    """Good-looking samples that must not be believed: a stuck hand, another rate, a late answer, a loaded start."""
+    card, settle = model.card, model.card.settle_samples
+    period_ns, count = round(1e9 / card.rate_hz), 3 * settle + RING
+    alive = _input(model)[0][:settle]
+    live, stuck = np.resize(alive, (count, card.n_channels)), np.resize(alive[-3:], (count, card.n_channels))
+    cases = {
+        "a stuck hand": _states(GripMonitor(model, None), stuck, period_ns),
+        "0.7 of the rate": _states(GripMonitor(model, None), live, round(period_ns / 0.7)),
+        "a standing clock": _states(GripMonitor(model, None), live, 0),
+        "late answers": _states(GripMonitor(model, lambda: count * 10 * period_ns), live, period_ns),
+    }
+    bold = [name for name, states in cases.items() if set(states[settle + RING :]) != {"unknown"}]
+    yield Checked("unbelievable samples", not bold, f"{', '.join(cases)}: {'believed: ' if bold else 'unknown'}"
+                  f"{', '.join(bold)}")  # fmt: skip
+    loaded = np.full((settle + 1, card.n_channels), 2.0 * card.normal_floor) * (1.0 + live[: settle + 1] * 1e-9)
+    states = _states(GripMonitor(model, None, bias_known=True), loaded, period_ns)
+    wrong = states.count("nothing")
+    yield Checked("a start under load", not wrong, f"{len(states)} samples, {wrong} nothing")
+
+
+def _states(monitor: GripMonitor, values: FloatArray, period_ns: int) -> list[str]:
+    """The state at every sample [T, C], stamps period_ns apart."""
+    there = np.ones(values.shape[1] // 3, dtype=np.bool_)
+    return [monitor.feed(Sample(k * period_ns, row, there, k)).state for k, row in enumerate(values)]
+
+
+def _decision(model: Model) -> Iterator[Checked]:
+    """The card's own rules, step by step: a run acts, an override ends it and lasts, a silent alarm times out."""
+    rules, period = model.card.decision, period_us(model.card.rate_hz)
+    sure, enough = 1000, -(-1000 * max(rules.evidence_ms, rules.override_ms) // period) + rules.act_samples
+    acting = DecisionState()
+    for _ in range(rules.act_samples):
+        acting = decide(rules, acting, RISKY_SLIP, sure, period_us=period)
+    overridden, alone = decide(rules, acting, RISKY_SLIP, sure, period_us=period, override=True), acting
+    longest_us, state = 0, overridden
+    while state.overridden and longest_us <= 1000 * rules.override_ms:
+        state, longest_us = decide(rules, state, RISKY_SLIP, sure, period_us=period), longest_us + period
+        if state.act:
+            break
+    for _ in range(enough):
+        alone = decide(rules, alone, GRASP, 0, period_us=period)
+    opened = decide(rules, acting, UNKNOWN, 0, period_us=period, opening=True)
+    holds = acting.act and not overridden.act and longest_us >= 1000 * rules.override_ms
+    ok = holds and alone.ended == "timed_out" and opened.ended == "opened"
+    yield Checked("decision", ok, f"override lasts {longest_us / 1e6:.2f} s; an act without evidence is {alone.ended}; "
+                  f"an opened hand's act is {opened.ended}")  # fmt: skip
 
 
 def _large_offset(model: Model) -> Iterator[Checked]:
@@ -195,7 +246,8 @@ def _clock(model: Model) -> Iterator[Checked]:
 
 
 CHECKS: tuple[Callable[[Model], Iterator[Checked]], ...] = (
-    _one_against_many, _corrupted_samples, _silence_and_memory, _reset, _votes, _unknown, _large_offset, _clock,
+    _one_against_many, _corrupted_samples, _silence_and_memory, _reset, _votes, _unknown, _unbelievable, _decision,
+    _large_offset, _clock,
 )  # fmt: skip
 
 

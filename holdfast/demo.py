@@ -17,7 +17,6 @@ from edge_runtime.decision import UNKNOWN
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.writing import require_writable
 from export.exporting import export_artifact
-from holdfast.replay import ReplayClock
 from simulation.card import read_card
 from simulation.folder import write_recording, write_set
 from simulation.scene import Scene
@@ -70,7 +69,7 @@ def write_shown(scene: Scene, folder: Path) -> None:
 
 def watch(model: Model, folder: Path, recording: Recording) -> StreamPicture:
     """Feed a trial to the edge runtime sample by sample."""
-    monitor = GripMonitor(model, ReplayClock())
+    monitor = GripMonitor(model, None)
     t_ns = np.round(1e9 * np.arange(len(recording.samples)) / recording.rate_hz).astype(np.int64).tolist()
     samples = zip(t_ns, recording.samples, recording.valid, strict=True)
     answers = [monitor.feed(Sample(t, row, valid, k)) for k, (t, row, valid) in enumerate(samples)]

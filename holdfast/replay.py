@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 
 from edge_runtime.fit import require_fit
 from edge_runtime.monitor import GripMonitor, Model
@@ -26,22 +25,7 @@ def run(args: argparse.Namespace) -> int:
     card = model.card
     source = open_source(args.trial, channels=card.n_channels, preparation=card.preparation)
     require_fit(card, n_channels=source.values.shape[1], unit=source.unit, rate_hz=source.rate_hz, where=args.trial)
-    monitor = GripMonitor(model, clock := ReplayClock())
+    monitor = GripMonitor(model, None)
     for sample in source:
-        clock.at(sample.t_ns)
         sys.stdout.write(to_json_line(monitor.feed(sample)) + "\n")
     return 0
-
-
-class ReplayClock:
-    """Recorded time plus the time since the sample was handed in: latency is what computing really took."""
-
-    def __init__(self) -> None:
-        self.at(0)
-
-    def at(self, t_ns: int) -> None:
-        """The sample recorded at t_ns is handed in now."""
-        self._offset_ns = t_ns - time.perf_counter_ns()
-
-    def __call__(self) -> int:
-        return time.perf_counter_ns() + self._offset_ns

@@ -23,6 +23,7 @@ from edge_runtime.contract import RATE_TOLERANCE, FloatArray, Prediction, Sample
 from edge_runtime.errors import ChannelError, RateError, UnitError
 from edge_runtime.live import Command, Measured, Source, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.notify import service_watchdog
 from edge_runtime.priority import real_time
 from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
@@ -71,19 +72,22 @@ def run(args: argparse.Namespace) -> int:
         sinks += [enter(udp_sink(args.udp))] if args.udp else []
         stopped, keep = enter(stop_signals()), enter(kept_samples(args.samples, model))
         show = enter(_view(model)) if args.view else _no_view
-        command = enter(command_port(args.commands, tell)) if args.commands else Command
-        emit = emit_to(sinks)
+        command = enter(command_port(args.commands, tell, clock.now_ns)) if args.commands else Command
+        emit, alive = emit_to(sinks), enter(service_watchdog())
 
         def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> int:
             dropped = emit(prediction)
             keep(sample)
             show(prediction, sample, measured)
+            alive(prediction.t_decided_ns)
             return dropped
 
         source = open_live(args.source, clock=clock, say=tell, to_force=force_of(args.calibration))
         enter(first_in_line(tell))
         try:
             resting = resting_of(args.bias, source)
+            if resting is None:
+                tell("no --bias: the first rows count as the unloaded hand; a start under load is not noticed")
             stop = until(stopped, clock, args.seconds)
             summary = answer(source, model, clock, pass_on, stop, resting=resting, command=command)
         finally:
@@ -113,7 +117,7 @@ def answer(
             f"the source is in {source.unit}, the model wants {card.unit}", cause="a hand without its calibration",
             next_step="holdfast calibrate, then --calibration FILE",
         )  # fmt: skip
-    monitor = GripMonitor(model, clock.now_ns)
+    monitor = GripMonitor(model, clock.now_ns, bias_known=resting is not None)
     tare = Tare(card.preparation, card.n_channels, resting)
     require_pace(source, model, clock)
     return run_live(source, monitor, tare, clock, emit, stopped=stopped, command=command)

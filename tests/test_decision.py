@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from functools import reduce
+from dataclasses import replace
 from typing import NamedTuple
 
 import pytest
+from hazard_marks import NO_EVIDENCE, OPENING, OVERRIDE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from edge_runtime.decision import LIMITS, UNKNOWN, DecisionRules, DecisionState, decide, period_us
 
 LABELS = (UNKNOWN, NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP)
 RULES = DecisionRules()
+PERIOD_US = period_us(150.0)
 
 
 class Told(NamedTuple):
@@ -31,8 +32,11 @@ def fed(told: list[Told], rules: DecisionRules = RULES, start: DecisionState | N
     states = [start or DecisionState()]
     for now in told:
         states.append(
-            decide(rules, states[-1], now.situation, now.permille, opening=now.opening, override=now.override)
-        )
+            decide(
+                rules, states[-1], now.situation, now.permille,
+                period_us=PERIOD_US, opening=now.opening, override=now.override,
+            )
+        )  # fmt: skip
     return states[1:]
 
 
@@ -51,7 +55,11 @@ told_anything = st.lists(
     min_size=1,
     max_size=40,
 )
-any_rules = st.builds(DecisionRules, st.integers(1, 4), st.integers(1, 6), st.integers(1, 6), st.integers(0, 1000))
+milliseconds = st.integers(1, 200)
+any_rules = st.builds(
+    DecisionRules, st.integers(1, 4), st.integers(1, 6), st.integers(1, 6), st.integers(0, 1000), milliseconds,
+    milliseconds,
+)  # fmt: skip
 
 
 def test_it_arms_at_the_first_risky_sample_and_acts_at_the_second() -> None:
@@ -73,9 +81,30 @@ def test_one_other_label_starts_the_count_again(between: int) -> None:
     assert not fed([Told(RISKY_SLIP), Told(between)])[-1].arm
 
 
-@pytest.mark.parametrize("later", [GRASP, SAFE_SLIP, RISKY_SLIP])
-def test_once_acting_it_holds_when_the_alarm_ends(later: int) -> None:
-    assert after(times(2, RISKY_SLIP) + times(500, later)).act
+@pytest.mark.parametrize("later", [GRASP, SAFE_SLIP])
+def test_once_acting_it_goes_on_when_the_alarm_ends(later: int) -> None:
+    assert after(times(2, RISKY_SLIP) + times(RULES.evidence_ms * 150 // 1000 - 2, later)).act
+
+
+@NO_EVIDENCE.mark
+@pytest.mark.parametrize("later", [GRASP, SAFE_SLIP])
+def test_an_act_without_fresh_evidence_times_out_and_says_so(later: int) -> None:
+    ended = after(times(2, RISKY_SLIP) + times(RULES.evidence_ms * 150 // 1000 + 1, later))
+    assert (ended.arm, ended.act, ended.ended) == (False, False, "timed_out")
+
+
+@NO_EVIDENCE.mark
+def test_one_risky_sample_is_fresh_evidence_and_after_a_time_out_a_new_act_needs_a_full_run() -> None:
+    nearly = times(RULES.evidence_ms * 150 // 1000 - 2, GRASP)
+    assert after(times(2, RISKY_SLIP) + (nearly + times(1, RISKY_SLIP)) * 4 + nearly).act
+    timed_out = times(2, RISKY_SLIP) + times(500, GRASP)
+    assert not after(timed_out + times(1, RISKY_SLIP)).act
+    assert after(timed_out + times(2, RISKY_SLIP)).ended is None
+
+
+@NO_EVIDENCE.mark
+def test_an_act_outlasts_any_time_in_which_the_state_is_unknown() -> None:
+    assert after(times(2, RISKY_SLIP) + times(5000, UNKNOWN)).act
 
 
 def test_it_releases_when_there_has_been_nothing_for_long_enough_and_not_a_sample_sooner() -> None:
@@ -93,34 +122,74 @@ def test_after_a_release_the_next_risky_slip_counts_from_one() -> None:
     assert after(released + times(2, RISKY_SLIP)).act
 
 
-@given(told=told_anything, rules=any_rules, gap=st.integers(1, 20), opening=st.booleans())
+@given(told=told_anything, rules=any_rules, gap=st.integers(1, 20))
 @settings(max_examples=50)
 def test_while_unknown_nothing_is_counted_and_nothing_is_released(
-    told: list[Told], rules: DecisionRules, gap: int, opening: bool
+    told: list[Told], rules: DecisionRules, gap: int
 ) -> None:
-    before = after(told, rules)
-    assert after(told + [Told(UNKNOWN, opening=opening)] * gap, rules) == before
+    before, then = after(told, rules), after(told + [Told(UNKNOWN)] * gap, rules)
+    assert replace(then, override_us=0) == replace(before, override_us=0)
 
 
 @given(told=told_anything, rules=any_rules)
 @settings(max_examples=50)
-def test_unknown_samples_might_as_well_not_have_been(told: list[Told], rules: DecisionRules) -> None:
-    known = [now for now in told if now.situation != UNKNOWN or now.override]
+def test_unknown_samples_without_a_command_might_as_well_not_have_been(told: list[Told], rules: DecisionRules) -> None:
+    told = [now._replace(override=False) for now in told]
+    known = [now for now in told if now.situation != UNKNOWN or now.opening]
     assert after([Told(GRASP), *told], rules) == after([Told(GRASP), *known], rules)
 
 
+@OVERRIDE.mark
 @given(told=told_anything, rules=any_rules, last=st.builds(Told, st.sampled_from(LABELS), opening=st.booleans()))
 @settings(max_examples=50)
 def test_the_users_override_always_wins_and_ends_what_runs(told: list[Told], rules: DecisionRules, last: Told) -> None:
-    assert after([*told, last._replace(override=True)], rules) == DecisionState()
+    state = after([*told, last._replace(override=True)], rules)
+    assert not (state.arm)
+    assert not (state.act)
+    assert not (state.risky_run)
+    assert state.override_us == 1000 * rules.override_ms
 
 
-def test_the_hands_own_opening_vetoes_a_new_action_and_does_not_end_a_running_one() -> None:
+@OVERRIDE.mark
+def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_seen() -> None:
+    override = [*times(2, RISKY_SLIP), Told(RISKY_SLIP, override=True)]
+    two_seconds = -(-1000 * RULES.override_ms // PERIOD_US)
+    assert not any(state.arm for state in fed(override + times(two_seconds, RISKY_SLIP))[2:])
+    assert after(override).ended == "overridden"
+    assert after(override + times(two_seconds + 2, RISKY_SLIP)).act
+    renewed = override + times(200, RISKY_SLIP) + [Told(RISKY_SLIP, override=True)] + times(two_seconds, RISKY_SLIP)
+    assert not any(state.arm for state in fed(renewed)[2:])
+
+
+@OVERRIDE.mark
+def test_an_override_ends_early_where_the_hand_has_been_empty() -> None:
+    override = [Told(RISKY_SLIP, override=True)]
+    empty = override + times(RULES.release_samples, NOTHING)
+    assert not after(empty).overridden
+    assert after(empty + times(2, RISKY_SLIP)).act
+    assert after(override + times(RULES.release_samples - 1, NOTHING) + times(1, GRASP)).overridden
+
+
+@OVERRIDE.mark
+def test_an_override_lasts_through_unknown_samples_and_not_longer_than_its_time() -> None:
+    override = [Told(RISKY_SLIP, override=True)]
+    assert after(override + times(299, UNKNOWN)).overridden
+    assert not after(override + times(301, UNKNOWN)).overridden
+
+
+@OPENING.mark
+def test_opening_the_hand_ends_a_running_act_and_prevents_a_new_one() -> None:
     opening = [Told(RISKY_SLIP, opening=True)]
     assert not any(s.act for s in fed(opening * 10))
     assert after(opening * 10).arm
+    opened = after(times(2, RISKY_SLIP) + opening)
+    assert (opened.act, opened.ended) == (False, "opened")
     assert after(opening * 10 + times(1, RISKY_SLIP)).act
-    assert after(times(2, RISKY_SLIP) + opening * 10).act
+
+
+@OPENING.mark
+def test_opening_the_hand_ends_a_running_act_while_the_state_is_unknown_too() -> None:
+    assert not after([*times(2, RISKY_SLIP), Told(UNKNOWN, opening=True)]).act
 
 
 @given(rules=any_rules, permille=st.integers(0, 1000))
@@ -151,35 +220,30 @@ def test_it_is_pure_the_same_words_from_the_same_state_give_the_same_state(
     assert resumed == whole[cut:]
 
 
-@given(told=told_anything, rules=any_rules)
+@given(told=told_anything, rules=any_rules, factor=st.integers(2, 50))
 @settings(max_examples=50)
-def test_the_state_stays_small_integers_and_whoever_acts_is_armed(told: list[Told], rules: DecisionRules) -> None:
-    for state in fed(told * 3, rules):
-        assert all(type(value) in (int, bool) for value in asdict(state).values())
-        assert 0 <= state.risky_run <= rules.act_samples + rules.arm_samples
-        assert 0 <= state.nothing_run <= rules.release_samples
-        assert state.arm or not state.act
+def test_times_are_of_the_clock_and_not_of_samples(told: list[Told], rules: DecisionRules, factor: int) -> None:
+    """With every time and the period made longer alike, the same is requested."""
+    longer = replace(rules, override_ms=factor * rules.override_ms, evidence_ms=factor * rules.evidence_ms)
+    a = b = DecisionState()
+    for now in told * 3:
+        words = {"opening": now.opening, "override": now.override}
+        a = decide(rules, a, now.situation, now.permille, period_us=PERIOD_US, **words)
+        b = decide(longer, b, now.situation, now.permille, period_us=factor * PERIOD_US, **words)
+        assert (a.arm, a.act, a.ended) == (b.arm, b.act, b.ended)
 
 
-@given(told=told_anything, rules=any_rules)
-@settings(max_examples=50)
-def test_an_action_begins_only_after_a_full_run_and_ends_only_by_nothing_or_override(
-    told: list[Told], rules: DecisionRules
-) -> None:
-    """The rules said a second time, over the whole past at every sample."""
-    states = fed(told, rules)
-    for k, (was, now) in enumerate(zip([DecisionState(), *states], states, strict=False)):
-        past = reduce(lambda kept, t: [] if t.override else [*kept, t], told[: k + 1], list[Told]())
-        known = [t for t in past if t.situation != UNKNOWN]
-        risky = [t.situation == RISKY_SLIP and t.permille >= rules.min_risky_permille for t in known]
-        if now.act and not was.act:
-            assert len(risky) >= rules.act_samples
-            assert all(risky[-rules.act_samples :])
-            assert not told[k].opening
-        if was.act and not now.act and not told[k].override:
-            assert [t.situation for t in known[-rules.release_samples :]] == [NOTHING] * rules.release_samples
-
-
-def test_the_rules_are_integers_by_their_names() -> None:
-    assert RULES.to_json() == {"arm_samples": 1, "act_samples": 2, "release_samples": 5, "min_risky_permille": 0}
+def test_the_rules_are_integers_by_their_names_and_a_name_left_out_is_its_default() -> None:
+    assert set(RULES.to_json()) == set(LIMITS)
     assert DecisionRules(**RULES.to_json()) == RULES
+    assert RULES.override_ms == RULES.evidence_ms == 2000
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_rule_outside_its_limits_is_refused(name: str) -> None:
+    least, most = LIMITS[name]
+    for good in (least, most):
+        replace(RULES, **{name: good})
+    for bad in (least - 1, most + 1, 1.5, True, "2"):
+        with pytest.raises(ValueError, match=name):
+            DecisionRules(**{name: bad})  # type: ignore[arg-type]

@@ -126,7 +126,7 @@ def test_what_is_said_of_a_whole_set_is_what_the_monitor_says_of_each_sample(eig
     some = eight_classes.data.recordings[:3]
     told = said(model, some, everywhere(model.session, some, OUTPUTS))
     for one, of in zip(told, some, strict=True):
-        monitor = GripMonitor(model, clock_ns=lambda: 0)
+        monitor = GripMonitor(model, None)
         for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
             answer = monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, valid, t))
             state = ("unknown", "nothing", "grasp", "safe_slip", "risky_slip")[one.situation[t] + 1]
@@ -533,7 +533,7 @@ def test_the_figures_of_ours_are_those_of_its_own_answers(eight_classes: Built, 
     figures = evaluate_events(model, Asked((str(scenes),))).figures
     told = []
     for of in data.recordings:
-        monitor = GripMonitor(model, clock_ns=lambda: 0)
+        monitor = GripMonitor(model, None)
         acts = [monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)).act
                 for t, values in enumerate(of.samples)]  # fmt: skip
         told.append(heard(of, np.array(acts)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hard_marks import COLLAR, EVENTS
@@ -9,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
 from training.alarms import Answers, acts
 from training.event_scores import CONFIDENCES, Heard, choose_confidence, event_scores, false_alarms, hear, heard
 from training.recording import Recording
@@ -38,19 +40,22 @@ def asked(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
     confidences=st.lists(st.integers(0, 1000), min_size=1, max_size=3),
     debounce=st.integers(1, 4),
     release=st.integers(1, 4),
+    evidence_ms=st.integers(1, 200),
 )
-def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(labels, confidences, debounce, release):
-    rules = DecisionRules(act_samples=debounce, release_samples=release)
+def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
+    labels, confidences, debounce, release, evidence_ms
+):
+    rules = DecisionRules(act_samples=debounce, release_samples=release, evidence_ms=evidence_ms)
     streams = [
         Answers(recording(), *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1))) for one in labels
     ]
     together = acts(streams, rules, confidences)
     for stream, acted in zip(streams, together, strict=True):
         for k, least in enumerate(confidences):
-            told = DecisionRules(1, debounce, release, least)
+            told = replace(rules, min_risky_permille=least)
             state, alone = DecisionState(), []
             for situation, permille in zip(stream.situation.tolist(), stream.risky_permille.tolist(), strict=True):
-                state = decide(told, state, situation, permille)
+                state = decide(told, state, situation, permille, period_us=period_us(RATE_HZ))
                 alone.append(state.act)
             assert acted[:, k].tolist() == alone
 

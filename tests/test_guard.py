@@ -297,13 +297,13 @@ def test_a_model_that_needs_fewer_sensors_answers_degraded_and_then_not_at_all(
     artifact = read_artifact(eight_classes.artifact)
     write_artifact(tmp_path, replace(artifact, spec=replace(artifact.spec, min_valid_sensors=4)))
     model = Model(export_artifact(tmp_path)[0])
-    strict, tolerant = GripMonitor(Model(eight_classes.model)), GripMonitor(model)
+    strict, tolerant = GripMonitor(Model(eight_classes.model), None), GripMonitor(model, None)
     values, valid = clean(model.card.settle_samples + 12, sensors=6)
     settle = model.card.settle_samples
     lost = {settle + 2: 1, settle + 4: 2, settle + 6: 3, settle + 8: 6}
     for row, (sample, ok) in enumerate(zip(values, valid, strict=True)):
         ok[: lost.get(row, 0)] = False
-        told = Sample(row, sample, ok, row)
+        told = Sample(row * 20_000_000, sample, ok, row)
         known, careful = tolerant.feed(told), strict.feed(told)
         missing = lost.get(row, 0)
         assert (known.state == "unknown") == (row < settle - 1 or missing > 2)

@@ -278,7 +278,7 @@ def answers(
 ) -> list[Prediction]:
     """What the hand is told; invalid: (row, finger) that the driver calls so; t_s: time stamps, regular by default."""
     model = opened(path)
-    monitor = GripMonitor(model, lambda: 0)
+    monitor = GripMonitor(model, None)
     valid = np.ones((len(values), 6), dtype=np.bool_)
     for row, finger in invalid:
         valid[row, finger] = False
@@ -315,7 +315,7 @@ def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_clas
     values = grip(60)
     once = answers(eight_classes.model, values)
     twice = np.repeat(np.arange(60), np.where(np.arange(60) == 40, 3, 1))
-    monitor = GripMonitor(opened(eight_classes.model), lambda: 0)
+    monitor = GripMonitor(opened(eight_classes.model), None)
     said = [monitor.feed(Sample(k * 20_000_000, values[k], np.ones(6, np.bool_), k)) for k in twice.tolist()]
     assert [told(one) for one in said] == [told(once[k]) for k in twice.tolist()]
 
@@ -326,7 +326,7 @@ def test_a_risky_sample_that_comes_again_and_again_asks_for_nothing_yet_and_an_o
 ) -> None:
     """The hand acts on two risky samples in a row, not on one that came twice."""
     pulled = next(r for r in eight_classes.data.recordings if r.action == "pull")
-    monitor = GripMonitor(opened(eight_classes.model), lambda: 0)
+    monitor = GripMonitor(opened(eight_classes.model), None)
     for k, row in enumerate(pulled.samples):
         sample = Sample(k * 20_000_000, row, np.ones(6, np.bool_), k)
         before, again = monitor.feed(sample), [monitor.feed(sample) for _ in range(5)]
@@ -340,9 +340,9 @@ def test_a_risky_sample_that_comes_again_and_again_asks_for_nothing_yet_and_an_o
 @BAD_SAMPLE.unguarded
 def test_a_repeated_risky_sample_counted_twice_would_be_a_request_to_act() -> None:
     rules, state = DecisionRules(), DecisionState()
-    once = decide(rules, state, RISKY_SLIP, 900)
+    once = decide(rules, state, RISKY_SLIP, 900, period_us=6667)
     assert not once.act
-    assert decide(rules, once, RISKY_SLIP, 900).act
+    assert decide(rules, once, RISKY_SLIP, 900, period_us=6667).act
 
 
 @BAD_SAMPLE.unguarded

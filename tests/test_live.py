@@ -9,12 +9,14 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hazard_marks import RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -28,6 +30,7 @@ from edge_runtime.contract import Prediction, Sample
 from edge_runtime.errors import ChannelError, DeviceError, OutputError, RateError, UnitError, UsageError
 from edge_runtime.live import STAGES, Command, Measured, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.notify import service_watchdog
 from edge_runtime.preparation import Preparation
 from edge_runtime.sample_file import SampleFile
 from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
@@ -243,7 +246,7 @@ def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, t
     with SampleFile(tmp_path / "kept.csv", 18) as file:
         for sample in samples:
             file.write(sample)
-    monitor = GripMonitor(model, VirtualClock().now_ns)
+    monitor = GripMonitor(model, None)
     replayed = {a.t_acquired_ns: a for a in (monitor.feed(sample) for sample in open_replay(tmp_path / "kept.csv"))}
     again = [replayed[sample.t_ns - samples[0].t_ns] for sample in samples]  # rows that never came are filled in there
     told = [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in answers]
@@ -258,7 +261,7 @@ def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Bui
     source = Paced(open_replay(trial), clock.now_ns)
     answers: list[Prediction] = []
     answer(source, model, clock, kept(answers, []), lambda: False)
-    monitor = GripMonitor(model, VirtualClock().now_ns)
+    monitor = GripMonitor(model, None)
     offline = [monitor.feed(sample) for sample in open_replay(trial).prepared(model.card.preparation)]
     settle = model.card.preparation.bias_rows + model.card.settle_samples
     assert [a.state for a in answers[settle:]] == [a.state for a in offline[settle:]]
@@ -416,31 +419,134 @@ def test_a_bridge_too_slow_for_the_model_is_refused_before_the_first_sample(mode
 
 
 def test_a_recording_at_another_rate_is_refused(eight_classes: Built, model):
-    source = Paced(open_replay(next(eight_classes.fixture.glob("*/pull/trial_1.csv"))), VirtualClock().now_ns)
+    source = Paced(open_replay(next(eight_classes.fixture.glob("*/pull/trial_1.csv"))), lambda: 0)
     with pytest.raises(RateError, match="50 Hz, the model wants 150"):
         answer(source, model, VirtualClock(), kept([], []), lambda: False)
 
 
-def test_the_user_s_commands_come_by_a_port_of_their_own_and_are_logged():
-    log: list[str] = []
+@contextmanager
+def commanded(log: list[str], clock: VirtualClock) -> Iterator[Callable[[str], Command]]:
+    """A command port, and what is commanded after a datagram ("" for none)."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         address = probe.getsockname()
     with (
-        command_port(f"{address[0]}:{address[1]}", log.append) as ask,
+        command_port(f"{address[0]}:{address[1]}", log.append, clock.now_ns) as ask,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
         user.connect(address)
-        asked = [ask()]
-        for told in ('{"opening": true}', '{"override": true}', "rubbish", '{"opening": false}', '{"opening": 1}'):
-            user.send(told.encode())
-            asked.append(ask())
+
+        def after(datagram: str) -> Command:
+            if datagram:
+                user.send(datagram.encode())
+            return ask()
+
+        yield after
+
+
+def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged():
+    log: list[str] = []
+    with commanded(log, VirtualClock()) as after:
+        asked = [after(one) for one in ("", '{"opening": true}', '{"opening": true}', '{"override": true}', "rubbish",
+                                        '{"opening": false}', '{"opening": 1}')]  # fmt: skip
     assert asked == [
-        Command(), Command(opening=True), Command(opening=True, override=True), Command(opening=True), Command(),
-        Command(),
+        Command(), Command(opening=True, link="live"), Command(opening=True, link="live"),
+        Command(opening=True, override=True, link="live"), Command(opening=True, link="live"),
+        Command(link="live"), Command(link="live"),
     ]  # fmt: skip
-    assert len(log) == 5
     assert [line.endswith("(not understood)") for line in log] == [False, False, True, False, True]
+
+
+@SILENT_SENDER.mark
+def test_a_command_expires_where_its_sender_is_silent_for_longer_than_three_tenths_of_a_second():
+    log: list[str] = []
+    clock = VirtualClock(10**9)
+    with commanded(log, clock) as after:
+        assert after('{"opening": true}') == Command(opening=True, link="live")
+        clock.spend(300_000_000)
+        assert after("") == Command(opening=True, link="live")
+        clock.spend(1)
+        assert after("") == after("") == Command(link="expired")
+        assert log[-1] == "command: the sender is silent; its last command has expired"
+        assert len(log) == 2
+        assert after("{}") == Command(link="live")
+
+
+@SILENT_SENDER.mark
+def test_a_sender_that_says_it_is_still_there_keeps_its_command_and_rubbish_does_not():
+    clock = VirtualClock()
+    with commanded([], clock) as after:
+        after('{"opening": true}')
+        for _ in range(5):
+            clock.spend(250_000_000)
+            assert after("{}").opening
+        clock.spend(250_000_000)
+        after("rubbish")
+        clock.spend(60_000_000)
+        assert after("").link == "expired"
+
+
+@SILENT_SENDER.mark
+def test_every_answer_says_whether_commands_still_come(model):
+    clock = VirtualClock()
+    told = iter([Command(), Command(link="live"), Command(link="expired")])
+    _, predictions, _ = go(model, Steady(clock, 3), clock, command=lambda: next(told))
+    assert [one.commands for one in predictions] == ["none", "live", "expired"]
+
+
+# -- the service
+
+
+def test_the_service_manager_is_told_ready_at_the_first_answer_then_signs_of_life_then_the_end(tmp_path):
+    path = str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(path)
+        manager.setblocking(False)
+        with service_watchdog({"NOTIFY_SOCKET": path}) as alive:
+            with pytest.raises(BlockingIOError):
+                manager.recv(100)
+            for now_ns in (0, 50_000_000, 100_000_000, 350_000_000):
+                alive(now_ns)
+        heard = [manager.recv(100) for _ in range(5)]
+    assert heard == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1", b"WATCHDOG=1", b"STOPPING=1"]
+
+
+def test_a_service_manager_that_does_not_listen_or_is_not_there_delays_nothing(tmp_path):
+    path = str(tmp_path / "notify")
+    for environment in ({}, {"NOTIFY_SOCKET": path}, {"NOTIFY_SOCKET": "@holdfast-test-nobody"}):
+        with service_watchdog(environment) as alive:
+            alive(0)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(path)
+        with service_watchdog({"NOTIFY_SOCKET": path}) as alive:
+            for k in range(10_000):
+                alive(k * 10**9)
+
+
+@RESTART.mark
+def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_up_and_is_watched():
+    unit = (ROOT / "drivers" / "board" / "holdfast.service").read_text()
+    for word in ("--bias ", "--calibration ", "--commands ", "Type=notify", "WatchdogSec=1\n", "Restart=always",
+                 "StartLimitIntervalSec=0"):  # fmt: skip
+        assert word in unit
+    assert unit.index("StartLimitIntervalSec") < unit.index("[Service]")
+
+
+@RESTART.mark
+def test_the_shipped_service_s_command_is_one_that_the_program_understands():
+    import shlex
+
+    from edge_runtime.command import Parser
+    from holdfast.run import add_arguments
+
+    unit = (ROOT / "drivers" / "board" / "holdfast.service").read_text().replace("\\\n", "")
+    line = next(line for line in unit.splitlines() if line.startswith("ExecStart="))
+    parser = Parser(prog="holdfast run")
+    add_arguments(parser)
+    words = shlex.split(line.removeprefix("ExecStart="))
+    told = parser.parse_args(words[2:])
+    assert words[1] == "run"
+    assert (told.bias.name, told.commands, told.quiet) == ("bias.json", "127.0.0.1:9001", True)
 
 
 def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(model, tmp_path, capsys):

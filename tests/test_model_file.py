@@ -368,14 +368,14 @@ def test_an_artifact_read_and_written_again_exports_to_the_same_bytes(eight_clas
 
 def test_the_decision_rules_of_the_card_are_the_ones_that_decide(eight_classes: Built, tmp_path: Path) -> None:
     artifact = read_artifact(eight_classes.artifact)
-    never = replace(artifact, decision={**artifact.decision, "arm_samples": 10**6, "act_samples": 10**6})
+    never = replace(artifact, decision={**artifact.decision, "arm_samples": 10**4, "act_samples": 10**4})
     path = tmp_path / "m.onnx"
     path.write_bytes(seal(onnx.load_from_string(content(eight_classes.model)), model_card(never), artifact.spec))
     pulled = next(r for r in eight_classes.data.recordings if r.action == "pull")
     armed = {}
     for model in (eight_classes.model, path):
-        monitor = GripMonitor(Model(model))
+        monitor = GripMonitor(Model(model), None)
         samples = zip(pulled.samples, pulled.valid, strict=True)
-        armed[model] = sum(monitor.feed(Sample(0, row, ok, k)).arm for k, (row, ok) in enumerate(samples))
+        armed[model] = sum(monitor.feed(Sample(k * 20_000_000, row, ok, k)).arm for k, (row, ok) in enumerate(samples))
     assert armed[eight_classes.model] > 0
     assert armed[path] == 0

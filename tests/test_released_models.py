@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from edge_runtime.monitor import GripMonitor, Model
-from holdfast.replay import ReplayClock
 from holdfast.sources import open_source
 
 PLACE = Path(__file__).resolve().parent.parent / "models"
@@ -43,7 +42,7 @@ def test_a_released_file_asks_to_act_in_pulls_of_an_object_it_never_met_and_leav
         for trial in range(first, first + 6):
             url = f"sim://apple?seed=7&trial={trial}&rate_hz={model.card.rate_hz:g}"
             source = open_source(url, channels=model.card.n_channels, preparation=model.card.preparation)
-            monitor = GripMonitor(model, ReplayClock())
+            monitor = GripMonitor(model, None)
             acted[action] += any([monitor.feed(sample).act for sample in source])
     assert acted["pull"] == 6
     assert acted["pass"] < 3

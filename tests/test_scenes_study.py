@@ -478,16 +478,16 @@ def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there
 
 def test_the_hand_is_asked_to_act_exactly_where_the_decision_would() -> None:
     two_then_released = [RISKY_SLIP, GRASP, RISKY_SLIP, RISKY_SLIP, GRASP, *[NOTHING] * 4, UNKNOWN, NOTHING, GRASP]
-    acts = decided(np.array(two_then_released), np.ones(12))
+    acts = decided(np.array(two_then_released), np.ones(12), 50.0)
     assert acts.tolist() == [False] * 3 + [True] * 7 + [False] * 2
     rng = np.random.default_rng(3)
     answer, share = rng.choice([UNKNOWN, 0, 0, 0, 0, 0, 1, 2, 3, 3], 500), rng.random(500)
     state, expected = DecisionState(), []
     for situation, risky in zip(answer.tolist(), share.tolist(), strict=True):
-        state = decide(DecisionRules(), state, situation, int(1000 * risky))
+        state = decide(DecisionRules(), state, situation, int(1000 * risky), period_us=20_000)
         expected.append(state.act)
     assert 0 < sum(expected) < 500
-    assert decided(answer, share).tolist() == expected
+    assert decided(answer, share, 50.0).tolist() == expected
 
 
 # The command and its page

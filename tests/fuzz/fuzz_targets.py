@@ -38,7 +38,8 @@ from drivers.virtual.mcp2221 import VirtualMcp2221
 from drivers.virtual.tiny_usb import VirtualTinyUsb
 from drivers.virtual.usb_backend import Device, VirtualBackend
 from edge_runtime.commands import command_port
-from edge_runtime.decision import DecisionRules
+from edge_runtime.contract import RISKY_SLIP
+from edge_runtime.decision import DecisionState, decide, period_us
 from edge_runtime.errors import HoldfastError
 from edge_runtime.golden import golden_from_json
 from edge_runtime.live import Command
@@ -179,7 +180,7 @@ def model(data: bytes) -> None:
 def sealed_card(data: bytes) -> None:
     """The card in a model file's metadata, and the parts that are made of it alone."""
     card = read_card({CARD_KEY: data.decode(errors="replace"), SEAL_KEY: "0" * 64}, "model.onnx")
-    DecisionRules(**card.decision)
+    decide(card.decision, DecisionState(), RISKY_SLIP, 1000, period_us=period_us(card.rate_hz))
     Tare(card.preparation, card.n_channels).prepare(np.zeros(card.n_channels), np.ones(card.n_channels // 3, bool))
     assert card.rate_hz > 0.0
     assert 0 < card.settle_samples < 1e6
@@ -225,7 +226,7 @@ def commands(data: bytes) -> None:
         address = probe.getsockname()
     said: list[str] = []
     with (
-        command_port(f"{address[0]}:{address[1]}", said.append) as ask,
+        command_port(f"{address[0]}:{address[1]}", said.append, VirtualClock().now_ns) as ask,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
         user.connect(address)
