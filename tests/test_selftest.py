@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 DEFAULT = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 EVERY = [
     "seal, card and golden rows", "one sample against a batch", "corrupted samples", "silence", "memory",
-    "reset forgets", "votes", "unknown when it must be", "a large offset", "clock",
+    "reset forgets", "votes", "unknown when it must be", "unbelievable samples", "a start under load", "decision",
+    "a large offset", "clock",
 ]  # fmt: skip
 
 
