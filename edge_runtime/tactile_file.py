@@ -4,30 +4,33 @@
 
 Every line is one write to the system, so a killed program loses at most the sample it was writing. The disk is told
 once a second of the samples' time, by a thread: a slow card delays no sample, a power cut costs about that second.
-`mend` takes a torn last line away, and nothing else.
+`mend` moves a torn last line aside, and nothing else: a header that was edited, rows with another number of cells or
+text among the samples are damage of another kind. Such a file is refused as it is, for a person to mend.
 """
 
 from __future__ import annotations
 
 import os
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
 from edge_runtime.contract import BoolArray, FloatArray, channel_names
-from edge_runtime.errors import EmptyRecording, OutputError
-from edge_runtime.trial_file import TIME_COLUMN
+from edge_runtime.errors import ColumnError, EmptyRecording, NotANumber, OutputError
+from edge_runtime.mending import Mended, move_aside, read_damaged
+from edge_runtime.trial_file import TIME_COLUMN, check_columns
 
 SYNC_EVERY_NS = 1_000_000_000
+MOST_SENSORS = 64
+IN_NUMBERS = b"0123456789+-.einfa"
+"""What a number is written with, nan and inf too."""
+UNCHANGED, EDITED = "nothing was changed", "a header or a line that was edited, or a newline that was lost"
 
 
 class TactileFile:
     """A new file for n_channels. rows: lines that are whole. Raises OutputError; what was whole by then stays."""
 
     def __init__(self, path: Path, n_channels: int) -> None:
-        sensors = n_channels // 3
-        head = [TIME_COLUMN, *channel_names(sensors), "host_ns", "sequence"]
         self.path, self.rows, self._size = path, 0, 0
         try:
             self._file = path.open("xb", buffering=0)
@@ -36,7 +39,7 @@ class TactileFile:
         self._sync = _Sync(self._file.fileno())
         self._first_ns = self._synced_ns = 0
         try:
-            self._append(",".join([*head, *(f"valid{k}" for k in range(1, sensors + 1))]))
+            self._append(header_line(n_channels // 3))
         except OutputError:
             self._sync.close()
             self._file.close()
@@ -84,6 +87,12 @@ class TactileFile:
         )  # fmt: skip
 
 
+def header_line(n_sensors: int) -> str:
+    """The first line of a file of so many sensors, without its newline."""
+    head = [TIME_COLUMN, *channel_names(n_sensors), "host_ns", "sequence"]
+    return ",".join([*head, *(f"valid{k}" for k in range(1, n_sensors + 1))])
+
+
 class _Sync:
     """fsync beside the loop, one for each time it is asked."""
 
@@ -108,36 +117,81 @@ class _Sync:
                 self.failed = error
 
 
-@dataclass(frozen=True)
-class Mended:
-    """What mending found: whole rows, and bytes of a torn end that it took away."""
-
-    rows: int
-    cut_bytes: int
-
-
 def mend(path: Path) -> Mended:
-    """Take away what stands after the last whole line. Raises EmptyRecording without a header, OutputError."""
+    """Move what stands after the last whole row of a tactile.csv aside.
+
+    A whole row without its newline is whole. Raises EmptyRecording where the file ends before its header does,
+    ColumnError or NotANumber where header and rows disagree, and OutputError; the file is then as it was.
+    """
+    data = read_damaged(path)
+    header, newline, body = data.rstrip(b"\0").partition(b"\n")
+    if not newline:
+        raise _without_rows(header, path)
+    lines = body.splitlines(keepends=True)
+    n_cells = _require_header(header, lines, path)
+    whole = lines[:-1] if lines and _is_torn(lines[-1], n_cells) else lines
+    for number, line in enumerate(whole, start=2):
+        _require_row(line, n_cells, path, number)
+    kept_bytes = len(header) + 1 + sum(map(len, whole))
+    rows = sum(1 for line in whole if line.strip())
+    return Mended(rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes))
+
+
+def _require_header(header: bytes, lines: list[bytes], path: Path) -> int:
+    """How many cells a row has by the header. Raises ColumnError, which says what the rows need above them."""
+    columns = [name.strip() for name in header.decode("utf-8-sig", "replace").split(",")]
     try:
-        data = path.read_bytes()
-        whole = _whole_bytes(data)
-        if not whole:
-            raise EmptyRecording("not even a header", where=path, cause="killed at once", next_step="record again")
-        if whole < len(data):
-            os.truncate(path, whole)
-    except OSError as error:
-        raise OutputError(f"cannot be mended ({error.strerror})", where=path, next_step="copy it, mend that") from None
-    return Mended(data[:whole].count(b"\n") - 1, len(data) - whole)
+        check_columns(columns, path)
+    except ColumnError as error:
+        step = _by_hand(lines[0].count(b",") + 1 if lines else 0)
+        raise ColumnError(f"{error.what}: {UNCHANGED}", where=path, cause=EDITED, next_step=step) from None
+    return len(columns)
 
 
-def _whole_bytes(data: bytes) -> int:
-    """How many bytes the whole lines at the beginning are; after a power cut a tail of zeros may stand there too."""
-    end = data.rfind(b"\n") + 1
-    cells = data[: data.find(b"\n") + 1].count(b",")
-    while end:
-        begin = data.rfind(b"\n", 0, end - 1) + 1
-        line = data[begin:end]
-        if line.count(b",") == cells and b"\0" not in line:
-            return end
-        end = begin
-    return 0
+def _is_torn(line: bytes, n_cells: int) -> bool:
+    """Whether a last line is the beginning of a row, or has the zeros of a power cut in it."""
+    if b"\0" in line:
+        return True
+    *whole, last = line.rstrip(b"\r\n").split(b",")
+    begun = all(map(_is_number, whole)) and not last.strip(IN_NUMBERS)
+    short = len(whole) + 1 < n_cells or (len(whole) + 1 == n_cells and not _is_number(last))
+    return bool(line.strip()) and begun and short
+
+
+def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
+    """Raise ColumnError or NotANumber for a line that is no row of the header's; an empty line is none at all."""
+    cells = line.split(b",")
+    if not line.strip():
+        return
+    if len(cells) != n_cells:
+        what = f"line {number} has {len(cells)} cells, the header has {n_cells}: {UNCHANGED}"
+        raise ColumnError(what, where=path, cause=EDITED, next_step=_by_hand(len(cells)))
+    if not all(map(_is_number, cells)):
+        raise NotANumber(
+            f"line {number} is no row of numbers: {UNCHANGED}", where=path,
+            cause="zeros of a power cut, or two recordings in one file", next_step="mend that line by hand",
+        )  # fmt: skip
+
+
+def _by_hand(n_cells: int) -> str:
+    """The next step, with the recorder's header where rows of n_cells have one (3 + 4 a sensor)."""
+    sensors, rest = divmod(n_cells - 3, 4)
+    fits = not rest and 0 < sensors <= MOST_SENSORS
+    return "mend it by hand" + (f"; the recorder's header is {header_line(sensors)}" if fits else "")
+
+
+def _is_number(cell: bytes) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return b"_" not in cell
+
+
+def _without_rows(line: bytes, path: Path) -> EmptyRecording | ColumnError:
+    """The error of a file with one line only: the recorder's header or its beginning, or something else."""
+    if any(header_line(sensors).encode().startswith(line) for sensors in range(1, MOST_SENSORS + 1)):
+        return EmptyRecording("not even a header", where=path, cause="killed at once", next_step="record again")
+    return ColumnError(
+        f"one line, and no header of the recorder's: {UNCHANGED}", where=path, cause=EDITED, next_step="mend it by hand"
+    )

@@ -56,7 +56,7 @@ def read_trial(path: str | Path) -> Trial:
     path = Path(path)
     require_file(path)
     header = _header(path)
-    n_sensors = _check_columns(header, path)
+    n_sensors = check_columns(header, path)
     table = _table(path, header)
     counted = table[:, header.index("sequence")] if "sequence" in header else None
     t_s = _check_time(table[:, 0], path, gaps_told=counted is not None)
@@ -122,7 +122,7 @@ def _header(path: Path) -> list[str]:
     return [name.strip() for name in header]
 
 
-def _check_columns(header: list[str], path: Path) -> int:
+def check_columns(header: list[str], path: Path) -> int:
     """Number of sensors, or a ColumnError that names the columns."""
     fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
     if header[0] != TIME_COLUMN:

@@ -1,7 +1,8 @@
 """`holdfast repair DIR`: mend trials that a kill or a power cut broke off, and say what was done.
 
-A torn last line of tactile.csv or events.jsonl is taken away, and a trial that still says `recording` says
-`interrupted` from then on. Nothing else is touched, and nothing that was whole is lost.
+A torn last line of tactile.csv or events.jsonl is moved to tactile.csv.torn or events.jsonl.torn. A trial that still
+says `recording` says `interrupted` from then on, or `void` where it ended before its header was written. A file whose
+header and rows disagree is refused, and stays as it is.
 """
 
 from __future__ import annotations

@@ -576,6 +576,7 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
     assert main(["repair", str(out)]) == 0
     said = capsys.readouterr().out
     assert "12 bytes of a torn line taken away, 77 samples whole" in said
+    assert (folder / "tactile.csv.torn").read_text() == "0.513,1.0,2."
     assert "marked as interrupted with 77 samples" in said
     assert len(open_replay(folder).values) == sequence[-1] + 1
     assert main(["repair", str(out)]) == 0
@@ -617,16 +618,15 @@ def test_wherever_a_file_is_cut_mending_loses_at_most_one_sample(whole_file, tmp
     path.write_bytes(whole_file[:cut] + bytes(zeros))
     mended = mend(path)
     assert path.read_bytes() == whole_file[: len(path.read_bytes())]
-    assert whole_file[:cut].count(b"\n") - 1 == mended.rows
+    without_newline = whole_file[cut : cut + 1] == b"\n"
+    assert whole_file[:cut].count(b"\n") - 1 + without_newline == mended.rows
     assert mended.cut_bytes == cut + zeros - len(path.read_bytes())
 
 
-def test_what_has_no_header_cannot_be_mended_and_is_told(tmp_path, capsys):
-    (tmp_path / "trial_1").mkdir()
-    (tmp_path / "trial_1/tactile.csv").write_text("Time,X1")
+def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
     assert main(["repair", str(tmp_path)]) == 3
-    assert "not even a header" in capsys.readouterr().out
     assert main(["repair", str(tmp_path / "nowhere")]) == 3
+    assert "no trial in it" in capsys.readouterr().err
 
 
 @pytest.mark.hard_case(
@@ -649,6 +649,8 @@ def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit
     for file in files:
         assert file.read_bytes().endswith(b"\n")
     assert limit < 40_000 or len(read_trial(files[0]).t_s) > 50
+    assert main(["repair", str(tmp_path)]) == 0, "with room again, repair ends what the full disk left"
+    assert "recording" not in [meta_of(file.parent)["state"] for file in files]
 
 
 # -- who, where, and what next

@@ -10,6 +10,7 @@
         camera.mkv, tags.csv.. where a camera watched (drivers/camera/recording.py)
     OUT/<person>/discarded/                            trials that were done again: moved here, never deleted
 
-state: `recording` while it is (and after a kill), `kept`, `interrupted` (a signal or an error ended it), `redone`.
+state: `recording` while it is (and after a kill), `kept`, `interrupted` (a signal, an error or the end of the source
+ended it), `redone`, `void` (it ended before its header was written; holdfast repair says so).
 Only kept trials are read by training, and count for the protocol.
 """

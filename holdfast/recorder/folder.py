@@ -12,10 +12,10 @@ from typing import Any
 from edge_runtime.errors import DataNotFound, OutputError, UnitError, UsageError
 from edge_runtime.writing import require_writable, write_whole
 from holdfast.recorder.card import DISCARDED, NOTHING, Task
-from holdfast.recorder.labels import META, read_meta
+from holdfast.recorder.labels import META, TACTILE, read_meta
 
 FORMAT = 1
-KEPT, RECORDING, INTERRUPTED, REDONE = "kept", "recording", "interrupted", "redone"
+KEPT, RECORDING, INTERRUPTED, REDONE, VOID = "kept", "recording", "interrupted", "redone", "void"
 LOCK = ".lock"
 
 
@@ -143,8 +143,13 @@ def done(root: Path, person: str) -> list[Task]:
 
 
 def all_trials(root: Path) -> list[Path]:
-    """Every trial's folder below one, discarded ones too; or the folder itself. Raises DataNotFound."""
-    found = sorted(path.parent for path in root.rglob("tactile.csv")) if root.is_dir() else []
+    """Every trial's folder below one, discarded ones too; or the folder itself. Raises DataNotFound.
+
+    One that was cut off before it had a tactile.csv has its meta.json.
+    """
+    with_samples = {path.parent for path in root.rglob(TACTILE)}
+    begun = {path.parent for path in root.rglob(META) if path.parent.name.startswith("trial_")}
+    found = sorted(with_samples | begun)
     if not found:
         raise DataNotFound("no trial in it", where=root, next_step="give a trial's folder, or one with trials in it")
     return found

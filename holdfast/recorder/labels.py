@@ -61,8 +61,8 @@ def read_events(folder: Path) -> list[Event]:
     """The lines of events.jsonl, a torn last one left out. Raises LabelError."""
     path = folder / EVENTS
     try:
-        lines = path.read_text(encoding="utf-8").split("\n") if path.exists() else [""]
-        events = [json_of(line) for line in lines[:-1] if line.strip()]
+        *lines, last = path.read_text(encoding="utf-8").split("\n") if path.exists() else [""]
+        events = [json_of(line) for line in [*lines, *_if_whole(last)] if line.strip()]
         if not all(isinstance(event, dict) for event in events):
             raise ValueError("no object")
         return events
@@ -70,6 +70,15 @@ def read_events(folder: Path) -> list[Event]:
         raise LabelError(
             f"a line is no JSON object ({type(error).__name__})", where=path, next_step="mend it"
         ) from None
+
+
+def _if_whole(line: str) -> list[str]:
+    """A last line without its newline, if it is whole: of a JSON object nothing but all of it is one."""
+    try:
+        json_of(line)
+    except ValueError:
+        return []
+    return [line]
 
 
 def truth_of(action: str, trial: Trial, unit: str, events: list[Event]) -> dict[str, Any]:

@@ -3,39 +3,58 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
+from typing import Any
 
-from edge_runtime.errors import OutputError
+from edge_runtime.errors import EmptyRecording
+from edge_runtime.mending import Mended, mend_lines
+from edge_runtime.reading import json_of
 from edge_runtime.tactile_file import mend
 from edge_runtime.writing import write_whole
-from holdfast.recorder.folder import INTERRUPTED, RECORDING
+from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING, VOID
 from holdfast.recorder.labels import EVENTS, META, TACTILE, read_meta
 
 
 def repaired(folder: Path) -> list[str]:
-    """Mend one trial; what was done, in words. Raises a DataError or OutputError."""
-    mended = mend(folder / TACTILE)
-    torn = f"{mended.cut_bytes} bytes of a torn line taken away, {mended.rows} samples whole"
-    said = [torn] if mended.cut_bytes else []
-    cut = _mend_events(folder / EVENTS)
-    said += [f"{cut} bytes of a torn event taken away"] if cut else []
+    """Mend one trial; what was done, in words. Raises a DataError or OutputError, and the trial is then as it was."""
     meta = read_meta(folder)
+    try:
+        mended = mend(folder / TACTILE)
+    except EmptyRecording:
+        if meta.get("state") == KEPT:
+            raise
+        return _voided(folder, meta)
+    said = _in_words(mended, f"torn line taken away, {mended.rows} samples whole")
+    if (folder / EVENTS).exists():
+        said += _in_words(mend_lines(folder / EVENTS, _is_event), "torn event taken away")
     if meta.get("state") == RECORDING:
-        told = {**meta, "state": INTERRUPTED, "why": f"cut off; mended, {mended.rows} samples"}
-        write_whole(folder / META, json.dumps(told, indent=1) + "\n")
+        _mark(folder, meta, INTERRUPTED, f"cut off; mended, {mended.rows} samples")
         said.append(f"marked as interrupted with {mended.rows} samples")
     return said
 
 
-def _mend_events(path: Path) -> int:
+def _voided(folder: Path, meta: dict[str, Any]) -> list[str]:
+    """A trial that ended before its header: marked as void, once."""
+    begun = meta.get("state") == RECORDING or (not meta and (folder / TACTILE).exists())
+    if begun:
+        _mark(folder, {"recorder": FORMAT, **meta}, VOID, "cut off before its header was written")
+        return ["marked as void: it ended before its header was written"]
+    return [f"{meta.get('state', 'no trial')}: no sample was recorded"]
+
+
+def _mark(folder: Path, meta: dict[str, Any], state: str, why: str) -> None:
+    write_whole(folder / META, json.dumps({**meta, "state": state, "why": why}, indent=1) + "\n")
+
+
+def _in_words(mended: Mended, what: str) -> list[str]:
+    if mended.torn is None:
+        return []
+    return [f"{mended.cut_bytes} bytes of a {what}", f"they are in {mended.torn.name}"]
+
+
+def _is_event(line: bytes) -> bool:
+    """Whether a line is a whole JSON object."""
     try:
-        data = path.read_bytes()
-        whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            os.truncate(path, whole)
-        return len(data) - whole
-    except FileNotFoundError:
-        return 0
-    except OSError as error:
-        raise OutputError(f"cannot be mended ({error.strerror})", where=path, next_step="copy it, mend that") from None
+        return isinstance(json_of(line), dict)
+    except ValueError:
+        return False

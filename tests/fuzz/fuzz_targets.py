@@ -43,7 +43,9 @@ from edge_runtime.decision import DecisionState, decide, period_us
 from edge_runtime.errors import HoldfastError
 from edge_runtime.golden import golden_from_json
 from edge_runtime.live import Command
+from edge_runtime.mending import Mended
 from edge_runtime.model_file import CARD_KEY, SEAL_KEY, read_card, read_sealed
+from edge_runtime.tactile_file import mend
 from edge_runtime.tare import Tare
 from edge_runtime.trial_file import read_trial
 from holdfast.calibrate import read_studies
@@ -153,6 +155,22 @@ def events(data: bytes) -> None:
     (place / "meta.json").write_text('{"action": "pull", "unit": "N"}', encoding="utf-8")
     (place / "events.jsonl").write_bytes(data)
     relabel(place)
+
+
+def mended(data: bytes) -> None:
+    """A recorded file, mended: every byte is in it or beside it, and mending again changes nothing."""
+    path = written("tactile.csv", data)
+    for torn in path.parent.glob("tactile.csv.*"):
+        torn.unlink()
+    try:
+        found = mend(path)
+    except HoldfastError:
+        assert path.read_bytes() == data
+        raise
+    aside = found.torn.read_bytes() if found.torn else b""
+    assert path.read_bytes() + aside == data
+    assert aside.rstrip(b"\0").rstrip(b"\r\n").count(b"\n") == 0, "at most one line"
+    assert mend(path) == Mended(found.rows, 0, None)
 
 
 def calibration(data: bytes) -> None:
@@ -389,6 +407,7 @@ EVENTS = b"""{"t_s": 0.01, "mark": "load_onset", "provenance": "key"}
 
 TARGETS = {
     "trial": Target(trial, (HEAD + ROWS, RECORDED, b"\xef\xbb\xbf" + HEAD + ROWS.replace(b"2.5", b"nan"))),
+    "mended": Target(mended, (RECORDED, RECORDED + b"0.08,1,2.", RECORDED[:-1] + bytes(9), RECORDED[:7])),
     "meta": Target(meta, (b'{"unit": "uT", "mass_g": 20}', b"{}")),
     "truth": Target(truth, (PHASES,)),
     "scene": Target(scene, (CARD, CARD + MORE_OF_A_CARD)),
