@@ -47,15 +47,20 @@ def run(args: argparse.Namespace) -> int:
     from edge_runtime.sinks import stream_sink
     from holdfast.recorder.keys import listening
     from holdfast.recorder.recording import record
+    from holdfast.recorder.session import show_nothing
+    from holdfast.recorder.status import StatusLine, columns_of
     from holdfast.run import RunClock, stop_signals
 
     beside = stream_sink(sys.stderr)
 
-    def tell(line: str) -> None:
+    def tell(line: str) -> bool:
         with suppress(OSError):  # nobody listens any more: no reason to stop recording
-            beside(line)
+            return beside(line)
+        return False
 
+    status = StatusLine(tell, lambda: columns_of(sys.stderr), args.seconds)
+    show = status.show if columns_of(sys.stderr) else show_nothing
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
         keys = stack.enter_context(listening(sys.stdin.fileno()))
-        return record(args, RunClock(), keys, tell, stopped)
+        return record(args, RunClock(), keys, status.say, stopped, show)

@@ -167,9 +167,9 @@ class Hand:
 
 def session(
     out: Path, source: Any, keys: Keys, tasks: list[Task], *, at_once: bool = True, seconds: float | None = None,
-    stopped: Callable[[], bool] = never,
+    stopped: Callable[[], bool] = never, said: list[str] | None = None,
 ) -> tuple[int, list[str]]:  # fmt: skip
-    said: list[str] = []
+    said = [] if said is None else said
     made = Session(
         Asked(out, "p01", 100.0, seconds, at_once, {}), source, source.clock, keys, said.append,
         bias=np.zeros(18), about={"unit": "N"},
@@ -287,7 +287,7 @@ def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_r
 
 def test_a_reading_that_comes_twice_is_lost_and_no_row_is_made_up(tmp_path):
     clock = VirtualClock()
-    session(tmp_path, Hand(clock, 60, shifts={30: -0.01, 31: 0.01}), Keys(None), [PULL])
+    session(tmp_path, Hand(clock, 99, shifts={30: -0.01, 31: 0.01}), Keys(None), [PULL])
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     assert "30" not in columns_of(folder)["sequence"]
     assert meta_of(folder)["quality"]["lost"] == 1
@@ -315,7 +315,7 @@ def test_a_saturated_finger_and_a_drifted_bias_are_told(tmp_path):
         return measured and Measured(measured.t_ns, measured.values + 0.5, measured.valid, ("saturated", *[""] * 5))
 
     hand.read = read
-    session(tmp_path, hand, Keys(None), [PULL])
+    session(tmp_path, hand, Keys(None), [PULL], seconds=0.6)
     quality = meta_of(tmp_path / "p01/soft-ball/pull/trial_1")["quality"]
     assert quality["saturated_readings"] == 60
     assert (quality["bias_drift"], quality["bias_drift_channel"]) == (pytest.approx(0.517), "Z6")
@@ -378,7 +378,7 @@ def test_without_a_mark_nobody_guesses_when_the_load_came_on(tmp_path):
 
 
 def test_a_trial_of_which_nobody_knows_anything_is_read_and_has_no_label(tmp_path):
-    session(tmp_path, Hand(VirtualClock(), 35), Keys(None), [PULL])
+    session(tmp_path, Hand(VirtualClock(), 60), Keys(None), [PULL], seconds=0.35)
     data = load(tmp_path, windows="natural")
     assert data.recordings[0].phases == ()
     assert len(data.tasks["classes"]) == 0

@@ -20,7 +20,7 @@ from edge_runtime.errors import LabelError
 from edge_runtime.reading import json_of
 from edge_runtime.trial_file import Trial, read_trial
 from edge_runtime.writing import write_whole
-from holdfast.recorder.card import ACTIONS
+from holdfast.recorder.card import ACTIONS, NOTHING
 
 META, EVENTS, TACTILE, TRUTH = "meta.json", "events.jsonl", "tactile.csv", "tactile.truth.json"
 PROVENANCES = ("scene", "camera", "key", "rule")
@@ -33,15 +33,35 @@ Event = dict[str, Any]
 
 def relabel(folder: Path) -> dict[str, Any]:
     """Write tactile.truth.json of a trial's folder anew; returns it. Raises a DataError or OutputError."""
+    truth = truth_in(folder)
+    write_truth(folder, truth)
+    return truth
+
+
+def write_truth(folder: Path, truth: dict[str, Any]) -> None:
+    """Write tactile.truth.json of a trial's folder. Raises OutputError."""
+    write_whole(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
+
+
+def truth_in(folder: Path) -> dict[str, Any]:
+    """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
     trial, meta = read_trial(folder / TACTILE), read_meta(folder)
     try:
-        truth = truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder))
+        return truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise LabelError(
             f"an event without its times ({error!r:.60})", where=folder / EVENTS, next_step="mend that line"
         ) from None
-    write_whole(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
-    return truth
+
+
+def is_complete(truth: dict[str, Any], action: str) -> bool:
+    """Whether the hand closed and was empty again for longer than contact is smoothed; the empty hand always is."""
+    if action == NOTHING:
+        return True
+    if truth["contact_s"] is None or not truth["phases"]:
+        return False
+    last = truth["phases"][-1]
+    return bool(last["label"] == NOTHING and last["t1_s"] - last["t0_s"] > CONTACT_SMOOTH_S)
 
 
 def read_meta(folder: Path) -> dict[str, Any]:

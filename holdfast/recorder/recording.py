@@ -23,7 +23,7 @@ from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import NOTHING, Protocol, Task, left, read_protocol, word
 from holdfast.recorder.folder import RECORDING, done, opened, require_ours, trials_of
 from holdfast.recorder.labels import MARKS
-from holdfast.recorder.session import Asked, Session
+from holdfast.recorder.session import Asked, Session, Show, show_nothing
 from holdfast.run import first_in_line, force_of
 
 CHECK_S = 1.0
@@ -42,7 +42,10 @@ class Plan:
     done: int
 
 
-def record(args: argparse.Namespace, clock: Any, keys: Any, say: Callable[[str], None], stopped: Any) -> int:
+def record(
+    args: argparse.Namespace, clock: Any, keys: Any, say: Callable[[str], None], stopped: Any,
+    show: Show = show_nothing,
+) -> int:  # fmt: skip
     """The verb on any clock and keys. Raises what can go wrong, as a HoldfastError."""
     person = word(args.person, "pseudonym")
     require_ours(args.out)
@@ -59,7 +62,7 @@ def record(args: argparse.Namespace, clock: Any, keys: Any, say: Callable[[str],
             session = Session(
                 Asked(args.out, person, rate_hz, args.seconds, args.at_once, masses), source, clock, keys, say,
                 bias=bias.values, about=about(args, source, (bias, warnings, good), plan, rate_hz, real_time=real_time),
-                camera=camera_of(args, source, clock), truth=truth_of(args.source, source),
+                camera=camera_of(args, source, clock), truth=truth_of(args.source, source), show=show,
             )  # fmt: skip
             kept = session.run(plan.tasks, stopped)
     finally:

@@ -2,7 +2,8 @@
 
 Between trials nothing is recorded. In a trial the k-th sample is due at start + k periods, as in edge_runtime/live.py:
 what could not be read in time is a gap in `sequence`, and so is a reading that came twice; nothing is invented, moved
-or put in order afterwards. A clock that jumps by a second or more ends the trial, which is kept as interrupted.
+or put in order afterwards. A clock that jumps by a second or more ends the trial, which is kept as interrupted. Where
+the source ends, or the scene behind it, a trial is kept only if it is complete: the hand closed and was empty again.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 from drivers.paced import Paced
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import EmptyRecording, TimeError
-from edge_runtime.live import ANOTHER_CLOCK_NS, Source, Stamps
+from edge_runtime.live import ANOTHER_CLOCK_NS, Measured, Source, Stamps
 from edge_runtime.writing import write_whole
 from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import Task
@@ -29,6 +30,7 @@ from holdfast.recorder.trial import Trial
 READY_WAIT_S = 0.1
 CAMERA_EVERY = 30
 """Between looks at the camera's process, samples."""
+TIME_OVER, SOURCE_OVER = "time over", "source over"
 
 
 @dataclass(frozen=True)
@@ -43,16 +45,26 @@ class Asked:
     mass_g: dict[str, float]
 
 
+def show_nothing(trial: Trial, measured: Measured, now_ns: int) -> None:
+    """Where there is no terminal to show a trial on."""
+
+
+Show = Callable[[Trial, Measured, int], None]
+
+
 class Session:
-    """about: what every trial's meta.json says. truth: of a scene, for the times of its first and last sample."""
+    """about: what every trial's meta.json says. truth: of a scene, for the times of its first and last sample.
+
+    show: gets every sample of a trial as it is written, and must return at once.
+    """
 
     def __init__(
         self, asked: Asked, source: Source, clock: Any, keys: Keys, say: Callable[[str], None], *,
         bias: FloatArray, about: dict[str, Any], camera: Beside | None = None,
-        truth: Callable[[int, int], list[dict[str, Any]]] | None = None,
+        truth: Callable[[int, int], list[dict[str, Any]]] | None = None, show: Show = show_nothing,
     ) -> None:  # fmt: skip
         self.asked, self.source, self.clock, self.keys, self.say = asked, source, clock, keys, say
-        self.bias, self.about, self.camera, self.truth = bias, about, camera, truth
+        self.bias, self.about, self.camera, self.truth, self.show = bias, about, camera, truth, show
         self.period_ns = 1e9 / asked.rate_hz
         self.kept = 0
         self._last: tuple[Path, Task] | None = None
@@ -71,7 +83,7 @@ class Session:
             outcome = self._record(still[0], stopped)
             if self._last is not None:
                 still.pop(0)
-            elif outcome == "ended" and self.asked.at_once:
+            elif outcome in (TIME_OVER, SOURCE_OVER) and self.asked.at_once:
                 raise EmptyRecording("a trial that cannot be kept", cause="the line above", next_step="longer trials")
             if outcome in ("stop", "signal"):
                 break
@@ -100,7 +112,7 @@ class Session:
     # -- one trial
 
     def _record(self, task: Task, stopped: Callable[[], bool]) -> str:
-        """One trial from its folder to its figures; how it ended: keep, redo, stop, ended (source, time), signal."""
+        """One trial from its folder to its figures; how it ended: keep, redo, stop, signal, TIME_OVER, SOURCE_OVER."""
         self._last = None
         folder = new_trial(self.asked.root, self.asked.person, task)
         self._write_mass(folder, task)
@@ -141,16 +153,17 @@ class Session:
             self.clock.wait_until(start_ns + round(turn * self.period_ns))
             now_ns = self.clock.now_ns()
             if end_ns is not None and now_ns >= end_ns:
-                return "ended"
+                return TIME_OVER
             measured = self.source.read()
             if measured is None:
-                return "ended"
+                return SOURCE_OVER
             trouble, t_ns = stamps.judge(measured.t_ns)
             _require_one_clock(trial, trouble, t_ns)
             if trouble:
                 trial.quality.lost += 1
             else:
                 trial.write(t_ns, turn, measured)
+            self.show(trial, measured, now_ns)
             key = self.keys.pressed()
             if key in ("keep", "redo", "stop"):
                 return key
@@ -175,10 +188,12 @@ class Session:
         if self.camera is not None:
             self._look_at_camera(trial, self.camera)
             filmed = {"camera": self.camera.stop()}
-        for event in self.truth(*trial.span_ns) if self.truth is not None and trial.started else ():
+        events = self.truth(*trial.span_ns) if self.truth is not None and trial.started else None
+        for event in events or ():
             trial.note(event)
+        over = "the source ended" if outcome == SOURCE_OVER else "the scene ended" if _is_over(events, trial) else ""
         state = {"redo": REDONE, "signal": INTERRUPTED}.get(outcome, KEPT)
-        told = trial.close(state, **filmed)
+        told = trial.close(state, over, **filmed)
         self.say(f"{told['state']}: {in_words(told)}")
         if told.get("why") and told["state"] == INTERRUPTED:
             self.say(f"not kept, and to be recorded again: {told['why']}")
@@ -194,6 +209,11 @@ class Session:
     def _write_mass(self, folder: Path, task: Task) -> None:
         if task.thing in self.asked.mass_g:
             write_whole(folder.parent.parent / META, f'{{"mass_g": {self.asked.mass_g[task.thing]:g}}}\n')
+
+
+def _is_over(events: list[dict[str, Any]] | None, trial: Trial) -> bool:
+    """Whether a scene's last phase ended before the trial's last sample; None: there is no scene."""
+    return events is not None and all(one["t1_s"] < trial.t_s for one in events if "label" in one)
 
 
 def _require_one_clock(trial: Trial, trouble: str, t_ns: int) -> None:

@@ -13,7 +13,7 @@ from edge_runtime.live import Measured
 from edge_runtime.tactile_file import TactileFile
 from edge_runtime.writing import write_whole
 from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
-from holdfast.recorder.labels import EVENTS, META, TACTILE, relabel
+from holdfast.recorder.labels import EVENTS, META, TACTILE, is_complete, truth_in, write_truth
 from holdfast.recorder.quality import Quality
 
 
@@ -59,10 +59,11 @@ class Trial:
             what = f"cannot write ({error.strerror})"
             raise OutputError(what, where=self.folder / EVENTS, next_step="make room") from None
 
-    def close(self, state: str, **told: Any) -> dict[str, Any]:
+    def close(self, state: str, over: str = "", **told: Any) -> dict[str, Any]:
         """Everything on the disk, state and figures in meta.json, a kept one's phases beside it; returns the figures.
 
-        A trial that cannot be read again (a row only, most of it lost) is interrupted and not kept. Raises OutputError.
+        over: why there was nothing more to record, if so. A trial that ended so before it was complete, or that cannot
+        be read again (a row only, most of it lost), is interrupted and not kept. Raises OutputError.
         """
         figures = self.quality.to_json()
         try:
@@ -72,12 +73,23 @@ class Trial:
             with suppress(OSError):
                 self._events.close()
         if state == KEPT:
-            try:
-                relabel(self.folder)
-            except DataError as error:
-                state, told = INTERRUPTED, {**told, "why": str(error)}
+            why = self._label(over)
+            if why:
+                state, told = INTERRUPTED, {**told, "why": why}
         self._write_meta(state, quality=figures, **told)
         return {**figures, "state": state, **told}
+
+    def _label(self, over: str) -> str:
+        """Write the phases of a trial that is to be kept; or say why it cannot be."""
+        unfinished = f"{over} before the trial was complete"
+        try:
+            truth = truth_in(self.folder)
+        except DataError as error:
+            return unfinished if over else str(error)
+        if over and not is_complete(truth, self.about["action"]):
+            return unfinished
+        write_truth(self.folder, truth)
+        return ""
 
     def give_up(self, state: str, why: str) -> None:
         """Close as well as may be, because something else went wrong, which is what will be raised."""

@@ -1,0 +1,208 @@
+"""While a trial is recorded: what the operator sees, and what happens when the source or its scene ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hazard_marks import SOURCE_ENDED
+from test_record import PULL, ROOT, Hand, meta_of, recorded, session
+from test_record import columns_of as read_columns
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.errors import EmptyRecording
+from holdfast.recorder.card import Task
+from holdfast.recorder.keys import Keys
+from holdfast.recorder.quality import Quality
+from holdfast.recorder.session import Asked, Session
+from holdfast.recorder.status import OVER_THE_LINE_ABOVE, StatusLine, columns_of, status_text
+from holdfast.recorder.trial import Trial
+
+SHORT_SCENE = """
+[record]
+rate_hz = 100
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+close_at_s = 1.6
+hold_s = 0.8
+tail_s = 0.6
+[effects.brush]
+count = 3
+[effects.dipole]
+"""
+
+
+# -- the source or its scene ends
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "short.toml"
+    path.write_text(SHORT_SCENE, encoding="utf-8")
+    return path
+
+
+def states_in(folder: Path) -> list[str]:
+    return [meta_of(path.parent)["state"] for path in sorted(folder.rglob("tactile.csv"))]
+
+
+@SOURCE_ENDED.mark
+@pytest.mark.parametrize("samples", [35, 60, 82], ids=["before the hand closed", "in the grip", "as it opened"])
+def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_so(tmp_path, samples):
+    said: list[str] = []
+    with pytest.raises(EmptyRecording, match="cannot be kept"):
+        session(tmp_path, Hand(VirtualClock(), samples), Keys(None), [PULL], said=said)
+    folder = tmp_path / "p01/soft-ball/pull/trial_1"
+    assert (meta_of(folder)["state"], meta_of(folder)["quality"]["samples"]) == ("interrupted", samples)
+    assert meta_of(folder)["why"] == "the source ended before the trial was complete"
+    assert any("not kept, and to be recorded again: the source ended" in line for line in said)
+    assert not (folder / "tactile.truth.json").exists()
+
+
+@SOURCE_ENDED.mark
+def test_a_trial_that_finds_no_sample_any_more_is_not_kept(tmp_path):
+    with pytest.raises(EmptyRecording, match="cannot be kept"):
+        session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL, PULL])
+    assert states_in(tmp_path) == ["kept", "interrupted"]
+    assert "the source ended" in meta_of(tmp_path / "p01/soft-ball/pull/trial_2")["why"]
+
+
+def test_a_source_that_ends_with_the_hand_empty_again_leaves_a_kept_trial(tmp_path):
+    assert session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])[0] == 1
+    assert session(tmp_path, Hand(VirtualClock(), 35), Keys(None), [Task("nothing", "nothing")])[0] == 1
+
+
+@pytest.mark.parametrize("samples", [35, 60])
+def test_a_trial_that_ends_by_its_seconds_is_kept_whatever_is_in_it(tmp_path, samples):
+    kept, _ = session(tmp_path, Hand(VirtualClock(), 99), Keys(None), [PULL], seconds=0.01 * samples)
+    assert (kept, states_in(tmp_path)) == (1, ["kept"])
+
+
+@SOURCE_ENDED.mark
+def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(tmp_path, scene):
+    words = ("--object", "soft-ball", "--action", "pull", "--trials", "2", "--seconds", "4", "--rate", "50")
+    with pytest.raises(EmptyRecording, match="cannot be kept"):
+        recorded(tmp_path / "out", *words, source=f"virtual://ft232h?scene={scene}")
+    assert states_in(tmp_path) == ["kept", "interrupted"]
+    truth = json.loads((tmp_path / "out/p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
+    assert [one["label"] for one in truth["phases"]] == ["nothing", "grasp", "risky_slip", "nothing"]
+    why = meta_of(tmp_path / "out/p01/soft-ball/pull/trial_2")["why"]
+    assert why == "the scene ended before the trial was complete"
+
+
+def test_a_scene_that_is_recorded_from_end_to_end_is_kept_and_comes_again_with_every_trial(tmp_path, scene):
+    recorded(tmp_path / "out", "--object", "soft-ball", "--action", "pull", "--trials", "2", source=f"sim://{scene}")
+    assert states_in(tmp_path) == ["kept", "kept"]
+
+
+# -- what the operator sees
+
+
+class Terminal:
+    """A sink that draws as a terminal does; at most `takes` lines are taken."""
+
+    def __init__(self, takes: int = 10**9) -> None:
+        self.takes, self.lines, self.drawn = takes, list[str](), list[str]()
+
+    def __call__(self, text: str) -> bool:
+        self.takes -= 1
+        if self.takes < 0:
+            return False
+        if text.startswith(OVER_THE_LINE_ABOVE):
+            self.lines.pop()
+        self.lines.append(text.removeprefix(OVER_THE_LINE_ABOVE))
+        self.drawn += [self.lines[-1]] if "lost; forces" in text else []
+        return True
+
+
+def shown(out: Path, terminal: Callable[[str], bool], columns: int = 80, **hand: object) -> None:
+    """One trial of 1.2 s at 100 Hz before a terminal."""
+    clock, status = VirtualClock(), StatusLine(terminal, lambda: columns, seconds=1.2)
+    source = Hand(clock, 130, **hand)  # type: ignore[arg-type]
+    asked = Asked(out, "p01", 100.0, 1.2, True, {})
+    told = {"bias": 0.001 * np.arange(18.0), "about": {"unit": "N"}, "show": status.show}
+    Session(asked, source, clock, Keys(None), status.say, **told).run([PULL], lambda: False)  # type: ignore[arg-type]
+
+
+def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):
+    terminal = Terminal()
+    shown(tmp_path, terminal, stalls={30: 0.05})
+    free, held = " ".join([" 0.00"] * 6), " ".join([" 3.46"] * 6)
+    assert terminal.drawn == [
+        f"0.0 of 1.2 s, - Hz, 0 lost; forces {free} N",
+        f"0.2 of 1.2 s, 100.0 Hz, 0 lost; forces {free} N",
+        f"0.5 of 1.2 s, 92.0 Hz, 4 lost; forces {held} N",
+        f"0.8 of 1.2 s, 94.7 Hz, 4 lost; forces {held} N",
+        f"1.0 of 1.2 s, 96.0 Hz, 4 lost; forces {free} N",
+    ]
+
+
+def test_the_line_is_redrawn_in_place_and_gives_way_to_what_is_said(tmp_path):
+    terminal = Terminal()
+    shown(tmp_path, terminal)
+    assert [line.partition(" ")[0] for line in terminal.lines] == ["next:", "recording", "kept:"]
+
+
+def test_a_line_never_wraps_and_none_is_drawn_without_a_terminal(tmp_path):
+    narrow, without = Terminal(), Terminal()
+    shown(tmp_path / "a", narrow, columns=40)
+    assert {len(line) for line in narrow.drawn} == {39}
+    shown(tmp_path / "b", without, columns=0)
+    assert without.drawn == []
+    assert [line.partition(" ")[0] for line in without.lines] == ["next:", "recording", "kept:"]
+
+
+@pytest.mark.parametrize("takes", [0, 1, 3, 5])
+def test_a_terminal_that_takes_nothing_costs_no_sample(tmp_path, takes):
+    shown(tmp_path / "a", Terminal())
+    shown(tmp_path / "b", Terminal(takes))
+    free, stuck = (read_columns(tmp_path / one / "p01/soft-ball/pull/trial_1") for one in "ab")
+    assert stuck["sequence"] == free["sequence"]
+    assert states_in(tmp_path / "b") == ["kept"]
+
+
+def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(tmp_path):
+    clock = VirtualClock()
+    source = Hand(clock, 9)
+    trial = Trial(tmp_path, 18, {}, Quality(np.full(18, np.nan), 1e7, "uT"), 0)
+    measured = source.read()
+    assert measured is not None
+    measured.values[:3], measured.valid[4] = (300.0, 400.0, 0.0), False
+    trial.write(0, 0, measured)
+    assert status_text(trial, measured) == "0.0 s, - Hz, 0 lost; forces   500     0     0     0     -     0 uT"
+    trial.close("interrupted")
+
+
+def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path):
+    master, slave = pty.openpty()
+    words = ["--source", "virtual://ft232h", "--out", tmp_path / "out", "--person", "p01", "--action", "nothing"]
+    command = [sys.executable, "-m", "holdfast", "record", *map(str, words), "--trials", "1", "--at-once"]
+    with subprocess.Popen(
+        [*command, "--seconds", "0.6"], cwd=ROOT, env={**os.environ, "TERM": "xterm"},
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=slave,
+    ) as run:  # fmt: skip
+        os.close(slave)
+        screen = b""
+        while b"kept:" not in screen:
+            screen += os.read(master, 4096)
+        assert run.wait(timeout=60) == 0
+    os.close(master)
+    assert b"lost; forces" in screen
+    assert OVER_THE_LINE_ABOVE.encode() + b"kept:" in screen
+
+
+def test_a_line_is_drawn_only_on_a_terminal_that_can_redraw_it(tmp_path, monkeypatch):
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "w") as terminal, (tmp_path / "log").open("w") as file:
+        for term, columns in (("xterm", 80), ("dumb", 0)):
+            monkeypatch.setenv("TERM", term)
+            assert (columns_of(terminal), columns_of(file)) == (columns, 0)
+    os.close(master)
