@@ -291,6 +291,7 @@ def test_two_chips_at_one_address_are_noticed():
 
 def test_a_hand_left_in_one_byte_mode_by_a_driver_that_died_is_read_again():
     first = started(setup=Setup(burst=True))
+    first.hand.close()
     again = Hand(
         lambda: Ft232h(first.backend), LAYOUTS["mux"], now_ns=first.clock.now_ns,
         pause=lambda seconds: first.clock.spend(round(1e9 * seconds)),

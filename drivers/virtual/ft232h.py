@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+from drivers.virtual.descriptors import Interface, endpoints
 from drivers.virtual.hand import VirtualHand
-from drivers.virtual.usb_backend import BULK, Device, endpoints, stall
+from drivers.virtual.usb_backend import BULK, Device, stall
 from drivers.virtual.wire import Wire
 
 OUT_ENDPOINT, IN_ENDPOINT, PACKET = 0x02, 0x81, 512
@@ -188,7 +189,9 @@ class VirtualFt232h(Device):
     """The bridge before a virtual hand."""
 
     vendor, product, speed = 0x0403, 0x6014, "high"
-    interfaces = (endpoints((IN_ENDPOINT, BULK, PACKET), (OUT_ENDPOINT, BULK, PACKET)),)
+    release = 0x0900
+    strings = ("FTDI", "Single RS232-HS", "FTHOLD01")
+    interfaces = (Interface(endpoints((IN_ENDPOINT, BULK, PACKET), (OUT_ENDPOINT, BULK, PACKET))),)
     kernel_driver = frozenset({0})  # ftdi_sio
 
     def __init__(self, hand: VirtualHand) -> None:
@@ -219,7 +222,7 @@ class VirtualFt232h(Device):
             raise stall()
 
     def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
-        """Latency, pins; descriptors are empty."""
+        """Latency, pins, modem status."""
         if request == SIO_GET_LATENCY:
             return bytes([self._latency_ms])
         if request == SIO_GET_PINS:

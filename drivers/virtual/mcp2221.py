@@ -1,19 +1,29 @@
 """An MCP2221A: its HID reports, and its I2C engine with the states and the traps that others have found in it.
 
-States and undocumented bytes are those of EasyMCP2221; the time a cancel takes is a guess.
+States and undocumented bytes are those of EasyMCP2221; the time a cancel takes is a guess, and so is the report
+descriptor (Microchip's generic one: no dump of the real one was found). Its serial port is not there, its ADC reads 0.
 """
 
 from __future__ import annotations
 
+from drivers.virtual.descriptors import Interface, endpoints
 from drivers.virtual.hand import VirtualHand
-from drivers.virtual.usb_backend import INTERRUPT, Device, endpoints, stall
+from drivers.virtual.mcp2221_memory import Flash, Sram
+from drivers.virtual.usb_backend import INTERRUPT, Device, stall
 
 OUT_ENDPOINT, IN_ENDPOINT, REPORT = 0x03, 0x83, 64
 REPORT_NS = 1_500_000
 """Of a report, each way."""
 CANCEL_NS = 4_000_000
 """From a cancel until the engine is idle."""
+REPORT_DESCRIPTOR = bytes.fromhex("0600ff0901a10119012940150026ff00750895408100190129409100c0")
+"""Usage page 0xFF00, usage 1; 64 bytes in and 64 out, without a report number."""
+COMPOSITE, SERIAL_PORT, SERIAL_DATA, HID = (0xEF, 2, 1), (2, 2, 1), (0x0A, 0, 0), (3, 0, 0)
+"""Class, subclass and protocol of the device and of its interfaces."""
 STATUS_SET, GET_DATA, RESET = 0x10, 0x40, bytes([0x70, 0xAB, 0xCD, 0xEF])
+SET_GPIO, GET_GPIO, SET_SRAM, GET_SRAM, READ_FLASH, WRITE_FLASH, UNLOCK_FLASH = 0x50, 0x51, 0x60, 0x61, 0xB0, 0xB1, 0xB2
+REVISIONS = b"A612"
+"""Of hardware and firmware, two characters each."""
 WRITE, READ, WRITE_AGAIN, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x92, 0x93, 0x94
 CANCEL, SET_SPEED, SPEED_SET, SPEED_NOT_SET = 0x10, 0x20, 0x20, 0x21
 IDLE, START_TIMEOUT, NACK, WRITING, WRITTEN_NO_STOP = 0x00, 0x12, 0x25, 0x42, 0x45
@@ -27,16 +37,27 @@ BOGUS = 0xFF
 class VirtualMcp2221(Device):
     """The bridge before a virtual hand."""
 
-    vendor, product = 0x04D8, 0x00DD
-    interfaces = ((), (), endpoints((IN_ENDPOINT, INTERRUPT, REPORT), (OUT_ENDPOINT, INTERRUPT, REPORT)))
+    usb_class = COMPOSITE
+    interfaces: tuple[Interface, ...] = (
+        Interface(usb_class=SERIAL_PORT),
+        Interface(usb_class=SERIAL_DATA),
+        Interface(
+            endpoints((IN_ENDPOINT, INTERRUPT, REPORT), (OUT_ENDPOINT, INTERRUPT, REPORT)), HID, REPORT_DESCRIPTOR
+        ),
+    )
     kernel_driver = frozenset({0, 1, 2})  # cdc_acm, cdc_acm, hid-mcp2221
 
-    def __init__(self, hand: VirtualHand) -> None:
+    def __init__(self, hand: VirtualHand, serial: str = "0000000001") -> None:
         self.hand = hand
+        self.flash = Flash(serial)
         self.reset()
 
     def reset(self) -> None:
-        """As plugged in: 100 kHz, an engine that was never used."""
+        """As plugged in: settings from flash, 100 kHz, an engine that was never used."""
+        self.flash.lock()
+        self.sram = Sram(self.flash)
+        self.vendor, self.product = self.flash.ids
+        self.strings = self.flash.strings
         self.bus_hz = 100e3
         self.state, self.used, self.confused, self.hangs = IDLE, False, False, False
         self._nacked = False
@@ -57,6 +78,7 @@ class VirtualMcp2221(Device):
         command = data.ljust(REPORT, b"\0")
         if command.startswith(RESET):
             self.reset()
+            self.restarts += 1
             return
         reply = bytearray(REPORT)
         reply[0] = command[0]
@@ -67,7 +89,7 @@ class VirtualMcp2221(Device):
         elif WRITE <= command[0] <= WRITE_NO_STOP:
             self._transfer(command, reply)
         else:
-            reply[1] = 1
+            self._settings(command, reply)
         self._reply = bytes(reply)
 
     def read(self, endpoint: int, length: int) -> bytes:
@@ -79,6 +101,25 @@ class VirtualMcp2221(Device):
         return reply[:length]
 
     # -- commands
+
+    def _settings(self, command: bytes, reply: bytearray) -> None:
+        """Pins, SRAM and flash."""
+        if command[0] == SET_GPIO:
+            self.sram.pins.write(command, reply)
+        elif command[0] == GET_GPIO:
+            self.sram.pins.read(reply)
+        elif command[0] == SET_SRAM:
+            self.sram.write(command)
+        elif command[0] == GET_SRAM:
+            self.sram.read(reply)
+        elif command[0] == READ_FLASH:
+            self.flash.read(command, reply)
+        elif command[0] == WRITE_FLASH:
+            self.flash.write(command, reply)
+        elif command[0] == UNLOCK_FLASH:
+            self.flash.unlock(command, reply)
+        else:
+            reply[1] = 1
 
     def _shown(self) -> int:
         """The state, which is another while the engine works."""
@@ -101,6 +142,7 @@ class VirtualMcp2221(Device):
         reply[20] = 0x40 if self._nacked else 0
         reply[21] = USED_21 if self.used else 0
         reply[22], reply[23] = 1, 0 if self.hand.wire.held_low else 1
+        reply[46:50] = REVISIONS
 
     def _byte_18(self) -> int:
         if not self.used:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.virtual.descriptors import Interface
 from drivers.virtual.hand import VirtualHand
 from drivers.virtual.usb_backend import Device, stall
 from drivers.virtual.wire import BITS_OF_A_BYTE
@@ -54,12 +55,13 @@ class VirtualTinyUsb(Device):
     """The bridge before a virtual hand. firmware: a name of FIRMWARES."""
 
     vendor, product = 0x0403, 0xC631
-    interfaces = ((),)
+    interfaces = (Interface(usb_class=(0, 0, 0)),)
     kernel_driver = frozenset({0})  # i2c-tiny-usb
 
     def __init__(self, hand: VirtualHand, firmware: str = "rp2040") -> None:
         self.hand, self.firmware = hand, FIRMWARES[firmware]
         self.speed = self.firmware.speed
+        self.strings = ("Till Harbaum", "i2c-tiny-usb", f"HOLDFAST-{firmware.upper()}")
         self.delay_us = 0
         self.reset()
 

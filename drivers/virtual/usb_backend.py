@@ -7,20 +7,31 @@ an answer, a device that is unplugged (and comes back as another one, with the s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from types import SimpleNamespace
+from dataclasses import dataclass
 from typing import Any
 
 import usb.backend
 import usb.core
 
 from drivers.virtual.clock import Clock
+from drivers.virtual.descriptors import (
+    Interface,
+    configuration_fields,
+    descriptor,
+    device_fields,
+    endpoint_fields,
+    interface_fields,
+)
 from drivers.virtual.faults import Faults
 
 BULK, INTERRUPT = 2, 3
 """bmAttributes of an endpoint."""
-NO_DEVICE, STALL, TIMED_OUT = 19, 32, 110
-SPEED = {"low": 1, "full": 2, "high": 3}
+BUSY, NO_DEVICE, STALL, TIMED_OUT = 16, 19, 32, 110
+LIBUSB_ERROR_BUSY = -6
+STANDARD, TYPE_MASK, VENDOR_TYPE, RECIPIENT_MASK, OF_AN_INTERFACE = 0x00, 0x60, 0x40, 0x1F, 0x01
+"""Of bmRequestType."""
+GET_STATUS, GET_DESCRIPTOR, GET_CONFIGURATION = 0, 6, 8
+"""Standard requests (USB 2.0, table 9-4)."""
 
 
 def no_device() -> Any:
@@ -38,13 +49,9 @@ def timed_out() -> Any:
     return usb.core.USBTimeoutError("Operation timed out", TIMED_OUT, TIMED_OUT)
 
 
-@dataclass(frozen=True)
-class Endpoint:
-    """address with its direction bit, BULK or INTERRUPT, largest packet."""
-
-    address: int
-    attributes: int
-    packet: int
+def busy() -> Any:
+    """What libusb raises when another handle, or a kernel driver, has the interface."""
+    return usb.core.USBError("Resource busy", LIBUSB_ERROR_BUSY, BUSY)
 
 
 @dataclass
@@ -59,13 +66,19 @@ class Traffic:
 class Device:
     """An emulated device; a bridge overrides what it answers.
 
-    interfaces: endpoints of each interface, by number. kernel_driver: interfaces that one is bound to.
+    interfaces: by number. kernel_driver: interfaces that one is bound to. strings: manufacturer, product and serial
+    number. restarts: how often the device itself has left USB and come back, as after a command that resets it.
     """
 
     vendor = product = 0
+    release = 0x0100
     speed = "full"
-    interfaces: tuple[tuple[Endpoint, ...], ...] = ((),)
+    usb_class = (0, 0, 0)
+    current_ma = 100
+    strings = ("", "", "")
+    interfaces: tuple[Interface, ...] = (Interface(),)
     kernel_driver: frozenset[int] = frozenset()
+    restarts = 0
 
     def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
         """A control transfer with data from the host; raise stall() for one it does not know."""
@@ -87,12 +100,11 @@ class Device:
         """Back to what it is after being plugged in."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Handle:
-    """One plugging-in of the device: dies with the unplugging."""
+    """A device as it was found, or opened; no longer any good once the device has left USB."""
 
     generation: int
-    detached: set[int] = field(default_factory=set)
 
 
 class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
@@ -103,64 +115,52 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     ) -> None:
         self.device, self.traffic = device, Traffic()
         self._clock, self._faults, self._power_off = clock, faults, power_off
-        self._born_ns, self._generation, self._gone = clock.now_ns(), 0, False
+        self._born_ns, self._unplugs, self._gone = clock.now_ns(), 0, False
         self._late: dict[int, list[bytes]] = {}
+        self._claimed: dict[int, Handle] = {}
+        self._detached: set[int] = set()
+        self._seen = 0
 
     # -- what is there
 
     def enumerate_devices(self) -> Iterator[Any]:
         """The device, unless it is unplugged."""
         if not self._unplugged():
-            yield Handle(self._generation)
+            yield Handle(self._generation())
 
     def get_parent(self, dev: Any) -> None:
         """No hub."""
 
     def get_device_descriptor(self, dev: Any) -> Any:
-        """Its ids and speed."""
-        return SimpleNamespace(
-            bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0,
-            bMaxPacketSize0=64, idVendor=self.device.vendor, idProduct=self.device.product, bcdDevice=0x0900,
-            iManufacturer=0, iProduct=0, iSerialNumber=0, bNumConfigurations=1, address=dev.generation + 1, bus=1,
-            port_number=1, port_numbers=(1,), speed=SPEED[self.device.speed],
-        )  # fmt: skip
+        """Its ids, its speed, and which strings it has."""
+        return device_fields(self.device, dev.generation + 1)
 
     def get_configuration_descriptor(self, dev: Any, config: int) -> Any:
         """The only one."""
         if config:
             raise IndexError(config)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=9, bNumInterfaces=len(self.device.interfaces),
-            bConfigurationValue=1, iConfiguration=0, bmAttributes=0x80, bMaxPower=50, extra_descriptors=[],
-        )  # fmt: skip
+        return configuration_fields(self.device)
 
     def get_interface_descriptor(self, dev: Any, intf: int, alt: int, config: int) -> Any:
         """One without alternatives."""
-        if alt or intf >= len(self.device.interfaces):
-            raise IndexError(intf)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=4, bInterfaceNumber=intf, bAlternateSetting=0,
-            bNumEndpoints=len(self.device.interfaces[intf]), bInterfaceClass=0xFF, bInterfaceSubClass=0xFF,
-            bInterfaceProtocol=0xFF, iInterface=0, extra_descriptors=[],
-        )  # fmt: skip
+        if alt:
+            raise IndexError(alt)
+        return interface_fields(self.device, intf)
 
     def get_endpoint_descriptor(self, dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
         """As the device says."""
-        endpoint = self.device.interfaces[intf][ep]
-        return SimpleNamespace(
-            bLength=7, bDescriptorType=5, bEndpointAddress=endpoint.address, bmAttributes=endpoint.attributes,
-            wMaxPacketSize=endpoint.packet, bInterval=1, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
-        )  # fmt: skip
+        return endpoint_fields(self.device, ep, intf)
 
     # -- opening
 
     def open_device(self, dev: Any) -> Any:
-        """A handle is the device as it was plugged in."""
+        """A handle of its own; a second one is given as well, only its interfaces cannot be claimed twice."""
         self._alive(dev)
-        return dev
+        return Handle(dev.generation)
 
     def close_device(self, dev_handle: Any) -> None:
-        """Nothing to give back."""
+        """What it claimed is free again."""
+        self._claimed = {intf: by for intf, by in self._claimed.items() if by is not dev_handle}
 
     def set_configuration(self, dev_handle: Any, config_value: int) -> None:
         """There is one."""
@@ -176,26 +176,31 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         self._alive(dev_handle)
 
     def claim_interface(self, dev_handle: Any, intf: int) -> None:
-        """Busy while a kernel driver holds it."""
+        """Busy while a kernel driver or another handle has it; twice by one handle does no harm."""
         self._alive(dev_handle)
-        if self.is_kernel_driver_active(dev_handle, intf):
-            raise usb.core.USBError("Resource busy", 16, 16)
+        if self.is_kernel_driver_active(dev_handle, intf) or self._claimed.get(intf, dev_handle) is not dev_handle:
+            raise busy()
+        self._claimed[intf] = dev_handle
 
     def release_interface(self, dev_handle: Any, intf: int) -> None:
         """Given back."""
         self._alive(dev_handle)
+        if self._claimed.get(intf) is dev_handle:
+            del self._claimed[intf]
 
     def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
         """As on a machine whose kernel knows the bridge."""
-        return intf in self.device.kernel_driver and intf not in dev_handle.detached
+        return intf in self.device.kernel_driver and intf not in self._detached
 
     def detach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
-        """Out of the way."""
-        dev_handle.detached.add(intf)
+        """Out of the way, for every handle."""
+        self._detached.add(intf)
 
     def attach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
-        """Back again."""
-        dev_handle.detached.discard(intf)
+        """Back again; busy while the interface is claimed."""
+        if intf in self._claimed:
+            raise busy()
+        self._detached.discard(intf)
 
     def clear_halt(self, dev_handle: Any, ep: int) -> None:
         """Nothing stays halted."""
@@ -214,17 +219,32 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     ) -> int:
         """Out or in, by the highest bit of the request type."""
         self._begin(dev_handle)
+        if request_type & RECIPIENT_MASK == OF_AN_INTERFACE and request_type & TYPE_MASK != VENDOR_TYPE:
+            self._hold(dev_handle, index & 0xFF)
         if request_type & 0x80:
-            answer = self.device.control_in(request_type, request, value, index, len(data))
+            answer = self._answer(request_type, request, value, index, len(data))
             return self._deliver(self._spoilt(answer, timeout), data)
         self.device.control_out(request_type, request, value, index, bytes(data))
         self._spoilt(b"", timeout)
         self.traffic.bytes_out += len(data)
         return len(data)
 
+    def _answer(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+        """Standard requests are answered here, for every device in the same way."""
+        if request_type & TYPE_MASK != STANDARD:
+            return self.device.control_in(request_type, request, value, index, length)
+        if request == GET_DESCRIPTOR:
+            found = descriptor(self.device, value >> 8, value & 0xFF, index)
+        else:
+            found = {GET_STATUS: bytes(2), GET_CONFIGURATION: b"\x01"}.get(request)
+        if found is None:
+            raise stall()
+        return found[:length]
+
     def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
-        """To an OUT endpoint."""
+        """To an OUT endpoint, whose interface is claimed if it was not."""
         self._begin(dev_handle)
+        self._hold(dev_handle, intf)
         self.device.write(ep, bytes(data))
         self.traffic.bytes_out += len(data)
         return len(data)
@@ -232,6 +252,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
         """From an IN endpoint; a late reply comes before everything else."""
         self._begin(dev_handle)
+        self._hold(dev_handle, intf)
         late = self._late.get(ep)
         if late and not self._lasts("late"):
             return self._deliver(late.pop(0), buff)
@@ -265,15 +286,29 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             raise timed_out()
         return answer[: len(answer) // 2] if self._lasts("short") else answer
 
+    def _hold(self, handle: Any, interface: int) -> None:
+        """Claim what was not claimed, as the kernel does for a transfer."""
+        if self._claimed.get(interface) is not handle:
+            self.claim_interface(handle, interface)
+
     def _alive(self, handle: Any) -> None:
-        if self._unplugged() or handle.generation != self._generation:
+        if self._unplugged() or handle.generation != self._generation():
             raise no_device()
+
+    def _generation(self) -> int:
+        """Counts how often the device has left USB; nothing that was claimed or detached outlives that."""
+        generation = self._unplugs + self.device.restarts
+        if generation != self._seen:
+            self._seen = generation
+            self._claimed.clear()
+            self._detached.clear()
+            self._late.clear()
+        return generation
 
     def _unplugged(self) -> bool:
         gone = self._lasts("unplug")
         if gone and not self._gone:
-            self._generation += 1
-            self._late.clear()
+            self._unplugs += 1
             self.device.reset()
             self._power_off()
         self._gone = gone
@@ -281,9 +316,3 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
 
     def _lasts(self, kind: str) -> bool:
         return self._faults.lasts(kind, 1e-9 * (self._clock.now_ns() - self._born_ns))
-
-
-def endpoints(*told: tuple[int, int, int]) -> tuple[Endpoint, ...]:
-    """Short for a tuple of them."""
-    return tuple(Endpoint(*one) for one in told)
-

@@ -31,6 +31,7 @@ from drivers.mcp2221 import Mcp2221
 from drivers.replay import open_replay
 from drivers.tiny_usb import TinyUsb
 from drivers.virtual.clock import VirtualClock
+from drivers.virtual.descriptors import descriptor, device_fields
 from drivers.virtual.faults import read_fault
 from drivers.virtual.ft232h import VirtualFt232h
 from drivers.virtual.hand import VirtualHand
@@ -61,6 +62,11 @@ ROOT = Path(__file__).resolve().parents[2]
 MODEL_CARD = ROOT / "models" / "holdfast-150hz.json"
 READS = 6
 LEFT_ALONE = 450
+MCP2221_REPORTS = (
+    b"\x10", b"\x61", b"\x60\0\x8f\x83\x9f\x87\x9f\x80\x08\x10\x18\x03", b"\x50\0\1\1\1", b"\x51", b"\xb0\0", b"\xb0\4",
+    b"\xb1\0\xfd\x12\0\x60\xd8\x04\xdd\0\x80\x32password", b"\xb1\4\x06\3a\0b\0", b"\xb2\0password", b"\xb1\1\x08\x08",
+    b"\x94\1\0\x6a\x0d", b"\x93\3\0\x6b", b"\x40", b"\x70\xab\xcd\xef",
+)  # fmt: skip
 """Answers: 45 bring up a hand on an FT232H and read it, 261 on an i2c-tiny-usb, 446 on an MCP2221A."""
 BOARD = ("usb", "i2c")
 """Sources on this very machine: their URLs are taken apart as the others are, but nothing of a stranger is opened."""
@@ -367,6 +373,17 @@ GOLDEN = (
 )
 
 
+def mcp2221_reports(data: bytes) -> None:
+    """An emulated MCP2221A answers every report but a reset with one, and has descriptors whatever it holds."""
+    device = VirtualMcp2221(VirtualHand(VirtualClock()))
+    for at in range(0, len(data), 64):
+        device.write(0x03, data[at : at + 64])
+        assert len(device.read(0x83, 64)) in (0, 64)
+        assert device_fields(device, 0).idVendor == device.vendor
+        for number in range(4):
+            assert len(descriptor(device, 3, number, 0x0409) or b"") <= 64
+
+
 def spoilings() -> tuple[bytes, ...]:
     """Scripts that spoil early and late, one answer in four, in every way."""
     rng = np.random.default_rng(0)
@@ -428,4 +445,5 @@ TARGETS = {
     "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 120),
     "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 200),
     "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 200),
+    "mcp2221_reports": Target(mcp2221_reports, (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),), 500),
 }  # fmt: skip
