@@ -10,19 +10,20 @@ from __future__ import annotations
 import ctypes
 import errno
 import itertools
-import os
 import sys
 from types import TracebackType
 from typing import Any
 
 import drivers.native_i2c  # noqa: F401  (it imports smbus2)
 from drivers.virtual.hand import VirtualHand
+from drivers.virtual.smbus import Message, messages, refused, take
 from drivers.virtual.usb_backend import Traffic
 
-I2C_FUNCS, I2C_RDWR = 0x0705, 0x0707
+I2C_SLAVE, I2C_FUNCS, I2C_SLAVE_FORCE, I2C_RDWR, I2C_SMBUS = 0x0703, 0x0705, 0x0706, 0x0707, 0x0720
 FLAG_READ = 0x0001
-FUNCS = 0x0EFF0009
-"""I2C_FUNC_I2C and what the kernel emulates with it."""
+FUNCS = 0x0EFF0001
+"""I2C_FUNC_I2C and what the kernel emulates with it, without packet error codes, which are not emulated here."""
+LAST_ADDRESS = 0x7F
 MOST_MESSAGES, MOST_BYTES = 42, 8192
 BUS_HZ = 400_000
 IOCTL_NS = 50_000
@@ -47,6 +48,7 @@ class VirtualI2cDev:
         self._path, self._nack_errno = f"/dev/i2c-{number}", nack_errno
         self._born_ns = hand.clock.now_ns()
         self._opened: dict[int, int] = {}
+        self._addresses: dict[int, int] = {}
         self._generation, self._gone = 0, False
         self._replaced: dict[str, Any] = {}
 
@@ -76,66 +78,86 @@ class VirtualI2cDev:
         if path != self._path:
             return None
         if self._unplugged():
-            raise _error(errno.ENOENT)
+            raise refused(errno.ENOENT)
         if not self.readable:
-            raise _error(errno.EACCES)
+            raise refused(errno.EACCES)
         fd = next(_NUMBERS)
         self._opened[fd] = self._generation
         return fd
 
     def close(self, fd: int) -> bool:
         """Whether it was one of ours."""
+        self._addresses.pop(fd, None)
         return self._opened.pop(fd, None) is not None
 
     def _ioctl(self, fd: int, request: int, argument: Any = 0) -> Any:
         if fd not in self._opened:
             return self._replaced["ioctl"](fd, request, argument)
         if self._unplugged() or self._opened[fd] != self._generation:
-            raise _error(errno.ENODEV)
+            raise refused(errno.ENODEV)
         if request == I2C_FUNCS:
             argument.value = FUNCS
             return 0
+        if request in (I2C_SLAVE, I2C_SLAVE_FORCE):
+            return self._choose(fd, argument)
+        if request == I2C_SMBUS:
+            return self._smbus(argument, self._addresses.get(fd, 0))
         if request != I2C_RDWR:
-            raise _error(errno.ENOTTY)
-        return self._transfer([argument.msgs[k] for k in range(argument.nmsgs)])
+            raise refused(errno.ENOTTY)
+        return self._combined([argument.msgs[k] for k in range(argument.nmsgs)])
+
+    def _choose(self, fd: int, address: int) -> int:
+        """The chip that this file's SMBus calls go to."""
+        if not 0 <= address <= LAST_ADDRESS:
+            raise refused(errno.EINVAL)
+        self._addresses[fd] = address
+        return 0
+
+    def _smbus(self, call: Any, address: int) -> int:
+        brought = self._transfer(messages(call, address))
+        take(call, brought[-1])
+        return 0
+
+    def _combined(self, told: list[Any]) -> int:
+        """I2C_RDWR: how many messages there were, as the kernel returns."""
+        brought = self._transfer([_message(one) for one in told])
+        for message, data in zip(told, brought, strict=True):
+            if message.flags & FLAG_READ:
+                ctypes.memmove(message.buf, data, len(data))
+        return len(told)
 
     # -- the controller
 
-    def _transfer(self, messages: list[Any]) -> int:
-        """Messages with START between and STOP after the last; how many, as the kernel returns."""
+    def _transfer(self, messages: list[Message]) -> list[bytes]:
+        """Messages with START between and STOP after the last; what each has read."""
         self._check(messages)
         self.traffic.transfers += 1
         self.hand.clock.spend(IOCTL_NS)
         self._suffer()
         bits = self.hand.wire.bits
         try:
-            for message in messages:
-                self._carry(message)
+            return [self._carry(message) for message in messages]
         finally:
             self.hand.wire.stop()
             self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / BUS_HZ))
-        return len(messages)
 
-    def _check(self, messages: list[Any]) -> None:
-        if not 0 < len(messages) <= MOST_MESSAGES or any(message.len > MOST_BYTES for message in messages):
-            raise _error(errno.EINVAL)
-        if any(message.flags & FLAG_READ for message in messages[:-1]):
-            raise _error(errno.EOPNOTSUPP)
+    def _check(self, messages: list[Message]) -> None:
+        if not 0 < len(messages) <= MOST_MESSAGES or any(message.length > MOST_BYTES for message in messages):
+            raise refused(errno.EINVAL)
+        if any(message.read is not None for message in messages[:-1]):
+            raise refused(errno.EOPNOTSUPP)
 
-    def _carry(self, message: Any) -> None:
-        wire, read = self.hand.wire, message.flags & FLAG_READ
+    def _carry(self, message: Message) -> bytes:
+        wire, reads = self.hand.wire, message.read is not None
         wire.start()
-        if not wire.write(message.addr << 1 | read):
-            raise _error(self._nack_errno)
-        if read:
-            data = bytes(wire.read() for _ in range(message.len))
-            ctypes.memmove(message.buf, data, len(data))
-            self.traffic.bytes_in += len(data)
-            return
-        for byte in ctypes.string_at(message.buf, message.len):
-            if not wire.write(byte):
-                raise _error(self._nack_errno)
-        self.traffic.bytes_out += message.len
+        if not wire.write(message.address << 1 | reads):
+            raise refused(self._nack_errno)
+        data = bytes(wire.read() for _ in range(message.read or 0))
+        if not all(wire.write(byte) for byte in message.data):
+            raise refused(self._nack_errno)
+        self.traffic.bytes_in += len(data)
+        self.traffic.bytes_out += len(message.data)
+        return data
 
     # -- faults
 
@@ -143,11 +165,11 @@ class VirtualI2cDev:
         self.hand.suffer()
         if self.hand.wire.held_low or self._lasts("late"):
             self.hand.clock.spend(TIMEOUT_NS)
-            raise _error(errno.ETIMEDOUT)
+            raise refused(errno.ETIMEDOUT)
         if self._lasts("stall"):
-            raise _error(errno.EIO)
+            raise refused(errno.EIO)
         if self._lasts("short"):
-            raise _error(errno.EAGAIN)
+            raise refused(errno.EAGAIN)
 
     def _unplugged(self) -> bool:
         gone = self._lasts("unplug")
@@ -179,5 +201,8 @@ class _Os:
         return getattr(self._real, name)
 
 
-def _error(number: int) -> OSError:
-    return OSError(number, os.strerror(number))
+def _message(told: Any) -> Message:
+    """An i2c_msg of smbus2's."""
+    if told.flags & FLAG_READ:
+        return Message(told.addr, read=told.len)
+    return Message(told.addr, ctypes.string_at(told.buf, told.len))
