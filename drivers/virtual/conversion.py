@@ -1,0 +1,188 @@
+"""One conversion of a TMAG5273 as its registers ask for it: channels, temperature, corrections, angle (SYLS045A 7.5.2).
+
+Where the data sheet is silent this does what a driver finds harder: with averaging the temperature costs the time of a
+channel more, and a channel that is off keeps its last result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+from drivers.tmag5273 import RANGES_MT, REGISTERS, conversion_s
+
+X, Y, Z = 0, 1, 2
+SEQUENCES: dict[int, tuple[int, ...]] = {
+    1: (X,), 2: (Y,), 3: (X, Y), 4: (Z,), 5: (X, Z), 6: (Y, Z), 7: (X, Y, Z),
+    8: (X, Y, X), 9: (Y, X, Y), 10: (Y, Z, Y), 11: (X, Z, X),
+}  # fmt: skip
+"""SENSOR_CONFIG_1.MAG_CH_EN: what is converted one after the other; of a channel that comes twice the mean is kept."""
+ANGLE_PAIRS = {1: (X, Y), 2: (Y, Z), 3: (X, Z)}
+"""SENSOR_CONFIG_2.ANGLE_EN."""
+TEMPCO_PER_DEGC = {1: 0.0012, 3: 0.002}
+"""DEVICE_CONFIG_1.MAG_TEMPCO: by how much the gain rises with temperature, from 25 degC on."""
+SLEEP_S = (1e-3, 5e-3, 10e-3, 15e-3, 20e-3, 30e-3, 50e-3, 0.1, 0.5, 1.0, 2.0, 5.0, 20.0)
+"""SENSOR_CONFIG_1.SLEEPTIME."""
+REFERENCE_DEGC, AT_REFERENCE, LSB_PER_DEGC = 25.0, 17508, 60.1
+T_THRESHOLD_FIRST, T_THRESHOLD_FIRST_DEGC, T_THRESHOLD_STEP_DEGC = 0x1A, -41.0, 8.0
+FULL_SCALE = 32768
+CODES_OF_8_BITS = 256
+OFFSET_STEPS = 16
+"""16-bit codes of one step of MAG_OFFSET_CONFIG: 2 / 2^12 of the full scale (equation 16)."""
+ANGLE_STEPS, CIRCLE = 16, 360 * 16
+"""Steps of ANGLE_RESULT in a degree, and in a circle."""
+
+
+def signed(byte: int) -> int:
+    """Two's complement of eight bits."""
+    return byte - 256 if byte & 0x80 else byte
+
+
+def temperature_raw(degc: float) -> int:
+    """Equation 14 turned round: 16 bits."""
+    return round(max(0.0, min(32767.0, AT_REFERENCE + LSB_PER_DEGC * (degc - REFERENCE_DEGC))))
+
+
+def angle_raw(first: int, second: int) -> int:
+    """Of a pair's results: degrees from 0 to 360 in nine bits and sixteenths in four (equation 15)."""
+    return round(ANGLE_STEPS * math.degrees(math.atan2(second, first))) % CIRCLE
+
+
+def magnitude_raw(first: int, second: int) -> int:
+    """Of a pair's results: root of the sum of squares, in codes of 8 bits."""
+    return min(255, int(math.hypot(first, second) / CODES_OF_8_BITS))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the registers ask for. full_ut: of each axis. sleep_s: of wake-and-sleep mode.
+
+    gain, offset: of each axis, applied to the pair of ANGLE_EN; offset in 16-bit codes.
+    """
+
+    sequence: tuple[int, ...]
+    averages: int
+    temperature: bool
+    full_ut: tuple[float, float, float]
+    tempco_per_degc: float = 0.0
+    pair: tuple[int, int] | None = None
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    offset: tuple[int, int, int] = (0, 0, 0)
+    sleep_s: float = 0.0
+    lasts_s: float = field(init=False)
+    axes: tuple[int, ...] = field(init=False)
+    quieter: tuple[float, ...] = field(init=False)
+    """By how much averaging divides the noise of each axis."""
+
+    def __post_init__(self) -> None:
+        channels = len(self.sequence) + (self.temperature and self.averages > 1)
+        told = {
+            "lasts_s": conversion_s(self.averages, channels),
+            "axes": tuple(sorted(set(self.sequence))),
+            "quieter": tuple(math.sqrt(self.averages * max(1, self.sequence.count(axis))) for axis in (X, Y, Z)),
+        }
+        for name, value in told.items():
+            object.__setattr__(self, name, value)
+
+    def raw(self, field_ut: Sequence[float], noise_ut: Sequence[float], degc: float) -> dict[int, int]:
+        """Results of the axes that are on, 16 bits, signed. In plain numbers: an array would cost more than three."""
+        warmer = 1.0 + self.tempco_per_degc * (degc - REFERENCE_DEGC)
+        results = {}
+        for axis in self.axes:
+            share = (warmer * field_ut[axis] + noise_ut[axis] / self.quieter[axis]) / self.full_ut[axis]
+            code = (FULL_SCALE * share + self.offset[axis]) * self.gain[axis]
+            results[axis] = round(max(-32768.0, min(32767.0, code)))
+        return results
+
+    def paired(self, results: dict[int, int]) -> tuple[int, int] | None:
+        """The two results that the angle is made from, or None where it is off or an axis is."""
+        if self.pair is None or not set(self.pair) <= results.keys():
+            return None
+        return results[self.pair[0]], results[self.pair[1]]
+
+
+@lru_cache(maxsize=256)
+def settings(registers: bytes, version: int) -> Settings:
+    """Out of the configuration registers, by address; version 1 or 2 of the chip. Drivers write the same ones often."""
+
+    def read(register: str, name: str) -> int:
+        return REGISTERS[register].read(registers[REGISTERS[register].address], name)
+
+    xy_mt, z_mt = (RANGES_MT[version][read("SENSOR_CONFIG_2", name)] for name in ("X_Y_RANGE", "Z_RANGE"))
+    pair = ANGLE_PAIRS.get(read("SENSOR_CONFIG_2", "ANGLE_EN"))
+    gain, offset = [1.0, 1.0, 1.0], [0, 0, 0]
+    if pair is not None:
+        corrected = pair[read("SENSOR_CONFIG_2", "MAG_GAIN_CH")]
+        gain[corrected] = registers[REGISTERS["MAG_GAIN_CONFIG"].address] / 256 or 1.0
+        for axis, name in zip(pair, ("MAG_OFFSET_CONFIG_1", "MAG_OFFSET_CONFIG_2"), strict=True):
+            offset[axis] = OFFSET_STEPS * signed(registers[REGISTERS[name].address])
+    return Settings(
+        sequence=SEQUENCES.get(read("SENSOR_CONFIG_1", "MAG_CH_EN"), ()),
+        averages=1 << min(read("DEVICE_CONFIG_1", "CONV_AVG"), 5),
+        temperature=bool(read("T_CONFIG", "T_CH_EN")),
+        full_ut=(1e3 * xy_mt, 1e3 * xy_mt, 1e3 * z_mt),
+        tempco_per_degc=TEMPCO_PER_DEGC.get(read("DEVICE_CONFIG_1", "MAG_TEMPCO"), 0.0),
+        pair=pair,
+        gain=(gain[X], gain[Y], gain[Z]),
+        offset=(offset[X], offset[Y], offset[Z]),
+        sleep_s=SLEEP_S[min(read("SENSOR_CONFIG_1", "SLEEPTIME"), len(SLEEP_S) - 1)],
+    )
+
+
+@dataclass(frozen=True)
+class Interrupts:
+    """When a chip in wake-and-sleep mode stays awake: with every result, or where a threshold is crossed.
+
+    thresholds: codes of 8 bits, by axis, 0 for none; both_poles: the same one towards the other pole, too; below:
+    crossed where the field is smaller. crossings: so many results running. hotter_degc: None for no threshold.
+    """
+
+    every_result: bool
+    on_threshold: bool
+    thresholds: tuple[int, int, int]
+    both_poles: bool
+    below: bool
+    crossings: int
+    hotter_degc: float | None
+
+    @property
+    def possible(self) -> bool:
+        """Whether any result could be one."""
+        return self.every_result or (self.on_threshold and (any(self.thresholds) or self.hotter_degc is not None))
+
+    def crossed(self, results: dict[int, int], degc: float) -> bool:
+        """Whether a result is beyond a threshold."""
+        hot = self.hotter_degc is not None and degc > self.hotter_degc
+        return hot or any(self._beyond(result, self.thresholds[axis]) for axis, result in results.items())
+
+    def _beyond(self, result: int, code: int) -> bool:
+        if not code:
+            return False
+        if self.both_poles:
+            result, threshold = abs(result), CODES_OF_8_BITS * (code & 0x7F)
+        else:
+            threshold = CODES_OF_8_BITS * signed(code)
+        return result < threshold if self.below else result > threshold
+
+
+@lru_cache(maxsize=256)
+def interrupts(registers: bytes) -> Interrupts:
+    """Out of the configuration registers, by address."""
+
+    def read(register: str, name: str) -> int:
+        return REGISTERS[register].read(registers[REGISTERS[register].address], name)
+
+    x, y, z = (registers[REGISTERS[f"{axis}_THR_CONFIG"].address] for axis in "XYZ")
+    steps = read("T_CONFIG", "T_THR") - T_THRESHOLD_FIRST
+    hot = read("T_CONFIG", "T_THR") and read("T_CONFIG", "T_CH_EN")
+    return Interrupts(
+        every_result=bool(read("INT_CONFIG_1", "RSLT_INT")),
+        on_threshold=bool(read("INT_CONFIG_1", "THRSLD_INT")),
+        thresholds=(x, y, z),
+        both_poles=read("DEVICE_CONFIG_2", "THR_HYST") == 1,
+        below=bool(read("SENSOR_CONFIG_2", "MAG_THR_DIR")),
+        crossings=4 if read("SENSOR_CONFIG_2", "THRX_COUNT") else 1,
+        hotter_degc=T_THRESHOLD_FIRST_DEGC + T_THRESHOLD_STEP_DEGC * steps if hot else None,
+    )
