@@ -1,13 +1,29 @@
-"""One TMAG5273 made ready: woken, identified, moved to an address of its own, configured, read back."""
+"""One TMAG5273 made ready: woken, identified, moved to an address of its own, configured, read back.
+
+Nothing is written to an address before a TMAG5273 has identified itself there. A register read is a read, though it
+sends the register's number: that sets a pointer in every chip that has registers.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from drivers.bus import Bus, Transfer
 from drivers.layout import Finger
-from drivers.tmag5273 import GENERAL_CALL, MANUFACTURER_ID, RANGES_MT, REGISTERS, Setup
+from drivers.tmag5273 import (
+    CHECKED_BYTES,
+    MANUFACTURER_ID,
+    PACKET_BYTES,
+    RANGES_MT,
+    REGISTERS,
+    RESERVED_STATUS,
+    RESULTS,
+    TRIGGER,
+    Setup,
+    conversion_s,
+    packet,
+    packet_crc,
+)
 from edge_runtime.errors import DeviceNotFound, WrongDevice
 
 WAKE_S = 100e-6
@@ -15,56 +31,112 @@ READ_BACK = 9
 """Registers from 0 on that hold a configuration."""
 CONFIG, IDENTITY = REGISTERS["DEVICE_CONFIG_1"].address, REGISTERS["I2C_ADDRESS"].address
 STATUS, DEVICE = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
+PACKETS_LOOKED_AT = 12
+CRCS_TO_AGREE = 6
+COUNTS_TO_SEE = 4
+CONVERTED = 0x01
+"""The lower five bits of CONV_STATUS after a conversion: RESULT_STATUS, and nothing wrong."""
+LONGEST_CONVERSION_S = conversion_s(32)
+
+Pause = Callable[[float], None]
 
 
-def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Callable[[float], None]) -> int:
+def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Pause, *, known: bool = False) -> int:
     """Make a finger's chip ready; its channel is joined already. Returns its version, 1 or 2.
+
+    known: a chip of ours has identified itself there before, so that it may be written to at once.
 
     Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not keep its
     configuration, and what the bridge raises.
     """
-    plain = dict(replace(setup, burst=False).registers())
+    plain = dict(setup.plain.registers())
     if finger.moved is not None:
-        _move(bus, finger.address, finger.moved, pause)
-    version = identify(bus, finger.read_at, pause, plain[CONFIG])
+        _move(bus, finger.address, finger.moved, pause, known=known)
+    version = identify(bus, finger.read_at, pause, plain[CONFIG], known=known)
     _configure(bus, finger.read_at, plain)
-    if setup.burst:
+    if setup.packets:
         bus.scan([Transfer(finger.read_at, bytes([CONFIG, dict(setup.registers())[CONFIG]]))])
     return version
 
 
-def configure_all(bus: Bus, setup: Setup) -> None:
-    """The same configuration to every chip that is joined, by general call; whether it was kept, bring_up sees."""
-    bus.scan([Transfer(GENERAL_CALL, bytes(one)) for one in replace(setup, burst=False).registers()])
-
-
-def identify(bus: Bus, address: int, pause: Callable[[float], None], config: int = 0) -> int:
+def identify(bus: Bus, address: int, pause: Pause, config: int = 0, *, known: bool = False) -> int:
     """Wake the chip and see that it is one: its version. Raises DeviceNotFound, WrongDevice.
 
-    The first write wakes a sleeping chip, which does not acknowledge it, and takes one that was left in 1-byte
-    mode (its last driver died) back to registers; config: what it writes to DEVICE_CONFIG_1.
+    Only a chip that was left in 1-byte mode is written to, once its packets have told that it is one, or at once where
+    it is known: config goes to its DEVICE_CONFIG_1, and its registers can be read again.
     """
-    wake = Transfer(address, bytes([CONFIG, config]))
-    bus.scan([wake])
-    pause(WAKE_S)
-    woken, identity = bus.scan([wake, Transfer(address, bytes([IDENTITY]), 4)])
-    if not woken.acked or not identity.acked:
-        raise DeviceNotFound("does not answer", where=f"{address:#04x}", cause="no power, or a broken wire")
-    maker, version = int.from_bytes(identity.data[2:4], "little"), identity.data[1] & 3
-    if maker != MANUFACTURER_ID or version not in RANGES_MT:
+    registers = Transfer(address, bytes([CONFIG, config]))
+    if known and not bus.scan([registers])[0].acked:
+        pause(WAKE_S)
+        bus.scan([registers])
+    answer = _identity(bus, address, pause)
+    if _version(answer) is None and _sends_packets(bus, address, pause):
+        bus.scan([registers])
+        answer = _identity(bus, address, pause)
+    version = _version(answer)
+    if version is None:
+        maker = int.from_bytes(answer[2:4], "little")
         raise WrongDevice(
-            f"maker {maker:#06x}, version {version}: no TMAG5273", where=f"{address:#04x}",
-            cause="another chip at this address, or two at once", next_step="holdfast scan",
+            f"maker {maker:#06x}, version {answer[1] & 3}: no TMAG5273", where=f"{address:#04x}",
+            cause="another chip at this address, two at once, or one that another program left in 1-byte mode",
+            next_step="holdfast scan, or switch its power off and on",
         )  # fmt: skip
     return version
 
 
-def _move(bus: Bus, factory: int, moved: int, pause: Callable[[float], None]) -> None:
+def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
+    """Four registers from I2C_ADDRESS on. A sleeping chip does not acknowledge the read that wakes it."""
+    ask = Transfer(address, bytes([IDENTITY]), 4)
+    reply = bus.scan([ask])[0]
+    if not reply.acked:
+        pause(WAKE_S)
+        reply = bus.scan([ask])[0]
+    if not reply.acked:
+        raise DeviceNotFound("does not answer", where=f"{address:#04x}", cause="no power, or a broken wire")
+    return reply.data
+
+
+def _version(identity: bytes) -> int | None:
+    """1 or 2 of a TMAG5273, None of another chip."""
+    maker, version = int.from_bytes(identity[2:4], "little"), identity[1] & 3
+    return version if maker == MANUFACTURER_ID and version in RANGES_MT else None
+
+
+def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
+    """Whether a TMAG5273 in 1-byte mode answers, told by a dozen register reads.
+
+    It answers its packet, whatever register is asked for: its CRC fits them all, or its status has the bits of a good
+    conversion in each and a count that goes on. The highest bit of the register number starts a conversion in a chip
+    that waits for one.
+    """
+    asked = [Transfer(address, bytes([number]), CHECKED_BYTES) for number in (IDENTITY, TRIGGER | RESULTS)]
+    packets: list[bytes] = []
+    for k in range(PACKETS_LOOKED_AT):
+        packets.append(bus.scan([asked[k % 2]])[0].data)
+        if len(packets[-1]) != CHECKED_BYTES or packets[-1][PACKET_BYTES - 1] & RESERVED_STATUS:
+            return False
+        pause(LONGEST_CONVERSION_S)
+    return _crcs_agree(address, packets) or _counts_go_on(packets)
+
+
+def _crcs_agree(address: int, packets: list[bytes]) -> bool:
+    """Whether every packet's CRC fits, or is off by the same bits, and they are not one and the same packet."""
+    different = set(packets)
+    offsets = {one[-1] ^ packet_crc(address, one[:-1]) for one in different}
+    return len(offsets) == 1 and len(different) >= CRCS_TO_AGREE
+
+
+def _counts_go_on(packets: list[bytes]) -> bool:
+    found = [packet(one[:PACKET_BYTES]) for one in packets]
+    return all(one.status & 0x1F == CONVERTED for one in found) and len({o.set_count for o in found}) >= COUNTS_TO_SEE
+
+
+def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> None:
     """Give a chip an address of its own, unless it still has it from before. Raises as identify does."""
     try:
-        identify(bus, moved, pause)
+        identify(bus, moved, pause, known=known)
     except DeviceNotFound:
-        identify(bus, factory, pause)
+        identify(bus, factory, pause, known=known)
         bus.scan([Transfer(factory, bytes([IDENTITY, moved << 1 | 1]))])
 
 

@@ -7,10 +7,14 @@ bridge that does not answer, which is a DeviceError.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
+from edge_runtime.errors import BusStuck
+
+MOST_CLEARS = 9
+"""A chip may hold SDA low behind each of a mux's eight channels, and only while that is joined."""
 
 @dataclass(frozen=True)
 class Transfer:
@@ -49,3 +53,19 @@ class Bus(Protocol):
     def close(self) -> None:
         """Give the bridge back; twice does no harm."""
         ...
+
+
+Result = TypeVar("Result")
+
+
+def freeing(bus: Bus, action: Callable[[], Result]) -> Result:
+    """Do the action; where a chip holds the bus low, free the bus and do it again from its start.
+
+    Raises BusStuck where the bus cannot be freed, and what the action raises.
+    """
+    for _ in range(MOST_CLEARS):
+        try:
+            return action()
+        except BusStuck:
+            bus.clear()
+    return action()

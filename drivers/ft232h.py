@@ -26,7 +26,8 @@ EMPTY_READS = 100
 
 VENDOR_OUT, INTERFACE_A = 0x40, 1
 SIO_RESET, SIO_LATENCY, SIO_BITMODE = 0x00, 0x09, 0x0B
-PURGE_RX, PURGE_TX = 1, 2
+PURGE_SENT, PURGE_ANSWERS = 1, 2
+"""What the host sent and what waits for the host. The chip's names are its own: what it receives is what we send."""
 MPSSE_MODE = 0x0200
 LATENCY_MS = 1
 
@@ -43,7 +44,8 @@ DRIVEN = SCL | SDA
 HOLD = 4
 """A pin write is repeated so often, for the times that START and STOP must hold."""
 MASTER_HZ = 60e6
-FASTEST_HZ = 1_000_000
+SLOWEST_HZ, FASTEST_HZ = 10_000, 1_000_000
+"""Slower, a scan would outlast the reads that wait for it; and below 306 Hz the divider has no bits left."""
 
 
 def _pins(levels: int, times: int = HOLD) -> bytes:
@@ -56,16 +58,23 @@ RELEASE = _pins(SDA, 1)
 """SCL low, SDA free: for whoever talks next."""
 ACK, NACK = bytes([WRITE_BITS, 0, 0x00]), bytes([WRITE_BITS, 0, 0xFF])
 CLOCKS = (_pins(SDA) + _pins(SCL | SDA)) * 9
+SDA_PULSE = _pins(SDA) + _pins(0) + bytes([GET_LOW_PINS]) + _pins(SDA) + _pins(SCL | SDA)
+"""SDA low for a moment, looked at, while SCL is low."""
 
 
 class Ft232h:
-    """An I2C bus behind an FT232H. bus_hz: up to 1 MHz; number: of the FT232Hs on USB."""
+    """An I2C bus behind an FT232H. bus_hz: 10 kHz to 1 MHz; number: of the FT232Hs on USB.
+
+    Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed, or BusStuck where SDA is not wired.
+    """
 
     name = "ft232h"
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
-        if not 0 < bus_hz <= FASTEST_HZ:
-            raise UsageError(f"{bus_hz} Hz is no speed of the bus", next_step=f"up to {FASTEST_HZ} Hz")
+        if not SLOWEST_HZ <= bus_hz <= FASTEST_HZ:
+            raise UsageError(
+                f"bus_hz={bus_hz} is not a bus speed of the {self.name}", next_step=f"{SLOWEST_HZ} .. {FASTEST_HZ} Hz"
+            )
         self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
         self._turn, self._doubtful = 0, True
         self._port = UsbPort(self.name, FT232H_IDS, backend, number=number)
@@ -83,13 +92,14 @@ class Ft232h:
         return replies
 
     def clear(self) -> None:
-        """Nine clocks and a STOP. Raises BusStuck."""
+        """Nine clocks and a STOP. Raises BusStuck where SCL or SDA stays low after them."""
         self._begin()
         pins = self._ask(CLOCKS + STOP + bytes([GET_LOW_PINS]), 1)[0]
-        if not pins & SDA_IN:
+        low = [name for name, pin in (("SCL", SCL), ("SDA", SDA_IN)) if not pins & pin]
+        if low:
             raise BusStuck(
-                "SDA stays low after nine clocks", where=self.name,
-                cause="a sensor without power, a short, or AD1 and AD2 not tied together",
+                f"{' and '.join(low)} low even after nine clocks", where=self.name,
+                cause="a sensor without supply, a short, pull-ups missing, or SDA and SCL swapped",
                 next_step="switch the sensors' power off and on",
             )  # fmt: skip
 
@@ -99,7 +109,7 @@ class Ft232h:
 
     def _begin(self) -> None:
         """Reset the engine, and see that it answers."""
-        for value in (0, PURGE_RX, PURGE_TX):
+        for value in (0, PURGE_SENT, PURGE_ANSWERS):
             self._port.control_out(VENDOR_OUT, SIO_RESET, value, INTERFACE_A)
         self._port.control_out(VENDOR_OUT, SIO_LATENCY, LATENCY_MS, INTERFACE_A)
         self._port.control_out(VENDOR_OUT, SIO_BITMODE, 0, INTERFACE_A)
@@ -108,6 +118,19 @@ class Ft232h:
         self._ask(b"", 0)
         divider = bytes([DIVIDER, self._divider & 0xFF, self._divider >> 8])
         self._port.write(OUT_ENDPOINT, SETUP + divider + _pins(SCL | SDA))
+        self._check_wiring()
+
+    def _check_wiring(self) -> None:
+        """Pull SDA low by AD1 and see it by AD2, SCL low meanwhile: no chip takes that for a START or a STOP.
+
+        A line that is not tied reads high, so that no chip ever seems to acknowledge. Raises BusStuck.
+        """
+        pins = self._ask(SDA_PULSE, 1)[0]
+        if pins & SDA_IN:
+            raise BusStuck(
+                "SDA cannot be read back", where=self.name, cause="AD1 and AD2 are not tied together",
+                next_step="wire AD1 and AD2 both to SDA",
+            )  # fmt: skip
 
     def _carry(self, transfers: Sequence[Transfer]) -> list[Reply]:
         commands = b"".join(_commands(transfer) for transfer in transfers)
@@ -128,7 +151,8 @@ class Ft232h:
         Marks take turns, so a late answer to an earlier question is never taken for this one's.
         """
         if self._doubtful:
-            self._port.control_out(VENDOR_OUT, SIO_RESET, PURGE_RX, INTERFACE_A)
+            for value in (PURGE_SENT, PURGE_ANSWERS):
+                self._port.control_out(VENDOR_OUT, SIO_RESET, value, INTERFACE_A)
             self._port.drain(IN_ENDPOINT, PACKET, empty=STATUS_BYTES)
         self._doubtful = True
         self._turn = 1 - self._turn

@@ -2,35 +2,54 @@
 
 Or each is given an address of its own at bring-up, behind its channel, and then all channels are joined at once: a
 scan that never switches. Such an address is lost with the chip's power, and given again.
+
+A layout in a URL is a name (`mux`, `mux@71` for a mux at 0x71), or a place for each finger:
+
+    35              0x35, straight on the bus
+    1:35            0x35 on channel 1 of the mux at 0x70
+    71/1:35         0x35 on channel 1 of the mux at 0x71
+    1:35>50         the same on 0x70, given the address 0x50 at start
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from drivers.bus import Transfer
 from edge_runtime.errors import UsageError
 
-MUX_ADDRESS = 0x70
+MUX_ADDRESSES = range(0x70, 0x78)
+MUX_ADDRESS = MUX_ADDRESSES[0]
 """Of a TCA9548A with its address pins at ground."""
+CHANNELS = range(8)
+
+Channel = tuple[int, int]
+"""Address of a mux, and number of its channel."""
+Masks = Mapping[int, int]
+"""Address of a mux -> the channels that it joins, one bit each."""
 
 
 @dataclass(frozen=True)
 class Finger:
-    """Where a fingertip answers: its factory address, behind a channel of the mux or straight on the bus.
+    """Where a fingertip answers: its factory address, behind a channel of a mux or straight on the bus.
 
-    moved: the address it is given at bring-up, and read at from then on.
+    moved: the address it is given at bring-up, and read at from then on. mux: the address of its mux.
     """
 
     address: int
     channel: int | None = None
     moved: int | None = None
+    mux: int = MUX_ADDRESS
 
     @property
     def read_at(self) -> int:
         """The address it is read at."""
         return self.address if self.moved is None else self.moved
+
+    @property
+    def behind(self) -> frozenset[Channel]:
+        """Its own channel; nothing where it is straight on the bus."""
+        return frozenset() if self.channel is None else frozenset({(self.mux, self.channel)})
 
 
 LAYOUTS: dict[str, tuple[Finger, ...]] = {
@@ -46,31 +65,47 @@ LAYOUTS: dict[str, tuple[Finger, ...]] = {
 
 
 def read_layout(text: str) -> tuple[Finger, ...]:
-    """A layout by name, or as channel:address>moved of every finger. Raises UsageError.
+    """A layout by name, or a place for each finger (see above). Raises UsageError.
 
-    >>> read_layout("1:35,22,0:35>50")[1:]
-    (Finger(address=34, channel=None, moved=None), Finger(address=53, channel=0, moved=80))
+    >>> read_layout("1:35,22,72/0:35>50")[1:]
+    (Finger(address=34, channel=None, moved=None, mux=112), Finger(address=53, channel=0, moved=80, mux=114))
+    >>> read_layout("mux@71")[5]
+    Finger(address=34, channel=1, moved=None, mux=113)
     """
-    if text in LAYOUTS:
-        return LAYOUTS[text]
+    name, at, mux = text.partition("@")
     try:
+        if name in LAYOUTS:
+            return tuple(replace(one, mux=_mux(mux)) for one in LAYOUTS[name]) if at else LAYOUTS[name]
         fingers = tuple(_finger(one) for one in text.split(","))
     except ValueError:
         raise UsageError(
-            f"{text!r} is no layout", next_step=f"one of {', '.join(LAYOUTS)}, or channel:address,.. such as 0:35,1:35"
+            f"{text!r} is no layout",
+            next_step=f"one of {', '.join(LAYOUTS)}, such a name@71 for another mux, or mux/channel:address,.. such as "
+            "0:35,1:35 or 71/0:35,71/1:35",
         ) from None
-    places, own = [(one.channel, one.address) for one in fingers], [one.moved for one in fingers if one.moved]
-    if len(set(places)) < len(places) or len(set(own)) < len(own) or {one.address for one in fingers} & {*own}:
-        raise UsageError(f"{text!r}: two fingers at one place", next_step="give each its own address or channel")
+    _check(text, fingers)
     return fingers
 
 
+def _check(text: str, fingers: Sequence[Finger]) -> None:
+    places, own = [(one.behind, one.address) for one in fingers], [one.moved for one in fingers if one.moved]
+    read_at = {one.read_at for one in fingers}
+    if len(set(places)) < len(places) or len(set(own)) < len(own) or {one.address for one in fingers} & {*own}:
+        raise UsageError(f"{text!r}: two fingers at one place", next_step="give each its own address or channel")
+    if taken := (read_at | {one.address for one in fingers}) & muxes_of(fingers):
+        raise UsageError(f"{text!r}: a finger at a mux's address, {min(taken):#04x}", next_step="give it another")
+
+
 def _finger(text: str) -> Finger:
-    channel, _, place = text.rpartition(":")
+    where, _, place = text.rpartition(":")
+    mux, _, channel = where.rpartition("/")
     address, _, moved = place.partition(">")
-    if channel and not 0 <= int(channel) < 8:
-        raise ValueError(channel)
-    return Finger(_address(address), int(channel) if channel else None, _address(moved) if moved else None)
+    if (channel and int(channel) not in CHANNELS) or (mux and not channel):
+        raise ValueError(where)
+    return Finger(
+        _address(address), int(channel) if channel else None, _address(moved) if moved else None,
+        _mux(mux) if mux else MUX_ADDRESS,
+    )  # fmt: skip
 
 
 def _address(text: str) -> int:
@@ -79,15 +114,28 @@ def _address(text: str) -> int:
     return int(text, 16)
 
 
-def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[int]:
+def _mux(text: str) -> int:
+    if int(text, 16) not in MUX_ADDRESSES:
+        raise ValueError(text)
+    return int(text, 16)
+
+
+def muxes_of(fingers: Sequence[Finger]) -> frozenset[int]:
+    """Addresses of the muxes that fingers are behind."""
+    return frozenset(one.mux for one in fingers if one.channel is not None)
+
+
+def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]:
     """Channels joined while a finger is read: its own, or those of all that were moved.
 
     A chip that lost its power answers at its factory address again: it then meets no finger that is read there.
     """
-    behind = {finger.channel} if finger.moved is None else {one.channel for one in fingers if one.moved is not None}
-    return frozenset(channel for channel in behind if channel is not None)
+    if finger.moved is None:
+        return finger.behind
+    return frozenset().union(*(one.behind for one in fingers if one.moved is not None))
 
 
-def joined(channels: Iterable[int]) -> Transfer:
-    """The transfer that joins these channels of the mux and parts all others."""
-    return Transfer(MUX_ADDRESS, bytes([sum(1 << channel for channel in channels)]))
+def masks_of(channels: frozenset[Channel], muxes: frozenset[int]) -> dict[int, int]:
+    """The mask of each mux that joins these channels and no others; those with nothing to join come first."""
+    masks = {mux: sum(1 << number for at, number in channels if at == mux) for mux in muxes}
+    return dict(sorted(masks.items(), key=lambda item: (item[1] != 0, item[0])))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -110,6 +110,10 @@ RESULTS = REGISTERS["X_MSB_RESULT"].address
 """Seven bytes from here: x, y, z (big-endian) and CONV_STATUS."""
 LAYOUT = struct.Struct(">3hB")
 PACKET_BYTES = LAYOUT.size
+CHECKED_BYTES = PACKET_BYTES + 1
+"""The same and a CRC, where a chip sends one (1-byte reads with CRC_EN)."""
+RESERVED_STATUS = 0x0C
+"""Bits of CONV_STATUS that are always 0."""
 
 
 def conversion_s(averages: int, axes: int = 3) -> float:
@@ -140,6 +144,16 @@ def temperature_degc(raw: int) -> float:
     return 25.0 + (raw - 17508) / 60.1
 
 
+def _shifted(byte: int) -> int:
+    """Eight steps of the CRC's shift register."""
+    for _ in range(8):
+        byte = (byte << 1 ^ 0x07 if byte & 0x80 else byte << 1) & 0xFF
+    return byte
+
+
+CRC_TABLE = bytes(_shifted(byte) for byte in range(256))
+
+
 def crc8(data: bytes) -> int:
     """x^8 + x^2 + x + 1, begun with 0xFF (section 7.5.3.3).
 
@@ -148,10 +162,17 @@ def crc8(data: bytes) -> int:
     """
     crc = 0xFF
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x07 if crc & 0x80 else crc << 1) & 0xFF
+        crc = CRC_TABLE[crc ^ byte]
     return crc
+
+
+def packet_crc(address: int, data: bytes) -> int:
+    """The CRC of a packet from a chip at this address: over the address byte of the read, then the packet.
+
+    >>> hex(packet_crc(0x35, bytes(7)))
+    '0xc4'
+    """
+    return crc8(bytes([address << 1 | 1]) + data)
 
 
 @dataclass(frozen=True)
@@ -160,6 +181,7 @@ class Setup:
 
     One-byte reads are shorter (no register byte), but then no register can be read back any more.
     together: all chips convert at one moment, when a general call asks them to; otherwise each at its own times.
+    crc: a CRC after each packet, which only 1-byte reads have for all of it: it implies them.
     """
 
     averages: int = 32
@@ -167,13 +189,25 @@ class Setup:
     wide_z: bool = True
     burst: bool = False
     together: bool = False
+    crc: bool = False
+
+    @property
+    def packets(self) -> bool:
+        """Whether 1-byte reads are on."""
+        return self.burst or self.crc
+
+    @property
+    def plain(self) -> Setup:
+        """The same with register reads, which a read-back needs."""
+        return replace(self, burst=False, crc=False)
 
     def registers(self) -> list[tuple[int, int]]:
         """(address, byte) in the order to write: the reads' format last but one, the operating mode last."""
         one = REGISTERS
         config = one["DEVICE_CONFIG_1"].value(
-            MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1, I2C_RD=BURST_16 if self.burst else REGISTER_READS
-        )
+            CRC_EN=int(self.crc), MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1,
+            I2C_RD=BURST_16 if self.packets else REGISTER_READS,
+        )  # fmt: skip
         mode = STANDBY if self.together else CONTINUOUS
         ranges = one["SENSOR_CONFIG_2"].value(X_Y_RANGE=int(self.wide_xy), Z_RANGE=int(self.wide_z))
         return [

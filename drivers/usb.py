@@ -74,14 +74,14 @@ class UsbPort:
 
     def write(self, endpoint: int, data: bytes, timeout_ms: int = TIMEOUT_MS) -> None:
         """All of the data out. Raises TransferFailed, DeviceLost."""
-        with named_errors(self.name):
+        with self._unhalting(endpoint):
             sent = self.device.write(endpoint, data, timeout_ms)
         if sent != len(data):
             raise TransferFailed(f"{sent} of {len(data)} bytes went out", where=self.name)
 
     def read(self, endpoint: int, length: int, timeout_ms: int = TIMEOUT_MS) -> bytes:
-        """What one transfer brings, at most length bytes."""
-        with named_errors(self.name):
+        """What one transfer brings, at most length bytes. Raises TransferFailed, DeviceLost."""
+        with self._unhalting(endpoint):
             return bytes(self.device.read(endpoint, length, timeout_ms))
 
     def control_out(
@@ -116,6 +116,16 @@ class UsbPort:
         """End the stall of an endpoint."""
         with named_errors(self.name):
             self.device.clear_halt(endpoint)
+
+    @contextmanager
+    def _unhalting(self, endpoint: int) -> Iterator[None]:
+        """Typed errors; an endpoint that stalls stays halted until the host clears it, so it is cleared at once."""
+        try:
+            with named_errors(self.name):
+                yield
+        except Stalled:
+            self.clear_halt(endpoint)
+            raise
 
     def reset(self) -> None:
         """Reset the device on its USB port and claim it again."""

@@ -6,8 +6,8 @@
               &fault=nack:3@1.5+0.2           (drivers/virtual/faults.py)
     any other source                          a recording or a scene, at the pace it was recorded at
 
-A hand also takes layout=mux (drivers/layout.py), averages=32, burst=1 (shorter reads) and together=1 (all fingers
-convert at one moment, when asked).
+A hand also takes layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without CRC is refused; off: nothing
+is checked), burst=1 (shorter reads without CRC) and together=1 (all fingers convert at one moment, when asked).
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import parse_qs
 
 import numpy as np
 
 from drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
 from drivers.bus import Bus
-from drivers.hand import Hand
+from drivers.hand import Crc, Hand
 from drivers.layout import read_layout
 from drivers.live_hand import LiveHand
 from drivers.paced import Paced
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from simulation.scene import Told as SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
-HAND_KEYS = ("layout", "averages", "burst", "together", "bus_hz", "number")
+HAND_KEYS = ("layout", "averages", "crc", "burst", "together", "bus_hz", "number")
+CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
 """A scene's field is simulated so often for the virtual chips, which convert it at their own times."""
@@ -99,6 +100,12 @@ def open_bus(url: str, clock: Any) -> Bus:
     return _opener(told, clock)()
 
 
+def named_addresses(url: str) -> frozenset[int]:
+    """Where a URL's layout says that its fingers answer. Raises UsageError."""
+    layout = read_layout(_taken_apart(url).text("layout", "mux"))
+    return frozenset(address for one in layout for address in (one.address, one.read_at))
+
+
 def _opener(told: Told, clock: Any) -> Callable[[], Bus]:
     """What opens the bridge, now and after it was lost."""
     _known(told, VIRTUAL_KEYS if told.scheme == "virtual" else HAND_KEYS)
@@ -130,16 +137,16 @@ def _started(
     averages = told.number("averages", 32)
     if averages not in (1, 2, 4, 8, 16, 32):
         raise UsageError(f"averages={averages} is not what the chip has", next_step="1, 2, 4, 8, 16 or 32")
+    crc = told.text("crc", "auto")
+    if crc not in CRC_WORDS:
+        raise UsageError(f"crc={crc[:40]!r} is not known", next_step=f"crc={' or crc='.join(CRC_WORDS)}")
     hand = Hand(
         open_bus, read_layout(told.text("layout", "mux")), now_ns=clock.now_ns, say=say,
+        crc=cast("Crc", crc),
         setup=Setup(averages, burst=bool(told.number("burst", 0)), together=bool(told.number("together", 0))),
         pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
     )  # fmt: skip
-    try:
-        hand.start()
-    except BaseException:
-        hand.close()
-        raise
+    hand.start()
     return LiveHand(hand, to_force)
 
 
@@ -147,16 +154,20 @@ def _virtual(told: Told, clock: Any) -> VirtualHand:
     from drivers.virtual.faults import read_fault
     from drivers.virtual.hand import LAYOUTS, VirtualHand
 
-    if told.text("layout", "mux") not in LAYOUTS:
+    layout = told.text("layout", "mux")
+    name = layout.partition("@")[0]
+    if name not in LAYOUTS:
         raise UsageError("a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}")
     seed = told.number("seed", 0)
-    return VirtualHand(
+    hand = VirtualHand(
         clock,
         track=_track(told.text("scene", ""), seed, told.number("trial", 0)),
-        layout=told.text("layout", "mux"),
+        layout=name,
         seed=seed,
         faults=[read_fault(text) for text in told.options.get("fault", [])],
     )
+    hand.mux.address = read_layout(layout)[0].mux
+    return hand
 
 
 def _track(scene: str, seed: int, trial: int) -> Any:

@@ -7,11 +7,12 @@ import time
 
 from drivers.bridges import BRIDGES, bridges_on_usb
 from drivers.bus import Bus, Transfer
-from drivers.layout import joined, read_layout
+from drivers.layout import masks_of, muxes_of, read_layout
+from drivers.mux import joined
 from drivers.scanning import as_layout, look_at
 from drivers.tmag5273 import PACKET_BYTES, RESULTS
 from edge_runtime.errors import DeviceNotFound
-from holdfast.live_sources import open_bus
+from holdfast.live_sources import named_addresses, open_bus
 from holdfast.run import RunClock
 
 TIMED_SCANS = 20
@@ -23,7 +24,9 @@ SPARE = 0.8
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument(
-        "url", nargs="?", metavar="URL", help="usb://ft232h, i2c://1, virtual://ft232h (default: every bridge on USB)"
+        "url", nargs="?", metavar="URL",
+        help="usb://ft232h, i2c://1, virtual://ft232h (default: every bridge on USB); it only reads, until a sensor or "
+        "a mux has identified itself",
     )
 
 
@@ -46,10 +49,12 @@ def scan(url: str) -> None:
     bus = open_bus(url, clock)
     try:
         print(url)
-        found = look_at(bus, lambda seconds: clock.spend(round(1e9 * seconds)))
+        found = look_at(bus, lambda seconds: clock.spend(round(1e9 * seconds)), named_addresses(url))
+        several = sum(one.what.startswith("mux") for one in found) > 1
         for one in found:
-            place = f"{one.address:#04x}" if one.channel is None else f"channel {one.channel}, {one.address:#04x}"
-            print(f"  {place:<18}{one.what:<28}{one.trouble}".rstrip())
+            behind = "" if one.channel is None else f"channel {one.channel}, "
+            place = f"{f'mux {one.mux:#04x}, ' if behind and several else ''}{behind}{one.address:#04x}"
+            print(f"  {place:<{30 if several else 18}}{one.what:<28}{one.trouble}".rstrip())
         if layout := as_layout(found):
             print(f"  {len(layout.split(','))} sensors: layout={layout} (put them in the order of the fingers)")
             print(f"  {rate_line(bus, layout)}")
@@ -61,11 +66,12 @@ def scan(url: str) -> None:
 
 def rate_line(bus: Bus, layout: str) -> str:
     """How long a scan of these sensors takes here, and which models that serves."""
-    transfers, channel = [], None
-    for finger in read_layout(layout):
-        if finger.channel is not None and finger.channel != channel:
-            transfers.append(joined({finger.channel}))
-            channel = finger.channel
+    transfers, behind = [], frozenset[tuple[int, int]]()
+    fingers = read_layout(layout)
+    for finger in fingers:
+        if finger.behind not in (frozenset(), behind):
+            behind = finger.behind
+            transfers += [joined(mux, mask) for mux, mask in masks_of(behind, muxes_of(fingers)).items()]
         transfers.append(Transfer(finger.address, bytes([RESULTS]), PACKET_BYTES))
     times = []
     for _ in range(TIMED_SCANS):

@@ -20,7 +20,10 @@ OF_A_SENSOR = {
     "wrong": "another chip answers at its address",
     "diag": "reports that its own diagnosis failed",
 }
-OF_THE_BUS = {"stuck": "SDA is held low until nine clocks are given"}
+OF_THE_BUS = {
+    "stuck": "SDA is held low until nine clocks are given",
+    "noise": "flips one bit in ten thousand on the wire, whoever sends it",
+}
 OF_THE_BRIDGE = {
     "stall": "answers a transfer with STALL",
     "late": "lets a transfer time out and answers it afterwards",

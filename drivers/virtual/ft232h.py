@@ -16,6 +16,8 @@ TRANSFER_NS = 125_000
 """A transfer takes at least a microframe."""
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY, SIO_BITMODE, SIO_GET_PINS = 0x00, 0x09, 0x0A, 0x0B, 0x0C
+PURGE_SENT, PURGE_ANSWERS = 1, 2
+"""Values of SIO_RESET: 1 clears what the host sent (libftdi's SIO_TCOFLUSH), 2 what waits for it; 0 clears both."""
 MPSSE = 2
 SET_PINS = 0x80
 LENGTHS = dict.fromkeys((SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3) | {0x22: 2, 0x26: 2}
@@ -210,9 +212,11 @@ class VirtualFt232h(Device):
 
     def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
         """FTDI's own requests; those for the serial port are taken and ignored."""
-        if request == SIO_RESET and value in (0, 1, 2):
-            self._answers = bytearray() if value != 2 else self._answers
-            self._commands = b"" if value != 1 else self._commands
+        if request == SIO_RESET and value in (0, PURGE_SENT, PURGE_ANSWERS):
+            if value != PURGE_ANSWERS:
+                self._commands = b""
+            if value != PURGE_SENT:
+                self._answers = bytearray()
         elif request == SIO_LATENCY:
             self._latency_ms = value & 0xFF
         elif request == SIO_BITMODE:

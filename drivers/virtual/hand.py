@@ -11,7 +11,7 @@ from drivers.tmag5273 import FACTORY_ADDRESSES
 from drivers.virtual.chip import Chip, Field
 from drivers.virtual.clock import Clock
 from drivers.virtual.faults import Fault, Faults
-from drivers.virtual.wire import Mux, Target, Wire
+from drivers.virtual.wire import Mux, Noise, Target, Wire
 from edge_runtime.contract import FloatArray
 
 A, B, C, D = FACTORY_ADDRESSES
@@ -21,6 +21,8 @@ LAYOUTS: dict[str, tuple[tuple[int, int], ...]] = {
     "moved": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
 }
 """Channel of the mux and factory address of each finger: two channels shared, or one finger each."""
+BIT_ERROR_RATE = 1e-4
+"""Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
 """The field of a resting magnet."""
 
@@ -76,7 +78,7 @@ class VirtualHand:
         for chip, (channel, _) in zip(self.chips, LAYOUTS[layout], strict=True):
             channels[channel].append(chip)
         self.mux = Mux(channels)
-        self.wire = Wire([self.mux])
+        self.wire, self._noise = Wire([self.mux]), Noise(BIT_ERROR_RATE)
 
     def power_off(self) -> None:
         """Power goes and comes back: everything on the wire begins anew."""
@@ -87,8 +89,10 @@ class VirtualHand:
 
     def suffer(self) -> None:
         """Let faults of the bus happen; a bridge calls it before it uses the wire."""
-        if self.faults.happened("stuck", 1e-9 * (self.clock.now_ns() - self.born_ns)):
+        now_s = 1e-9 * (self.clock.now_ns() - self.born_ns)
+        if self.faults.happened("stuck", now_s):
             self.wire.hold_low()
+        self.wire.noise = self._noise if self.faults.lasts("noise", now_s) else None
 
     def _field_of(self, sensor: int) -> Field:
         return lambda now_s: self.track.at(now_s, sensor)

@@ -9,7 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 BITS_OF_A_BYTE = 9
+RELEASED = 0xFF
+"""What is read where nothing pulls SDA low."""
 CLOCKS_TO_FREE = 9
 
 
@@ -33,14 +37,33 @@ class Target(Protocol):
         ...
 
 
+class Noise:
+    """Bits that are flipped on their way, each with the same probability, whoever sends them. seed: of which."""
+
+    def __init__(self, bit_error_rate: float, seed: int = 0) -> None:
+        self._rate, self._random = bit_error_rate, np.random.default_rng(seed)
+        self._until = int(self._random.geometric(self._rate))
+
+    def flips(self) -> int:
+        """Which bits of the next byte are flipped: a mask of nine, the acknowledge lowest."""
+        mask = 0
+        while self._until <= BITS_OF_A_BYTE:
+            mask |= 1 << BITS_OF_A_BYTE - self._until
+            self._until += int(self._random.geometric(self._rate))
+        self._until -= BITS_OF_A_BYTE
+        return mask
+
+
 class Wire:
-    """A wire and what hangs on it."""
+    """A wire and what hangs on it. noise: what flips bits on it, None for nothing."""
 
     def __init__(self, targets: Sequence[Target]) -> None:
         self.targets = list(targets)
         self.bits = 0
+        self.noise: Noise | None = None
         self._listening: list[Target] = []
         self._address_next = False
+        self._reading = self._silent = False
         self._clocks_to_go = 0
 
     @property
@@ -65,32 +88,52 @@ class Wire:
         """START, or START again."""
         self.bits += 1
         self._address_next, self._listening = True, []
+        self._reading = self._silent = False
 
     def write(self, byte: int) -> bool:
-        """A byte to whoever listens; whether anybody acknowledged."""
+        """A byte to the targets that listen; whether one acknowledged."""
         self.bits += BITS_OF_A_BYTE
         if self.held_low:
             return False
-        if self._address_next:
-            self._address_next = False
-            self._listening = [t for t in self.targets if t.addressed(byte >> 1, read=bool(byte & 1))]
-            return bool(self._listening)
-        return any([target.write(byte) for target in self._listening])
+        if self.noise is None:
+            return self._written(byte)
+        flips = self.noise.flips()
+        return self._written(byte ^ flips >> 1) ^ bool(flips & 1)
 
     def read(self) -> int:
-        """A byte from whoever talks: open drain, so all zeros win; 0xFF from nobody."""
+        """A byte from the targets that talk: open drain, so all zeros win; 0xFF where none does."""
         self.bits += BITS_OF_A_BYTE
         if self.held_low:
             return 0
-        byte = 0xFF
-        for target in self._listening:
+        if self.noise is None:
+            return self._said()
+        flips, byte = self.noise.flips(), self._said()
+        self._silent = self._silent or bool(flips & 1)  # a target that sees no acknowledge ends
+        return byte ^ flips >> 1
+
+    def _written(self, byte: int) -> bool:
+        if self._address_next:
+            self._address_next, self._reading = False, bool(byte & 1)
+            self._listening = [t for t in self.targets if t.addressed(byte >> 1, read=self._reading)]
+            return bool(self._listening)
+        if self._reading:  # the targets talk themselves
+            return False
+        return any([target.write(byte) for target in self._listening])
+
+    def _said(self) -> int:
+        if not self._reading:  # the targets were told to listen: they take the released line for a byte
+            for target in self._listening:
+                target.write(RELEASED)
+            return RELEASED
+        byte = RELEASED
+        for target in () if self._silent else self._listening:
             byte &= target.read()
         return byte
 
     def stop(self) -> None:
         """STOP."""
         self.bits += 1
-        self._listening, self._address_next = [], False
+        self._listening, self._address_next, self._reading = [], False, False
         for target in self.targets:
             target.stop()
 

@@ -1,0 +1,94 @@
+"""A virtual hand on an emulated FT232H with its driver, for the tests of what the hand does when something fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from drivers.bus import Bus
+from drivers.ft232h import Ft232h
+from drivers.hand import Crc, Hand, Reading
+from drivers.layout import read_layout
+from drivers.tmag5273 import Setup
+from drivers.virtual.clock import VirtualClock
+from drivers.virtual.faults import read_fault
+from drivers.virtual.ft232h import VirtualFt232h
+from drivers.virtual.hand import Track, VirtualHand
+from drivers.virtual.usb_backend import VirtualBackend
+
+PERIOD_NS = round(1e9 / 150)
+
+
+@dataclass
+class Bench:
+    """A virtual hand, its driver, and what the driver said."""
+
+    faults: tuple[str, ...] = ()
+    track: Track | None = None
+    layout: str = "mux"
+    setup: Setup = field(default_factory=Setup)
+    on_wire: str | None = None
+    crc: Crc = "auto"
+    clock: VirtualClock = field(default_factory=VirtualClock)
+
+    def __post_init__(self) -> None:
+        self.virtual = VirtualHand(
+            self.clock, track=self.track, layout=self.on_wire or self.layout, seed=0,
+            faults=[read_fault(one) for one in self.faults],
+        )  # fmt: skip
+        virtual = self.virtual
+        self.backend = VirtualBackend(VirtualFt232h(virtual), self.clock, virtual.faults, virtual.power_off)
+        self.said: list[str] = []
+        self.hand = Hand(
+            self.open_bus, read_layout(self.layout), setup=self.setup, crc=self.crc,
+            now_ns=self.clock.now_ns, pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
+            say=self.said.append,
+        )  # fmt: skip
+
+    def open_bus(self) -> Bus:
+        """A driver on the bridge, opened."""
+        return Ft232h(self.backend)
+
+    def read_for(self, seconds: float, rate_hz: float = 150.0) -> list[Reading]:
+        start_ns = self.clock.now_ns()
+        readings = []
+        for k in range(round(rate_hz * seconds)):
+            self.clock.wait_until(start_ns + round(1e9 * k / rate_hz))
+            readings.append(self.hand.read())
+        return readings
+
+
+def started(*faults: str, **told: object) -> Bench:
+    bench = Bench(faults=faults, **told)  # type: ignore[arg-type]
+    bench.hand.start()
+    return bench
+
+
+class Listener:
+    """Hangs on the wire and notes every address, 7 bits; acknowledges none."""
+
+    def __init__(self) -> None:
+        self.heard: list[int] = []
+
+    def addressed(self, address: int, *, read: bool) -> bool:
+        self.heard += [] if read else [address]
+        return False
+
+    def write(self, byte: int) -> bool:
+        return False
+
+    def read(self) -> int:
+        return 0xFF
+
+    def stop(self) -> None:
+        """Nothing to do."""
+
+
+def listen(bench: Bench) -> list[int]:
+    """Addresses written to from now on."""
+    listener = Listener()
+    bench.virtual.wire.targets.append(listener)
+    return listener.heard
+
+
+def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:
+    return [r for r in readings if not (r.valid.all() if finger is None else r.valid[finger - 1])]
