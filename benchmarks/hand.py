@@ -54,16 +54,19 @@ SCANS = 50
 RATES_HZ = (300.0, 150.0, 100.0, 50.0)
 SPARE = 0.8
 ACT_SAMPLES = 2
+CHECKED = "1-byte + CRC"
+READS = ("registers", "1-byte", CHECKED)
+"""Ways to read a chip: by register number, its packet, and its packet with the CRC that the drivers ask for."""
 NATIVE = "i2c"
 """The board's own bus, by smbus2; its transfers are ioctls."""
 
 
 @dataclass
 class Bench:
-    """A virtual hand behind a bridge, its driver started."""
+    """A virtual hand behind a bridge, its driver started. reads: one of READS, by default the drivers' own."""
 
     bridge: str = "ft232h"
-    burst: bool = False
+    reads: str = CHECKED
     layout: str = "mux"
     bus_hz: int = 400_000
     faults: tuple[str, ...] = ()
@@ -82,7 +85,8 @@ class Bench:
             bridge = open_virtual(self.bridge, self.virtual, self.bus_hz)
             self.traffic, opened = bridge.backend.traffic, bridge
         self.hand = Hand(
-            opened, read_layout(self.layout), setup=Setup(burst=self.burst), now_ns=self.clock.now_ns,
+            opened, read_layout(self.layout), setup=Setup(burst=self.reads == "1-byte"),
+            crc="on" if self.reads == CHECKED else "off", now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)), say=self.said.append,
         )  # fmt: skip
         self.hand.start()
@@ -111,13 +115,19 @@ def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
 
 def scan_costs() -> list[dict[str, Any]]:
     """One row a bridge and way to read: transfers, bytes and ms a scan of six, and the model rate that it serves."""
-    ways = [(bridge, burst, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for burst in (False, True)]
-    ways += [("ft232h", burst, "mux", 1_000_000) for burst in (False, True)]
-    return [_scan_cost(*way) for way in [*ways, *(("ft232h", False, layout, 400_000) for layout in ("mux6", "moved"))]]
+    ways = [(bridge, reads, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for reads in READS]
+    ways += [("ft232h", reads, "mux", 1_000_000) for reads in READS]
+    ways += [("ft232h", CHECKED, layout, 400_000) for layout in ("mux6", "moved")]
+    rows = [_scan_cost(*way) for way in ways]
+    plain = {(row["bridge"], row["bus_khz"]): row["scan_ms"] for row in rows if row["reads"] == "1-byte"}
+    for row in rows:
+        compared = row["reads"] == CHECKED and row["layout"] == "mux"
+        row["crc_costs_us"] = 1e3 * (row["scan_ms"] - plain[row["bridge"], row["bus_khz"]]) if compared else None
+    return rows
 
 
-def _scan_cost(bridge: str, burst: bool, layout: str, bus_hz: int) -> dict[str, Any]:
-    bench = Bench(bridge, burst, layout, bus_hz)
+def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> dict[str, Any]:
+    bench = Bench(bridge, reads, layout, bus_hz)
     traffic, before_ns = bench.traffic, bench.clock.now_ns()
     traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
     for _ in range(SCANS):
@@ -125,7 +135,7 @@ def _scan_cost(bridge: str, burst: bool, layout: str, bus_hz: int) -> dict[str, 
     scan_s = 1e-9 * (bench.clock.now_ns() - before_ns) / SCANS
     served = next((rate for rate in RATES_HZ if scan_s * rate < SPARE), None)
     return {
-        "bridge": bridge, "reads": "1-byte" if burst else "registers", "layout": layout, "bus_khz": bus_hz // 1000,
+        "bridge": bridge, "reads": reads, "layout": layout, "bus_khz": bus_hz // 1000,
         "transfers": traffic.transfers / SCANS, "bytes_out": traffic.bytes_out / SCANS,
         "bytes_in": traffic.bytes_in / SCANS, "scan_ms": 1e3 * scan_s, "scans_hz": 1.0 / scan_s,
         "serves_model_hz": served,

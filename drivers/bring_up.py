@@ -107,7 +107,7 @@ def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
 
     It answers its packet, whatever register is asked for: its CRC fits them all, or its status has the bits of a good
     conversion in each and a count that goes on. The highest bit of the register number starts a conversion in a chip
-    that waits for one.
+    that waits for one; the pauses differ, so that no count seems to stand still.
     """
     asked = [Transfer(address, bytes([number]), CHECKED_BYTES) for number in (IDENTITY, TRIGGER | RESULTS)]
     packets: list[bytes] = []
@@ -115,7 +115,7 @@ def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
         packets.append(bus.scan([asked[k % 2]])[0].data)
         if len(packets[-1]) != CHECKED_BYTES or packets[-1][PACKET_BYTES - 1] & RESERVED_STATUS:
             return False
-        pause(LONGEST_CONVERSION_S)
+        pause(LONGEST_CONVERSION_S * (1.0 + k / 16))
     return _crcs_agree(address, packets) or _counts_go_on(packets)
 
 

@@ -76,8 +76,10 @@ class FingerState:
     def _trouble(self, found: Packet, data: bytes, came_ns: int) -> str:
         if data[:PACKET_BYTES] in GARBAGE:
             return "garbage"
+        under_test = not self.check.trusted
         if self.setup.crc and not self.check.believes(self.finger.read_at, data):
-            return self._unbelieved(data, came_ns)
+            distrusted = not under_test or self.check.failures
+            return "crc" if distrusted else self._stale(data, came_ns) or "settling"
         if found.status & RESERVED_STATUS:
             return "garbage"
         if found.reset:
@@ -85,12 +87,6 @@ class FingerState:
         if found.failing:
             return "diagnosis"
         return self._stale(data, came_ns) or ("saturated" if max(found.raw) >= EDGE or min(found.raw) <= -EDGE else "")
-
-    def _unbelieved(self, data: bytes, came_ns: int) -> str:
-        """Its CRC does not fit, or is under test, which a chip that does not convert never ends."""
-        if self.check.trusted or self.check.failures:
-            return "crc"
-        return self._stale(data, came_ns) or "settling"
 
     def _stale(self, data: bytes, came_ns: int) -> str:
         """Whether the chip has converted anew within 20 ms; until a second packet differs, that is not known."""

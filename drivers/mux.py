@@ -7,6 +7,8 @@ byte that was sent as a number, again and again, and no chip with registers hold
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from drivers.bus import Bus, Transfer
 
 ALIKE_BYTES = 8
@@ -16,15 +18,16 @@ ECHOES = (0x02, 0x01, 0x00)
 are, to which these are numbers or nothing; and none of them begins a reset."""
 
 
-def plain_read(bus: Bus, address: int) -> bytes:
-    """What a chip answers where no register is named; nothing where none acknowledges, twice.
+def answering(bus: Bus, addresses: Sequence[int]) -> list[int]:
+    """Which of these addresses acknowledge a read; a sleeping sensor does from the second time on."""
+    asked = [Transfer(address, b"", 1) for address in addresses]
+    replies = [bus.scan(asked), bus.scan(asked)]
+    return [address for address, *both in zip(addresses, *replies, strict=True) if any(one.acked for one in both)]
 
-    A sleeping sensor acknowledges from the second time on.
-    """
-    replies = bus.scan([Transfer(address, b"", ALIKE_BYTES)])
-    if not replies[0].acked:
-        replies = bus.scan([Transfer(address, b"", ALIKE_BYTES)])
-    return replies[0].data
+
+def plain_read(bus: Bus, address: int) -> bytes:
+    """What a chip answers where no register is named; nothing where none acknowledges."""
+    return bus.scan([Transfer(address, b"", ALIKE_BYTES)])[0].data
 
 
 def is_mux(bus: Bus, address: int) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from drivers.bring_up import identify
 from drivers.bus import Bus, Transfer, freeing
 from drivers.layout import CHANNELS, LAYOUTS, MUX_ADDRESS, MUX_ADDRESSES
-from drivers.mux import is_mux, joined, plain_read
+from drivers.mux import answering, is_mux, joined, plain_read
 from drivers.tmag5273 import FACTORY_ADDRESSES, RANGES_MT, REGISTERS
 from edge_runtime.errors import DeviceNotFound, WrongDevice
 
@@ -51,7 +51,7 @@ def look_at(bus: Bus, pause: Callable[[float], None], named: frozenset[int] = fr
 
 
 def _look_at(bus: Bus, pause: Callable[[float], None], asked: frozenset[int]) -> list[Found]:
-    muxes = [address for address in MUX_ADDRESSES if is_mux(bus, address)]
+    muxes = [address for address in answering(bus, MUX_ADDRESSES) if is_mux(bus, address)]
     found = [Found(address, None, "mux (TCA9548A)") for address in muxes]
     found += _chips(bus, set(muxes), asked, pause)
     taken = {one.address for one in found}
@@ -66,13 +66,12 @@ def _look_at(bus: Bus, pause: Callable[[float], None], asked: frozenset[int]) ->
 
 def _chips(bus: Bus, taken: set[int], asked: frozenset[int], pause: Callable[[float], None]) -> list[Found]:
     """What answers now, but for what is taken."""
-    answers = {a: plain_read(bus, a) for a in range(FIRST_ADDRESS, LAST_ADDRESS + 1) if a not in taken}
+    there = answering(bus, [a for a in range(FIRST_ADDRESS, LAST_ADDRESS + 1) if a not in taken])
     return [
         _identified(bus, address, pause)
-        if address in asked or len(set(answer)) > 1
+        if address in asked or len(set(plain_read(bus, address))) > 1
         else Found(address, None, "unknown", NOT_ASKED)
-        for address, answer in answers.items()
-        if answer
+        for address in there
     ]
 
 

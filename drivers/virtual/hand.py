@@ -89,6 +89,8 @@ class VirtualHand:
 
     def suffer(self) -> None:
         """Let faults of the bus happen; a bridge calls it before it uses the wire."""
+        if not self.faults:
+            return
         now_s = 1e-9 * (self.clock.now_ns() - self.born_ns)
         if self.faults.happened("stuck", now_s):
             self.wire.hold_low()

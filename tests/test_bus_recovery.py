@@ -1,0 +1,250 @@
+"""A hand that starts and comes back: on a bus held low, at slow scans, behind a bridge that stays halted or failed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from hand_bench import Bench, started
+from hazard_marks import BRIDGE_FAULT, SLOW_REPAIR, STUCK_BUS, WIRING
+
+from drivers.bus import Transfer
+from drivers.ft232h import FASTEST_HZ, SLOWEST_HZ, Ft232h
+from drivers.hand import Hand
+from drivers.mcp2221 import Mcp2221
+from drivers.scanning import as_layout, look_at
+from drivers.virtual.clock import VirtualClock
+from drivers.virtual.ft232h import IN_ENDPOINT, OUT_ENDPOINT, SCL, SDA_IN, VirtualFt232h
+from drivers.virtual.hand import VirtualHand
+from drivers.virtual.mcp2221 import VirtualMcp2221
+from drivers.virtual.usb_backend import VirtualBackend, stall
+from edge_runtime.errors import BusStuck, DeviceError, TransferFailed, UsageError
+from holdfast.live_sources import open_live
+
+ONE = [Transfer(0x70, b"\x01"), Transfer(0x35, b"\x0d", 3)]
+IDENTITY = bytes([0x01, 0x49, 0x54])
+
+
+# -- repairs at slow scans
+
+
+@SLOW_REPAIR.mark
+@pytest.mark.parametrize("fault", ["nack:3@1+0.3", "por:3@1", "sleep:3@1", "frozen:3@1+0.3", "diag:3@1+0.3"])
+@pytest.mark.parametrize("rate_hz", [10.0, 4.0, 1.0])
+def test_a_repaired_finger_is_valid_from_its_second_new_reading_on(fault, rate_hz):
+    readings = started(fault).read_for(8.0, rate_hz)
+    after = [reading.why[2] for reading in readings if reading.t_ns > 1.31e9]
+    assert after.index("") <= 4  # read, brought up, read once, and again
+    assert set(after[after.index("") :]) == {""}
+    assert all(reading.valid[[0, 1, 3, 4, 5]].all() for reading in readings)
+
+
+@SLOW_REPAIR.mark
+def test_a_finger_behind_an_mcp2221_comes_back_though_every_scan_outlasts_the_stale_time():
+    clock = VirtualClock()
+    virtual = VirtualHand(clock, seed=0, faults=Bench(faults=("por:3@4",)).virtual.faults._pending)
+    backend = VirtualBackend(VirtualMcp2221(virtual), clock, virtual.faults, virtual.power_off)
+    hand = Hand(lambda: Mcp2221(backend), now_ns=clock.now_ns, pause=lambda s: clock.spend(round(1e9 * s)))
+    hand.start()
+    words = []
+    while clock.now_ns() < 8e9:
+        words.append(hand.read().why[2])
+    assert words[0] == words[-1] == ""
+    assert 0 < sum(bool(word) for word in words) < 8
+
+
+@SLOW_REPAIR.mark
+def test_a_finger_that_is_gone_for_good_keeps_no_other_from_its_repair():
+    readings = started("nack:1@1+100", "por:4@2").read_for(6.0, rate_hz=10.0)
+    assert [bool(reading.valid[3]) for reading in readings[-10:]] == [True] * 10
+    assert not readings[-1].valid[0]
+
+
+# -- a bus that is held low
+
+
+@STUCK_BUS.mark
+def test_a_hand_starts_on_a_bus_that_is_held_low_at_whatever_moment_of_the_start():
+    bench = started()
+    lasts_s = 1e-9 * bench.clock.now_ns()
+    for k in range(15):
+        bench = started(f"stuck@{k * lasts_s / 15:.6f}")
+        assert bench.read_for(0.02)[-1].valid.all()
+
+
+@STUCK_BUS.mark
+@pytest.mark.parametrize("at_s", [0.0, 0.001, 0.01, 0.1])
+def test_a_scan_frees_a_bus_that_is_held_low(at_s):
+    bench = Bench(faults=(f"stuck@{at_s}",))
+    found = look_at(bench.open_bus(), lambda seconds: bench.clock.spend(round(1e9 * seconds)))
+    assert as_layout(found) == "0:35,0:22,0:78,0:44,1:35,1:22"
+
+
+class HeldScl(VirtualFt232h):
+    """A bridge whose SCL a chip can hold low."""
+
+    held = False
+
+    def _levels(self) -> int:
+        return super()._levels() & ~SCL if self.held else super()._levels()
+
+
+class Untied(VirtualFt232h):
+    """A bridge whose AD2 is tied to nothing: SDA always reads high, though AD1 pulls it."""
+
+    def _levels(self) -> int:
+        return super()._levels() | SDA_IN
+
+
+def bridge(device: type[VirtualFt232h]) -> tuple[Bench, Any]:
+    """A hand's bench before another bridge."""
+    bench = Bench()
+    emulated = device(bench.virtual)
+    bench.backend = VirtualBackend(emulated, bench.clock, bench.virtual.faults, bench.virtual.power_off)
+    return bench, emulated
+
+
+@STUCK_BUS.mark
+def test_clearing_a_bus_looks_at_scl_too():
+    bench, emulated = bridge(HeldScl)
+    bus = bench.open_bus()
+    emulated.held = True
+    with pytest.raises(BusStuck, match=r"SCL low even after nine clocks.*without supply"):
+        bus.clear()
+
+
+@STUCK_BUS.mark
+def test_scl_held_low_is_said_once_and_every_reading_is_invalid_until_it_is_let_go():
+    bench, emulated = bridge(HeldScl)
+    bench.hand.start()
+    bench.read_for(0.1)
+    emulated.held = True
+    assert not any(reading.valid.any() for reading in bench.read_for(2.0))
+    about_bus = [line for line in bench.said if not line.startswith("finger")]
+    assert len(about_bus) == 2  # what is wrong, and that nine clocks do not help
+    emulated.held = False
+    assert bench.read_for(0.5)[-1].valid.all()
+    assert "ft232h: back" in bench.said
+
+
+@STUCK_BUS.mark
+def test_a_bus_that_cannot_be_freed_starts_no_hand_and_says_why():
+    bench, emulated = bridge(HeldScl)
+    emulated.held = True
+    with pytest.raises(BusStuck, match="SCL low"):
+        bench.hand.start()
+
+
+# -- wiring and options
+
+
+@WIRING.mark
+def test_ad1_and_ad2_that_are_not_tied_together_are_named():
+    bench, _ = bridge(Untied)
+    with pytest.raises(BusStuck, match="AD1 and AD2 are not tied together"):
+        bench.hand.start()
+
+
+@WIRING.mark
+@pytest.mark.parametrize("bus_hz", [0, 1, 100, SLOWEST_HZ - 1, FASTEST_HZ + 1])
+def test_a_speed_that_the_ft232h_does_not_have_is_a_usage_error(bus_hz):
+    with pytest.raises(UsageError, match=rf"bus_hz={bus_hz} .*{SLOWEST_HZ} .. {FASTEST_HZ} Hz"):
+        open_live(f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), say=print)
+
+
+@pytest.mark.parametrize("bus_hz", [SLOWEST_HZ, 100_000, FASTEST_HZ])
+def test_the_ft232h_serves_a_hand_at_every_speed_it_takes(bus_hz):
+    source = open_live(f"virtual://ft232h?bus_hz={bus_hz}", clock=VirtualClock(), say=print)
+    reading = source.read()
+    assert reading is not None
+    assert reading.valid.all()
+    source.close()
+
+
+@pytest.mark.parametrize("crc", ["yes", "1", ""])
+def test_a_crc_option_that_is_none_is_a_usage_error(crc):
+    with pytest.raises(UsageError, match="crc=auto or crc=on or crc=off"):
+        open_live(f"virtual://ft232h?crc={crc}", clock=VirtualClock(), say=print)
+
+
+# -- the bridge
+
+
+class Halting(VirtualBackend):
+    """Endpoints that stay halted, as a device keeps them, until the host clears them."""
+
+    def __init__(self, *told: Any) -> None:
+        super().__init__(*told)
+        self.halted: set[int] = set()
+
+    def clear_halt(self, dev_handle: Any, ep: int) -> None:
+        super().clear_halt(dev_handle, ep)
+        self.halted.discard(ep)
+
+    def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
+        self._stop_if_halted(ep)
+        return super().bulk_write(dev_handle, ep, intf, data, timeout)
+
+    def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        self._stop_if_halted(ep)
+        return super().bulk_read(dev_handle, ep, intf, buff, timeout)
+
+    intr_write, intr_read = bulk_write, bulk_read
+
+    def _stop_if_halted(self, ep: int) -> None:
+        if ep in self.halted:
+            raise stall()
+
+
+@BRIDGE_FAULT.mark
+@pytest.mark.parametrize("endpoint", [OUT_ENDPOINT, IN_ENDPOINT])
+def test_an_endpoint_that_stays_halted_is_cleared_and_the_next_scan_is_right(endpoint):
+    bench = Bench()
+    backend = Halting(VirtualFt232h(bench.virtual), bench.clock, bench.virtual.faults, bench.virtual.power_off)
+    bus = Ft232h(backend)
+    backend.halted.add(endpoint)
+    with pytest.raises(TransferFailed, match="stall"):
+        bus.scan(ONE)
+    assert bus.scan(ONE)[1].data == IDENTITY
+    bus.close()
+
+
+@BRIDGE_FAULT.mark
+@pytest.mark.parametrize(
+    "faults", [tuple(f"nack:{k}@0+100" for k in range(1, 7)), ("wrong:2@0+100",), ("late@0.01+9",)]
+)
+def test_a_start_that_fails_gives_the_bridge_back(faults):
+    bench = Bench(faults=faults)
+    handles: list[Any] = []
+    found = bench.backend.enumerate_devices
+
+    def listed() -> Iterator[Any]:
+        for one in found():
+            handles.append(one)
+            yield one
+
+    bench.backend.enumerate_devices = listed
+    with pytest.raises(DeviceError):
+        bench.hand.start()
+    assert handles
+    assert [one.detached for one in handles] == [set()] * len(handles)  # the kernel's driver is back
+
+
+@pytest.mark.parametrize(("value", "commands", "answers"), [(0, 0, 0), (1, 0, 1), (2, 1, 0)])
+def test_the_ft232h_s_purge_values_clear_what_the_chip_s_data_sheet_says(value, commands, answers):
+    """1 what the host sent (the chip's receive buffer), 2 what waits for the host; libftdi's SIO_TCOFLUSH, TCIFLUSH."""
+    device = VirtualFt232h(VirtualHand(VirtualClock()))
+    device.control_out(0x40, 0x0B, 0x0200, 1, b"")
+    device.write(OUT_ENDPOINT, b"\xaa\x11\x00")  # a bad command, which answers, and the head of one that waits
+    device.control_out(0x40, 0x00, value, 1, b"")
+    assert (bool(device._commands), bool(device._answers)) == (bool(commands), bool(answers))
+
+
+def test_what_an_earlier_program_left_half_said_is_cleared_before_the_next_question():
+    bench = Bench()
+    bus = bench.open_bus()
+    assert isinstance(bus, Ft232h)
+    bus._doubtful = True  # as after a failure
+    bench.backend.device.write(OUT_ENDPOINT, b"\x11\x40\x00")  # a write of 65 bytes, of which none came
+    assert bus.scan(ONE)[1].data == IDENTITY

@@ -1,0 +1,175 @@
+"""Chips of others on the bus stay as they were, byte for byte, whatever looks for ours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from foreign_chips import Ads1115, Expander, Pca9685, Registers, eeprom
+from hand_bench import Bench, started
+from hazard_marks import FOREIGN_CHIP, WIRING
+
+from drivers.bring_up import identify
+from drivers.bus import Transfer
+from drivers.layout import read_layout
+from drivers.scanning import as_layout, look_at
+from drivers.tmag5273 import FACTORY_ADDRESSES, Setup
+from drivers.virtual.wire import Mux
+from edge_runtime.errors import DeviceNotFound, WrongDevice
+from holdfast.cli import main
+
+EIGHT_BITS = 0x36
+"""DEVICE_CONFIG_1 of a chip that answers packets of 8 bits an axis, which our driver never asks for."""
+SIX = "0:35,0:22,0:78,0:44,1:35,1:22"
+
+
+def pause(bench: Bench) -> Any:
+    return lambda seconds: bench.clock.spend(round(1e9 * seconds))
+
+
+def scan(bench: Bench, **told: Any) -> list[Any]:
+    return look_at(bench.open_bus(), pause(bench), **told)
+
+
+def with_chips(*chips: Any, **told: Any) -> tuple[Bench, list[bytes]]:
+    """A hand's bus with more chips on it, and what they hold."""
+    bench = Bench(**told)
+    bench.virtual.wire.targets.extend(chips)
+    return bench, [chip.state for chip in chips]
+
+
+@FOREIGN_CHIP.mark
+def test_a_scan_leaves_an_eeprom_a_pwm_driver_a_converter_and_an_expander_as_they_were():
+    chips = [eeprom(), Pca9685(), Ads1115(), Expander()]
+    bench, before = with_chips(*chips)
+    bench.virtual.mux.address = 0x71  # the PWM driver answers at 0x70 too
+    found = scan(bench)
+    assert [chip.state for chip in chips] == before
+    assert as_layout(found) == ",".join(f"71/{place}" for place in SIX.split(","))
+    unknown = {one.address: one.trouble for one in found if one.what == "unknown"}
+    assert set(unknown) == {0x50, 0x40, 0x48, 0x20, 0x70}
+    assert "was not asked" in unknown[0x20]
+    assert "no TMAG5273" in unknown[0x50]
+
+
+@FOREIGN_CHIP.mark
+@pytest.mark.parametrize("pointer", [0, 1, 2, 6, 250])
+@pytest.mark.parametrize("increments", [False, True])
+@pytest.mark.parametrize("address", [0x40, 0x73])
+def test_a_pwm_driver_is_taken_for_no_mux_wherever_its_pointer_is(address, increments, pointer):
+    chip = Pca9685(address)
+    bench, before = with_chips(chip)
+    bench.virtual.wire.targets.remove(bench.virtual.mux)
+    chip.pointer, chip.increments = pointer, increments
+    assert [one.what for one in scan(bench)] == ["unknown"] * 2
+    assert [chip.state] == before
+
+
+@FOREIGN_CHIP.mark
+@pytest.mark.parametrize("address", FACTORY_ADDRESSES)
+@pytest.mark.parametrize("memory", [bytes(256), b"\xff" * 256, bytes(range(256))])
+def test_a_chip_with_registers_at_a_sensor_s_own_address_is_only_read(address, memory):
+    chip = Registers(address, memory)
+    bench, before = with_chips(chip)
+    bench.virtual.wire.targets.remove(bench.virtual.mux)
+    assert [one.what for one in scan(bench)] == ["unknown"]
+    with pytest.raises(WrongDevice, match="no TMAG5273"):
+        identify(bench.open_bus(), address, pause(bench))
+    assert [chip.state] == before
+
+
+@FOREIGN_CHIP.mark
+@pytest.mark.parametrize("layout", ["35,0:22", "0:35>50,0:22"])
+def test_a_layout_that_names_a_foreign_chip_s_address_starts_no_hand_and_leaves_it_as_it_was(layout):
+    chip = eeprom(0x50 if ">" in layout else 0x35)
+    bench, before = with_chips(chip, layout=layout, on_wire="mux")
+    with pytest.raises(WrongDevice, match="no TMAG5273"):
+        bench.hand.start()
+    assert [chip.state] == before
+
+
+@FOREIGN_CHIP.mark
+def test_a_chip_that_is_no_mux_at_the_mux_s_address_is_written_to_by_no_hand():
+    chip = Pca9685()
+    bench, before = with_chips(chip)
+    bench.virtual.wire.targets.remove(bench.virtual.mux)
+    with pytest.raises(WrongDevice, match=r"0x70: another chip, no mux.*mux@71"):
+        bench.hand.start()
+    assert [chip.state] == before
+
+
+@FOREIGN_CHIP.mark
+@pytest.mark.parametrize("layout", ["mux@71", "moved@71"])
+def test_fingers_asked_together_reset_no_foreign_chip_by_the_general_call(layout):
+    chips = [Pca9685(), Ads1115(), Expander()]
+    bench, before = with_chips(*chips, layout=layout, on_wire=layout[: layout.index("@")], setup=Setup(together=True))
+    bench.virtual.mux.address = 0x71
+    bench.hand.start()
+    assert bench.read_for(0.1)[-1].valid.all()
+    assert chips[0].reset_calls == 0
+    assert [chip.state for chip in chips] == before
+
+
+@pytest.mark.parametrize("averages", [1, 8, 32])
+@pytest.mark.parametrize(
+    ("crc", "burst", "together"),
+    [("auto", False, False), ("auto", False, True), ("off", True, False), ("off", True, True)],
+)
+def test_a_sensor_left_in_one_byte_mode_is_recognised_by_its_packets_alone(averages, crc, burst, together):
+    bench = started(setup=Setup(averages, burst=burst, together=together), crc=crc)
+    bench.hand.close()
+    assert as_layout(scan(bench)) == SIX
+
+
+def test_a_sensor_that_another_program_left_in_other_packets_is_not_written_to():
+    bench = started()
+    chip, bus = bench.virtual.chips[0], bench.open_bus()
+    bus.scan([Transfer(0x70, b"\x01"), Transfer(0x35, bytes([0x00, EIGHT_BITS]))])
+    assert as_layout(scan(bench)) == SIX.removeprefix("0:35,")
+    assert chip._bytes[0x00] == EIGHT_BITS
+
+
+def test_sensors_that_were_moved_are_found_at_their_new_addresses_scan_after_scan():
+    bench = started(layout="moved")
+    bench.hand.close()
+    for _ in range(3):
+        layout = as_layout(scan(bench))
+        assert layout == "0:50,0:51,0:52,0:53,1:54,1:55"
+
+
+# -- muxes
+
+
+@WIRING.mark
+def test_every_mux_is_looked_behind_and_the_layout_names_it():
+    bench = Bench()
+    first, second = Mux([[bench.virtual.chips[0]]], 0x70), Mux([[], [bench.virtual.chips[1]]], 0x77)
+    bench.virtual.wire.targets[:] = [first, second]
+    found = scan(bench)
+    layout = as_layout(found)
+    assert layout == "0:35,77/1:22"
+    assert [one.address for one in found if one.what.startswith("mux")] == [0x70, 0x77]
+    assert (first.control, second.control) == (0, 0)
+    bench.hand = type(bench.hand)(
+        bench.open_bus, read_layout(layout), now_ns=bench.clock.now_ns, pause=pause(bench), say=bench.said.append
+    )
+    bench.hand.start()
+    assert all(reading.valid.all() for reading in bench.read_for(0.1))
+
+
+@WIRING.mark
+def test_a_mux_that_is_somewhere_else_is_named_with_its_pins():
+    bench = Bench()
+    bench.virtual.mux.address = 0x71
+    with pytest.raises(DeviceNotFound, match=r"0x70: no mux answers.*A0 to A2.*mux@71"):
+        bench.hand.start()
+
+
+@WIRING.mark
+@pytest.mark.parametrize("layout", ["mux", "mux6", "moved"])
+def test_a_named_layout_has_its_mux_where_the_url_says(layout, capsys):
+    assert main(["scan", f"virtual://ft232h?layout={layout}@74"]) == 0
+    out = capsys.readouterr().out
+    assert "0x74" in out
+    assert "layout=74/0:35," in out
+    assert "serves a model of" in out
