@@ -238,9 +238,9 @@ def _counted(bench: OnTheBoard, scans: int) -> tuple[int, int]:
 
 @CORRUPT_READING.mark
 def test_no_reading_is_wrong_and_valid_on_a_wire_that_flips_one_bit_in_ten_thousand():
-    wrong, valid = wrong_and_valid(10_000)
+    wrong, valid = wrong_and_valid(2_000)
     assert wrong == 0
-    assert valid > 0.95 * 60_000
+    assert 10_000 < valid < 12_000
 
 
 def test_without_the_crc_such_a_wire_does_make_wrong_valid_readings():
@@ -248,7 +248,7 @@ def test_without_the_crc_such_a_wire_does_make_wrong_valid_readings():
 
 
 @pytest.mark.soak
-def test_no_reading_of_a_million_is_wrong_and_valid_on_such_a_wire():
+def test_no_finger_of_a_million_scans_is_wrong_and_valid_on_such_a_wire():
     wrong, valid = wrong_and_valid(1_000_000)
     assert wrong == 0
     assert valid > 0.95 * 6_000_000
