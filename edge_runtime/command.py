@@ -6,13 +6,16 @@ Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import NoReturn, TextIO
 
 from edge_runtime.errors import HoldfastError, OutputError, UsageError
+from edge_runtime.log_sink import stream_sink
 
 
 class Parser(argparse.ArgumentParser):
@@ -63,30 +66,61 @@ def run_script(
 
 
 def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
-    """Run a program's main; errors and warnings become one line each on stderr, unless --debug is given."""
-    if "--debug" not in argv:
-        warnings.showwarning = _one_line
+    """Run a program's main; errors and warnings become one line each on stderr, unless --debug is given.
+
+    A stderr that takes nothing neither stops the program nor keeps it from ending.
+    """
+    hold_standard_descriptors()
+    with closing(stream_sink(sys.stderr)) as beside:
+        if "--debug" not in argv:
+            warnings.showwarning = _one_line_to(beside)
+        try:
+            code = main([word for word in argv if word != "--debug"])
+            sys.stdout.flush()
+            return code
+        except (HoldfastError, ModuleNotFoundError) as error:
+            if "--debug" in argv:
+                raise
+            told = error if isinstance(error, HoldfastError) else _not_installed(error)
+            beside(f"error: {type(told).__name__}: {told}")
+            return told.exit_code
+        except KeyboardInterrupt:
+            beside("interrupted")
+            return 130
+        except BrokenPipeError:
+            return 0
+        except OSError as error:
+            if "--debug" in argv:
+                raise
+            beside(f"error: OutputError: {error}; next: choose another place, or see the whole with --debug")
+            return OutputError.exit_code
+        finally:
+            _forget_what_cannot_be_written(sys.stdout)
+
+
+def hold_standard_descriptors() -> None:
+    """Lead standard descriptors that are closed to /dev/null, before a file of ours gets such a number.
+
+    With the number it would get all that a library prints. /dev/null is only readable as stdout: a result that is
+    written there is an error, as it was before.
+    """
+    for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, mode)  # takes the lowest free number
+    sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8", closefd=False, buffering=1)
+
+
+def _forget_what_cannot_be_written(stream: TextIO) -> None:
+    """Python writes the rest of a stream when it ends, and would tell of the same error once more."""
     try:
-        code = main([word for word in argv if word != "--debug"])
-        sys.stdout.flush()
-        return code
-    except (HoldfastError, ModuleNotFoundError) as error:
-        if "--debug" in argv:
-            raise
-        told = error if isinstance(error, HoldfastError) else _not_installed(error)
-        sys.stderr.write(f"error: {type(told).__name__}: {told}\n")
-        return told.exit_code
-    except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
-        return 130
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
-    except OSError as error:
-        if "--debug" in argv:
-            raise
-        sys.stderr.write(f"error: OutputError: {error}; next: choose another place, or see the whole with --debug\n")
-        return OutputError.exit_code
+        stream.flush()
+    except OSError:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, stream.fileno())
+        os.close(nothing)
 
 
 def _not_installed(error: ModuleNotFoundError) -> UsageError:
@@ -97,12 +131,15 @@ def _not_installed(error: ModuleNotFoundError) -> UsageError:
     )
 
 
-def _one_line(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    sys.stderr.write(f"warning: {category.__name__}: {message}\n")
+def _one_line_to(beside: Callable[[str], object]) -> Callable[..., None]:
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        beside(f"warning: {category.__name__}: {message}")
+
+    return show

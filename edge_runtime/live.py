@@ -86,6 +86,8 @@ class Summary:
     restarts: int = 0
     dropped: int = 0
     """Lines that a consumer did not take."""
+    lost_sinks: dict[str, str] = field(default_factory=dict)
+    """Why a consumer failed and got no more lines, by its name."""
     states: dict[str, int] = field(default_factory=dict)
     stage_us: npt.NDArray[np.float32] = field(
         default_factory=lambda: np.zeros((REMEMBERED, len(STAGES)), dtype=np.float32)
@@ -113,7 +115,7 @@ class Summary:
     def to_json(self) -> dict[str, Any]:
         """As a JSON object."""
         told = {"samples": self.samples, "overruns": self.overruns, "acts": self.acts, "states": self.states}
-        return {**told, **self.lost(), "latency_us": self.latency_us()}
+        return {**told, **self.lost(), "lost_sinks": self.lost_sinks, "latency_us": self.latency_us()}
 
     def lost(self) -> dict[str, int]:
         """What else went wrong, by its name above."""

@@ -2,40 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import TextIO
 
 from edge_runtime.contract import Sample, channel_names
-from edge_runtime.errors import OutputError
+from edge_runtime.sinks import Sink, file_sink
 from edge_runtime.trial_file import TIME_COLUMN
 
 
 class SampleFile:
-    """A new file, line-buffered; invalid values are written as they are, nan too. Raises OutputError."""
+    """Writes samples to a sink; invalid values are written as they are, nan too."""
 
-    def __init__(self, path: Path, n_channels: int) -> None:
-        try:
-            self._file: TextIO = path.open("x", encoding="utf-8", buffering=1)
-        except OSError as error:
-            raise OutputError(f"cannot write ({error.strerror})", where=path, next_step="name a new file") from None
-        sensors = n_channels // 3
-        head = [TIME_COLUMN, *channel_names(sensors), *(f"valid{k}" for k in range(1, sensors + 1))]
-        self._file.write(",".join(head) + "\n")
+    def __init__(self, sink: Sink) -> None:
+        self.sink = sink
         self._first_ns: int | None = None
 
-    def write(self, sample: Sample) -> None:
-        """One line; time in s since the first sample."""
+    def write(self, sample: Sample) -> bool:
+        """One line, with the time in s since the first sample; False where a line is dropped."""
+        if self.sink.failure is not None:
+            return True
         if self._first_ns is None:
             self._first_ns = sample.t_ns
         time_ns = sample.t_ns - self._first_ns
         cells = [f"{time_ns // 10**9}.{time_ns % 10**9:09d}", *map(repr, sample.values.tolist())]
-        self._file.write(",".join([*cells, *("1" if one else "0" for one in sample.valid)]) + "\n")
+        return self.sink(",".join([*cells, *("1" if one else "0" for one in sample.valid)]))
 
-    def __enter__(self) -> SampleFile:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
+@contextmanager
+def sample_file(path: Path, n_channels: int) -> Iterator[SampleFile]:
+    """A new file, written by a thread of its own. Raises OutputError."""
+    sensors = n_channels // 3
+    header = ",".join([TIME_COLUMN, *channel_names(sensors), *(f"valid{k}" for k in range(1, sensors + 1))])
+    with file_sink(path, "--samples", header) as sink:
+        yield SampleFile(sink)

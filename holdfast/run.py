@@ -7,27 +7,32 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import signal
 import sys
 import termios
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from edge_runtime.clock import MonotonicClock
 from edge_runtime.command import place
 from edge_runtime.commands import command_port
 from edge_runtime.contract import RATE_TOLERANCE, FloatArray, Prediction, Sample
-from edge_runtime.errors import ChannelError, RateError, UnitError
+from edge_runtime.errors import ChannelError, OutputError, RateError, UnitError
 from edge_runtime.live import Command, Measured, Source, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.notify import service_watchdog
 from edge_runtime.priority import real_time
-from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
+from edge_runtime.sample_file import sample_file
+from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
 from holdfast.live_sources import open_live
+
+if TYPE_CHECKING:
+    from holdfast.view import View
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 PACE_READS = 3
+STDOUT, STDERR = "stdout", "stderr"
+READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
+"""Errors of a standard stream that the person at its other end meant: `| head`, a closed terminal, `>&-`."""
 Emit = Callable[[Prediction, Sample, Measured], int | None]
 
 
@@ -58,27 +66,50 @@ class RunClock(MonotonicClock):
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until stopped; JSON lines on stdout, what happens and the summary on stderr."""
+    """Run until stopped; JSON lines on stdout, what happens and the summary on stderr.
+
+    A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete.
+    """
     clock, model = RunClock(), Model(args.model)
-    beside = stream_sink(sys.stderr)
+    with closing(stream_sink(sys.stderr, STDERR)) as beside:
+        summary, outlets = _run_until_stopped(args, clock, model, beside)
+        say_summary(summary, beside)
+    return 0 if all(_reader_left(name, error) for name, error in outlets.failures.items()) else OutputError.exit_code
 
-    def tell(line: str) -> None:
-        beside(line)
 
+def _reader_left(name: str, error: OSError) -> bool:
+    """Whether a person ended it: what they asked for is not incomplete."""
+    return name in (STDOUT, STDERR) and error.errno in READER_GONE
+
+
+def _run_until_stopped(
+    args: argparse.Namespace, clock: RunClock, model: Model, beside: Sink
+) -> tuple[Summary, Outlets]:
+    """Everything opened, the loop, everything closed: within bounded time, also where a log takes nothing."""
     with ExitStack() as open_until_the_end:
         enter = open_until_the_end.enter_context
-        sinks = [] if args.quiet else [stream_sink(sys.stdout)]
-        sinks += [enter(file_sink(args.out))] if args.out else []
-        sinks += [enter(udp_sink(args.udp))] if args.udp else []
-        stopped, keep = enter(stop_signals()), enter(kept_samples(args.samples, model))
-        show = enter(_view(model)) if args.view else _no_view
+        stopped = enter(stop_signals())
+        view = enter(_view(model)) if args.view else None
+
+        def tell(line: str) -> None:
+            if view and view.drawing:
+                view.tell(line)
+            else:
+                beside(line)
+
+        sinks = _sinks(args, enter)
+        samples = enter(sample_file(args.samples, model.card.n_channels)) if args.samples else None
+        outlets = Outlets(sinks, tell, others=[samples.sink] if samples else [], watched=[beside])
+        open_until_the_end.callback(outlets.close)
         command = enter(command_port(args.commands, tell, clock.now_ns)) if args.commands else Command
-        emit, alive = emit_to(sinks), enter(service_watchdog())
+        alive = enter(service_watchdog())
 
         def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> int:
-            dropped = emit(prediction)
-            keep(sample)
-            show(prediction, sample, measured)
+            dropped = outlets.emit(prediction)
+            if samples:
+                dropped += not samples.write(sample)
+            if view:
+                view.show(prediction, sample, measured)
             alive(prediction.t_decided_ns)
             return dropped
 
@@ -88,12 +119,20 @@ def run(args: argparse.Namespace) -> int:
             resting = resting_of(args.bias, source)
             if resting is None:
                 tell("no --bias: the first rows count as the unloaded hand; a start under load is not noticed")
-            stop = until(stopped, clock, args.seconds)
+            stop = until(lambda: stopped() or outlets.none_acts(), clock, args.seconds)
             summary = answer(source, model, clock, pass_on, stop, resting=resting, command=command)
         finally:
             source.close()
-    say_summary(summary, model)
-    return 0
+    summary.dropped, summary.lost_sinks = outlets.dropped, outlets.lost()
+    return summary, outlets
+
+
+def _sinks(args: argparse.Namespace, enter: Callable[[AbstractContextManager[Sink]], Sink]) -> list[Sink]:
+    """Where the predictions go."""
+    sinks = [] if args.quiet else [enter(closing(stream_sink(sys.stdout, STDOUT)))]
+    sinks += [enter(file_sink(args.out, "--out"))] if args.out else []
+    sinks += [enter(udp_sink(args.udp))] if args.udp else []
+    return sinks
 
 
 def answer(
@@ -168,14 +207,10 @@ def force_of(path: Path | None) -> Callable[[FloatArray], FloatArray] | None:
     return read_calibration(path).apply
 
 
-def _view(model: Model) -> AbstractContextManager[Emit]:
+def _view(model: Model) -> AbstractContextManager[View]:
     from holdfast.view import viewed
 
     return viewed(model.card.unit)
-
-
-def _no_view(prediction: Prediction, sample: Sample, measured: Measured) -> None:
-    """Nobody looks."""
 
 
 @contextmanager
@@ -232,27 +267,17 @@ def _let_go(terminals: list[int]) -> None:
             os.close(nothing)
 
 
-@contextmanager
-def kept_samples(path: Path | None, model: Model) -> Iterator[Callable[[Sample], None]]:
-    """What writes every prepared sample with all its digits, so that a replay decides the same."""
-    if path is None:
-        yield lambda sample: None
-        return
-    from edge_runtime.sample_file import SampleFile
-
-    with SampleFile(path, model.card.n_channels) as file:
-        yield file.write
-
-
 def say(line: str) -> None:
     """What happens, beside the answers."""
     sys.stderr.write(line + "\n")
 
 
-def say_summary(summary: Summary, model: Model) -> None:
-    """Counts, and where the time of a sample went."""
+def say_summary(summary: Summary, tell: Callable[[str], object]) -> None:
+    """Counts, which logs were lost, and where the time of a sample went."""
     states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
     lost = "".join(f", {count} {name}" for name, count in summary.lost().items() if count)
-    say(f"\n{summary.samples} samples, {summary.overruns} overruns{lost}, {summary.acts} acts; {states}")
+    tell(f"\n{summary.samples} samples, {summary.overruns} overruns{lost}, {summary.acts} acts; {states}")
+    for sink, why in summary.lost_sinks.items():
+        tell(f"lost: {sink} ({why})")
     for stage, figures in summary.latency_us().items():
-        say(f"{stage:<14}" + "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items()))
+        tell(f"{stage:<14}" + "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items()))

@@ -1,40 +1,102 @@
-"""`holdfast run --view`: the stream in a terminal, also over SSH. On stderr, so that stdout stays JSON lines."""
+"""`holdfast run --view`: the stream in a terminal, also over SSH. On stderr, so that stdout stays JSON lines.
+
+A thread of its own draws and writes, so a terminal that takes nothing stops the picture and nothing else. rich's own
+`Live` is not used: its `stop` waits for the drawing thread, which may wait for the terminal.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Event, Thread
 
 import numpy as np
 from rich.console import Console, Group
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from edge_runtime.line_writer import CLOSING_S, STREAM_LINES, write_whole_line
 from edge_runtime.live import Measured
 
 REFRESH_HZ = 8
 BAR = 30
 COLOURS = {"unknown": "magenta", "nothing": "bright_black", "grasp": "cyan", "safe_slip": "green", "risky_slip": "red"}
-Newest = tuple[Prediction, Sample, Measured]
+CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
+
+
+class View:
+    """The newest sample as a picture that is drawn over again, with the lines that are told above it."""
+
+    def __init__(self, unit: str, console: Console) -> None:
+        self._unit, self._console = unit, console
+        self._newest: tuple[Prediction, Sample, Measured] | None = None
+        self._told: deque[str] = deque(maxlen=STREAM_LINES)
+        self._height = 0
+        self._done = Event()
+        self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
+
+    def show(self, prediction: Prediction, sample: Sample, measured: Measured) -> None:
+        """What the next picture shows."""
+        self._newest = (prediction, sample, measured)
+
+    def tell(self, line: str) -> None:
+        """A line above the picture."""
+        self._told.append(line)
+
+    @property
+    def drawing(self) -> bool:
+        """Whether what is told comes to be seen here: not before the start, after the end, or on a lost terminal."""
+        return self._thread.is_alive() and not self._done.is_set()
+
+    def start(self) -> None:
+        """Begin to draw."""
+        self._thread.start()
+
+    def stop(self, wait_s: float = CLOSING_S) -> None:
+        """Take the picture away; wait at most wait_s for a terminal that takes nothing."""
+        self._done.set()
+        self._thread.join(wait_s)
+
+    def _draw_until_done(self) -> None:
+        try:
+            while not self._done.wait(1.0 / REFRESH_HZ):
+                self._write(self._frame(self._picture()))
+            self._write(self._frame(""))
+        except OSError:
+            return  # the terminal is gone: the sink of stderr notices it too, and tells
+
+    def _write(self, text: str) -> None:
+        write_whole_line(self._console.file.fileno(), text.encode("utf-8", "replace"))
+
+    def _picture(self) -> str:
+        with self._console.capture() as captured:
+            self._console.print(picture(*self._newest, self._unit) if self._newest else "waiting for the first sample")
+        return captured.get()
+
+    def _frame(self, drawn: str) -> str:
+        """What moves up to where the last picture began, and writes over it."""
+        told = [self._told.popleft() for _ in range(len(self._told))]
+        lines = drawn.splitlines()[: self._console.size.height - 1]
+        up = f"\r\x1b[{self._height}A" if self._height else ""
+        self._height = len(lines)
+        return up + "".join(f"{CLEAR_LINE}{line}\n" for line in [*told, *lines]) + CLEAR_BELOW
 
 
 @contextmanager
-def viewed(unit: str, *, console: Console | None = None) -> Iterator[Callable[[Prediction, Sample, Measured], None]]:
-    """What shows the newest sample, until the end; drawn beside the loop, never in it."""
-    newest: list[Newest] = []
-
-    def show(prediction: Prediction, sample: Sample, measured: Measured) -> None:
-        newest[:] = [(prediction, sample, measured)]
-
-    def drawn() -> Group | Text:
-        return picture(*newest[0], unit) if newest else Text("waiting for the first sample")
-
-    with Live(
-        get_renderable=drawn, console=console or Console(stderr=True), refresh_per_second=REFRESH_HZ, transient=True
-    ):
-        yield show
+def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
+    """A view that draws until the end, beside the loop and never in it; on what is no terminal it draws nothing."""
+    console = console or Console(stderr=True)
+    view = View(unit, console)
+    if not console.is_terminal or console.is_dumb_terminal:
+        yield view
+        return
+    view.start()
+    try:
+        yield view
+    finally:
+        view.stop()
 
 
 def picture(prediction: Prediction, sample: Sample, measured: Measured, unit: str) -> Group:

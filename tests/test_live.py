@@ -32,8 +32,8 @@ from edge_runtime.live import STAGES, Command, Measured, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.notify import service_watchdog
 from edge_runtime.preparation import Preparation
-from edge_runtime.sample_file import SampleFile
-from edge_runtime.sinks import emit_to, file_sink, stream_sink, udp_sink
+from edge_runtime.sample_file import sample_file
+from edge_runtime.sinks import Outlets, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
 from holdfast.live_sources import open_live
 from holdfast.run import answer
@@ -243,7 +243,7 @@ def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(mode
 def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, tmp_path):
     url = "virtual://ft232h?scene=pull-soft-ball&seed=2&fault=nack:3@4%2B0.1&fault=unplug@5%2B0.2"
     _, answers, samples, _ = live(model, url, 8.0)
-    with SampleFile(tmp_path / "kept.csv", 18) as file:
+    with sample_file(tmp_path / "kept.csv", 18) as file:
         for sample in samples:
             file.write(sample)
     monitor = GripMonitor(model, None)
@@ -324,7 +324,7 @@ def test_a_line_goes_everywhere_at_once(tmp_path, model):
         receiver.settimeout(5)
         port = receiver.getsockname()[1]
         with file_sink(tmp_path / "out.jsonl") as to_file, udp_sink(f"127.0.0.1:{port}") as to_port:
-            emit_to([stream_sink(text), to_file, to_port])(predictions[0])
+            Outlets([stream_sink(text), to_file, to_port], print).emit(predictions[0])
         datagram = receiver.recv(65536).decode()
     assert text.getvalue() == datagram + "\n" == (tmp_path / "out.jsonl").read_text()
     assert json.loads(datagram)["state"] == "unknown"
@@ -334,8 +334,8 @@ def test_a_file_that_is_there_is_not_written_over(tmp_path):
     (tmp_path / "out.jsonl").write_text("mine")
     with pytest.raises(OutputError, match="new file"), file_sink(tmp_path / "out.jsonl"):
         pass
-    with pytest.raises(OutputError, match="new file"):
-        SampleFile(tmp_path / "out.jsonl", 18)
+    with pytest.raises(OutputError, match="new file"), sample_file(tmp_path / "out.jsonl", 18):
+        pass
     assert (tmp_path / "out.jsonl").read_text() == "mine"
 
 
@@ -364,7 +364,7 @@ def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
 def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model):
     from rich.console import Console
 
-    from holdfast.view import picture, viewed
+    from holdfast.view import picture
 
     _, answers, samples, _ = live(model, "virtual://ft232h?fault=nack:3@0.5%2B5", 1.0)
     measured = Measured(0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", ""))
@@ -374,8 +374,38 @@ def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model)
     assert "UNKNOWN" in text
     assert "nack" in text
     assert "risky slip" in text
-    with viewed("N", console=Console(file=io.StringIO(), width=80, force_terminal=True)) as show:
-        show(answers[-1], samples[-1], measured)
+
+
+def test_a_view_draws_over_its_last_picture_below_what_is_told_and_goes_away_at_the_end(model):
+    from rich.console import Console
+
+    from holdfast.view import viewed
+
+    _, answers, samples, _ = live(model, "virtual://ft232h", 0.1)
+    read, write = os.pipe()
+    with open(read, "rb") as seen, open(write, "w", encoding="utf-8") as terminal:
+        with viewed("N", console=Console(file=terminal, width=80, height=30, force_terminal=True)) as view:
+            view.tell("finger 3 is lost")
+            view.show(answers[-1], samples[-1], Measured(0, np.zeros(18), samples[-1].valid))
+            shown = b""
+            while b"UNKNOWN" not in shown:
+                shown += os.read(read, 65536)
+        terminal.close()
+        end = seen.read()
+    assert shown.index(b"finger 3 is lost") < shown.index(b"UNKNOWN")
+    height = shown[shown.index(b"finger 3 is lost\n") :].count(b"\n") - 1
+    assert end.endswith(f"\r\x1b[{height}A\x1b[J".encode())
+    assert not view.drawing
+
+
+def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
+    from rich.console import Console
+
+    from holdfast.view import viewed
+
+    with open(tmp_path / "err", "w", encoding="utf-8") as file, viewed("N", console=Console(file=file)) as view:
+        assert not view.drawing
+    assert (tmp_path / "err").read_text() == ""
 
 
 def test_scan_names_every_sensor_and_the_layout_to_use(capsys):

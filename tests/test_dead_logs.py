@@ -1,0 +1,396 @@
+"""A log that takes nothing any more costs its lines and nothing else: terminals, pipes, files, disks."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import pty
+import resource
+import select
+import signal
+import socket
+import subprocess
+import sys
+import termios
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from hazard_marks import DEAD_LOG
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_live import DEFAULT, ROOT, Steady, go
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.contract import Prediction
+from edge_runtime.line_writer import CLOSING_S, STREAM_LINES, LineWriter
+from edge_runtime.live import run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.sample_file import sample_file
+from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink
+from edge_runtime.tare import Tare
+
+LINE = "x" * 800
+LONG_S = 60.0
+"""A test that waits so long has found a hang."""
+Pair = tuple[int, int]
+Running = tuple["subprocess.Popen[str]", Callable[[int], None]]
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(DEFAULT)
+
+
+@pytest.fixture(scope="module")
+def prediction(model: Model) -> Prediction:
+    clock = VirtualClock()
+    return go(model, Steady(clock, 1), clock)[1][0]
+
+
+@pytest.fixture
+def terminal() -> Iterator[Pair]:
+    """(what a person sees, what a program writes to); nobody looks unless a test does."""
+    yield from _pair(pty.openpty())
+
+
+@pytest.fixture
+def pipe() -> Iterator[Pair]:
+    """(read, write)."""
+    yield from _pair(os.pipe())
+
+
+def _pair(ends: Pair) -> Iterator[Pair]:
+    yield ends
+    for end in ends:
+        os.close(end)
+
+
+def sink_on(handle: int) -> Sink:
+    with open(handle, "w", encoding="utf-8", closefd=False) as stream:
+        return stream_sink(stream, "stdout")
+
+
+def wait_for(met: Callable[[], bool]) -> None:
+    """Let the other threads go on until it is met."""
+    for _ in range(10_000_000):
+        if met():
+            return
+        os.sched_yield()
+    raise AssertionError("it never happened")
+
+
+def read_until(handle: int, word: bytes) -> bytes:
+    """All that comes until the word has come."""
+    taken = b""
+    while word not in taken:
+        more = os.read(handle, 1 << 16)
+        assert more, "it ended before"
+        taken += more
+    return taken
+
+
+def read_to_end(handle: int) -> bytes:
+    """All of a pipe whose writers have closed it."""
+    return b"".join(iter(lambda: os.read(handle, 1 << 16), b""))
+
+
+class Heard(list[str]):
+    """A sink that acts, until it is told to fail."""
+
+    name, kind, dropped = "grip", "acting", 0
+    failure: OSError | None = None
+
+    def __call__(self, line: str) -> bool:
+        self.append(line)
+        return True
+
+    def end(self) -> None:
+        pass
+
+    def close(self, wait_s: float = 0.0) -> None:
+        pass
+
+
+# -- what takes nothing, for a while
+
+
+@DEAD_LOG.mark
+def test_a_terminal_that_is_not_drained_costs_lines_and_its_reader_gets_whole_ones_afterwards(terminal):
+    sink = sink_on(terminal[1])
+    taken = [sink(f"{k}{LINE}") for k in range(1000)]
+    assert not all(taken)
+    told = read_until(terminal[0], b"\n999" + LINE.encode())  # the newest line of all is not lost
+    sink.close(LONG_S)
+    lines = told.decode().split("\r\n")
+    numbers = [int(line[: -len(LINE)]) for line in lines if line]
+    assert all(line.endswith(LINE) for line in lines if line), "two halves in one line"
+    assert numbers == sorted(set(numbers))
+    assert sink.dropped == 1000 - len(numbers)
+
+
+@DEAD_LOG.mark
+def test_a_stopped_terminal_goes_on_with_the_newest_lines(terminal):
+    termios.tcflow(terminal[1], termios.TCOOFF)  # as ^S
+    sink = sink_on(terminal[1])
+    for k in range(2 * STREAM_LINES):
+        sink(str(k))
+    termios.tcflow(terminal[1], termios.TCOON)
+    numbers = [int(line) for line in read_until(terminal[0], f"\n{2 * STREAM_LINES - 1}\r\n".encode()).split()]
+    sink.close(LONG_S)
+    assert numbers[-STREAM_LINES:] == list(range(STREAM_LINES, 2 * STREAM_LINES))
+    assert sink.dropped == 2 * STREAM_LINES - len(numbers)
+
+
+def _all_there(handle: int) -> bytes:
+    taken = b""
+    try:
+        while more := os.read(handle, 1 << 16):
+            taken += more
+    except BlockingIOError:
+        pass
+    return taken
+
+
+@DEAD_LOG.mark
+@settings(max_examples=25)
+@given(st.lists(st.one_of(st.text(alphabet="abcä", max_size=9000), st.just(None)), max_size=12), st.booleans())
+def test_whatever_is_written_and_read_in_whatever_order_lines_arrive_whole_or_not_at_all(steps, blocking):
+    read, write = os.pipe()
+    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
+    os.set_blocking(write, blocking)  # a shell may hand down a descriptor that does not block
+    writer = LineWriter(write)
+    offered = [f"{k} {step}" for k, step in enumerate(steps) if step is not None]
+    os.set_blocking(read, False)
+    kept, lines = b"", iter(offered)
+    for step in steps:
+        if step is None:
+            kept += _all_there(read)
+        else:
+            writer.put(next(lines))
+    writer.end()
+    os.set_blocking(read, True)
+    kept += read_to_end(read)
+    writer.close(LONG_S)
+    os.close(read)
+    assert kept.decode() == "".join(f"{line}\n" for line in offered)
+    assert (writer.offered, writer.dropped) == (len(offered), 0)
+
+
+@DEAD_LOG.mark
+def test_closing_leaves_a_write_that_takes_for_ever_behind_and_nothing_follows_its_line(pipe):
+    writer = LineWriter(os.dup(pipe[1]))
+    wait_for(lambda: not writer.put(LINE))
+    wait_for(lambda: not select.select([], [pipe[1]], [], 0)[1])
+    writer.close()  # returns, or this test hangs
+    writer.close()
+    assert not writer.put("after the end")
+    os.dup2(pipe[0], pipe[1])  # closed, and the number is still ours
+    lines = read_to_end(pipe[0]).decode().splitlines(keepends=True)
+    assert set(lines) == {LINE + "\n"}
+    assert writer.dropped == writer.offered - writer.written > 0
+
+
+def test_a_stop_closes_three_times_in_a_row_and_has_time_left_in_its_second():
+    assert 3 * CLOSING_S < 0.7
+
+
+# -- what fails
+
+
+def failing(name: str) -> tuple[Sink, str]:
+    """A sink that fails at its first line, and the reason."""
+    if name == "full disk":
+        return sink_on(os.open("/dev/full", os.O_WRONLY)), "No space left on device"
+    if name == "closed descriptor":
+        return sink_on(os.open(os.devnull, os.O_RDONLY)), "Bad file descriptor"
+    ends = pty.openpty() if name == "closed terminal" else os.pipe()
+    sink = sink_on(ends[1])
+    for end in ends:
+        os.close(end)
+    return sink, "Input/output error" if name == "closed terminal" else "Broken pipe"
+
+
+@DEAD_LOG.mark
+@pytest.mark.parametrize("name", ["full disk", "closed descriptor", "closed terminal", "closed pipe"])
+def test_a_log_that_fails_is_dropped_once_and_told_while_the_others_get_every_line(name, prediction):
+    log, why = failing(name)
+    told: list[str] = []
+    outlets = Outlets([log, heard := Heard()], told.append)
+    outlets.emit(prediction)
+    wait_for(lambda: log.failure is not None)
+    for _ in range(5):
+        outlets.emit(prediction)
+    outlets.close()
+    assert len(heard) == 6
+    assert told == [f"stdout takes no more lines ({why}); it is dropped, control goes on"]
+    assert outlets.lost() == {"stdout": why}
+    assert 1 <= outlets.dropped <= 2
+    assert not outlets.none_acts()
+
+
+@DEAD_LOG.mark
+def test_a_loop_whose_logs_are_all_dead_answers_on(model):
+    log, _ = failing("full disk")
+    outlets = Outlets([log], lambda line: None)
+    clock = VirtualClock()
+    summary = run_live(
+        Steady(clock, 200), GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
+        lambda prediction, sample, measured: outlets.emit(prediction), stopped=outlets.none_acts,
+    )  # fmt: skip
+    outlets.close()
+    assert summary.samples == 200
+    assert list(outlets.lost()) == ["stdout"]
+
+
+@DEAD_LOG.mark
+def test_only_the_loss_of_every_sink_that_can_act_ends_a_loop():
+    one, other = Heard(), Heard()
+    log, _ = failing("closed pipe")
+    outlets = Outlets([log, one, other], lambda line: None)
+    log("")
+    wait_for(lambda: log.failure is not None)
+    one.failure = OSError(errno.ENODEV, "gone")
+    assert not outlets.none_acts()
+    other.failure = OSError(errno.ENODEV, "gone")
+    assert outlets.none_acts()
+    assert not Outlets([log], lambda line: None).none_acts(), "where nothing acts from the start, nothing is lost"
+
+
+@contextmanager
+def largest_file(n_bytes: int) -> Iterator[None]:
+    """As a disk that is full after so many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@DEAD_LOG.mark
+def test_a_disk_that_fills_up_in_the_middle_of_a_line_keeps_whole_lines_only(tmp_path):
+    with largest_file(10_000), file_sink(tmp_path / "out.jsonl", "--out") as sink:
+        for k in range(20):
+            sink(f"{k:3d}{LINE}")
+        wait_for(lambda: sink.failure is not None)
+    lines = (tmp_path / "out.jsonl").read_text().splitlines(keepends=True)
+    assert lines == [f"{k:3d}{LINE}\n" for k in range(10_000 // (len(LINE) + 4))]
+    assert sink.failure is not None
+    assert sink.failure.errno == errno.EFBIG
+    assert sink.dropped == 20 - len(lines)
+
+
+def test_a_line_that_another_program_wrote_behind_ours_is_not_cut_off(tmp_path):
+    path = tmp_path / "shared"
+    with file_sink(path) as sink:
+        sink("ours")
+        wait_for(lambda: path.read_text() == "ours\n")
+        path.write_bytes(b"ours\n" + 9_990 * b"t")
+        with largest_file(100):
+            sink(LINE)
+            wait_for(lambda: sink.failure is not None)
+    assert path.stat().st_size == 5 + 9_990
+
+
+def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_refused_are_dropped(tmp_path, model):
+    clock = VirtualClock()
+    _, _, samples = go(model, Steady(clock, 50), clock)
+    with largest_file(5000), sample_file(tmp_path / "kept.csv", 18) as file:
+        for sample in samples:
+            file.write(sample)
+        wait_for(lambda: file.sink.failure is not None)
+        assert file.write(samples[0]), "a sink that was told of counts no more lines"
+    lines = (tmp_path / "kept.csv").read_text().splitlines(keepends=True)
+    assert lines[0].startswith("Time,X1,")
+    assert all(line.endswith("\n") and line.count(",") == 24 for line in lines)
+    assert file.sink.dropped == 50 - (len(lines) - 1)
+
+
+# -- whole programs
+
+
+@contextmanager
+def running(words: Sequence[str] = (), redirect: str = "", **told: Any) -> Iterator[Running]:
+    """holdfast run as a process of its own, and what waits for its n-th answer at the controller's port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
+        controller.bind(("127.0.0.1", 0))
+        controller.settimeout(LONG_S)
+        port = controller.getsockname()[1]
+        run = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h"]
+
+        def answered(n: int) -> None:
+            while json.loads(controller.recv(65536))["sequence"] < n:
+                pass
+
+        command = ["sh", "-c", f'exec "$@" {redirect}', "sh", *run, "--udp", f"127.0.0.1:{port}", *words]
+        with subprocess.Popen(command, cwd=ROOT, text=True, env=os.environ | {"TERM": "xterm"}, **told) as process:
+            try:
+                yield process, answered
+            finally:
+                process.kill()
+
+
+@DEAD_LOG.mark
+@pytest.mark.parametrize("words", [(), ("--view", "--quiet")], ids=["lines", "view"])
+def test_a_run_on_a_terminal_that_is_not_drained_controls_on_and_ends_at_sigterm(terminal, words):
+    os.set_blocking(terminal[1], False)
+    while _fills(terminal[1]):
+        pass
+    os.set_blocking(terminal[1], True)
+    with running(words, stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]) as (process, answered):
+        answered(30)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(LONG_S) == 0
+
+
+def _fills(handle: int) -> bool:
+    try:
+        return os.write(handle, b"x" * 64) > 0
+    except BlockingIOError:
+        return False
+
+
+def limit_files() -> None:
+    """In a child: as a disk that is full after 20 kB."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+
+@DEAD_LOG.mark
+def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_says_what_it_lost(tmp_path):
+    words = ["--out", str(tmp_path / "out.jsonl"), "--samples", str(tmp_path / "kept.csv")]
+    read, write = os.pipe()
+    os.close(read)
+    with running(words, stdout=write, stderr=subprocess.PIPE, preexec_fn=limit_files) as (process, answered):
+        os.close(write)
+        answered(60)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=LONG_S)
+    for name, why in (("stdout", "Broken pipe"), ("--out", "File too large"), ("--samples", "File too large")):
+        assert [why in line for line in err.splitlines() if line.startswith(f"{name}")] == [True]
+        assert len([line for line in err.splitlines() if line.startswith(f"lost: {name}")]) == 1
+    assert all(json.loads(line)["state"] for line in (tmp_path / "out.jsonl").read_text().splitlines())
+    assert (tmp_path / "kept.csv").read_text().endswith("\n")
+    assert process.returncode == 5, "the files are not whole"
+
+
+@DEAD_LOG.mark
+@pytest.mark.parametrize(("dead", "code"), [(">&- 2>&-", 0), (">/dev/full 2>/dev/full", 5)], ids=["closed", "full"])
+def test_a_run_without_stdout_and_stderr_controls_on(dead, code):
+    with running(redirect=dead) as (process, answered):
+        answered(30)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(LONG_S) == code
+
+
+@pytest.mark.parametrize("dead", ["2>&-", "2>/dev/full", "2>&1 >/dev/full"])
+def test_an_error_that_no_stderr_takes_leaves_the_exit_code_as_it_is(dead):
+    done = subprocess.run(
+        ["sh", "-c", f"exec {sys.executable} -m holdfast nonsense {dead}"], cwd=ROOT, capture_output=True, text=True,
+        check=False, timeout=LONG_S,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "Traceback" not in done.stdout + done.stderr
