@@ -16,7 +16,7 @@ EVALUATED := thesis:thesis:900:1000 thesis-texture:build/evaluate/thesis-texture
 # the same, for make wall
 WALL := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
     author:thesis:300:1000 p1:p1:450:1003 p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
-ROOMS  := $(wildcard edge_runtime drivers export training simulation holdfast benchmarks)
+ROOMS  := $(wildcard edge_runtime drivers export training evaluation studies simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
 # and uv trusts the certificates that pip trusts, the machine's own.
@@ -44,14 +44,14 @@ test: setup  ## run the tests
 	$(BIN)/python -m pytest $(ARGS)
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
-	$(BIN)/python -m training.real --out build/real $(ARGS)
-	$(BIN)/python -m training.truer_label build/real/truer.json
+	$(BIN)/python -m studies.real --out build/real $(ARGS)
+	$(BIN)/python -m studies.real.truer_label build/real/truer.json
 
 scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz, into build/scenes
 	rm -rf build/scenes
 	for rate in 50 100 150; do for card in thesis apple p1 p2; do \
 	    $(BIN)/holdfast simulate $$card --rate $$rate --out build/scenes/$${rate}hz/$$card || exit; done; done
-	$(BIN)/python -m training.scenes build/scenes --out build/scenes/study
+	$(BIN)/python -m studies.scenes build/scenes --out build/scenes/study
 
 models: setup  ## rebuild the default model from scenes, into models; RATE=50 for slow bridges, SIZE=tiny or best
 	rm -rf build/models/$(RATE)hz-$(SIZE)
@@ -75,12 +75,12 @@ wall: setup  ## what could tell a fast hand-over from a pull, one idea at a time
 	rm -rf build/wall
 	echo $(WALL) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
 	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/wall/$$0'
-	$(BIN)/python -m training.wall build/wall --out build/wall $(ARGS)
+	$(BIN)/python -m studies.fast_handover build/wall --out build/wall $(ARGS)
 
 preliminary: setup  ## the thesis' preliminary study again, into build/preliminary
 	rm -rf build/preliminary
 	$(BIN)/holdfast simulate twenty-sensors --out build/preliminary/scene
-	$(BIN)/python -m training.preliminary --out build/preliminary $(ARGS)
+	$(BIN)/python -m studies.thesis_preliminary --out build/preliminary $(ARGS)
 
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
@@ -89,15 +89,15 @@ soak: setup  ## the long tests: a million steps, and the like
 	$(BIN)/python -m pytest -m soak $(ARGS)
 
 ablation: setup  ## what each part of the method is worth, into build/ablation
-	$(BIN)/python -m training.ablation --out build/ablation $(ARGS)
+	$(BIN)/python -m studies.ablation --out build/ablation $(ARGS)
 
 docs: setup  ## write the tables of README and docs from build/real, build/bench and the code
 	$(BIN)/python -m export.features_page > docs/features.md
-	$(BIN)/python -m training.real_table build/real/metrics.json README.md
-	$(BIN)/python -m benchmarks.scenes_page build/bench build/scenes/study/scenes.json > docs/scenes.md
+	$(BIN)/python -m studies.real.table build/real/metrics.json README.md
+	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json > docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
 	$(BIN)/python -m benchmarks.cost.page build/bench docs
-	$(BIN)/python -m benchmarks.evaluation_page build/evaluate/figures.json build/wall/wall.json \
+	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/wall/wall.json \
 	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json > docs/evaluation.md
 	$(BIN)/python -m benchmarks.camera_page --tags > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json > docs/camera.md

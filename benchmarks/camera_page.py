@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.scenes_page import markdown
+from evaluation.page import markdown
 from simulation.camera.apriltag import CODES, SIDE_CELLS, cells
 
 TAG_MM, MARGIN_MM, RULER_MM = 10.0, 10.0, 100

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks.scenes_page import markdown
+from evaluation.page import markdown
 
 INTRO = """# Reading six fingertips
 

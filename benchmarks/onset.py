@@ -16,13 +16,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.camera.graph import watch
+from drivers.camera.onset import GROSS_MM, Hidden, Motion, Slip, find_slip, gross_distance_mm, largest_move_mm, motion
 from drivers.camera.recording import read_tracks
 from drivers.camera.sources import Frame, Lens, Stored
 from edge_runtime.contract import FloatArray
 from simulation.camera.frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
 from simulation.card import read_card
 from simulation.scene import Scene
-from training.onset import GROSS_MM, Hidden, Motion, Slip, find_slip, gross_distance_mm, largest_move_mm, motion
 
 ACCELERATIONS_MM_S2 = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 EACH = 10

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.cost.page import figure as cost_figure
-from training.pictures import INK, OURS, QUIET, STYLE, WARNING, svg
+from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 Figures = dict[str, Any]
 TAIL = ("p50", "p99", "p99.9")

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _print_tables(what: str, figures: dict[str, Any]) -> None:
     from benchmarks.cost.page import short
-    from benchmarks.scenes_page import markdown
+    from evaluation.page import markdown
 
     for title, rows in short(figures).items() if what == "cost" else figures.items():
         if isinstance(rows, list) and rows and isinstance(rows[0], dict) and "latency_us" not in rows[0]:

@@ -16,16 +16,16 @@ from edge_runtime.contract import SITUATIONS, Prediction, Sample
 from edge_runtime.decision import UNKNOWN
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.writing import require_writable
+from evaluation.streams import StreamPicture, picture_of
 from export.exporting import export_artifact
 from simulation.card import read_card
 from simulation.folder import write_recording, write_set
 from simulation.scene import Scene
+from studies.scenes.report import demo_report
 from training.datasets.thesis import load
 from training.fitting import train, versions
 from training.plan import TrainingPlan
 from training.recording import Recording
-from training.scenes.report import demo_report
-from training.scenes.streams import StreamPicture, picture_of
 
 RATE_HZ = 150.0
 TRIALS = 240

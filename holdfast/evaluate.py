@@ -10,7 +10,7 @@ from typing import Any
 
 from edge_runtime.command import place, positive, seed
 from edge_runtime.writing import require_writable, write_whole
-from training.evaluating import MOST_FALSE_PER_MIN
+from evaluation import MOST_FALSE_PER_MIN
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,9 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
     from edge_runtime.monitor import Model
-    from training.evaluating.real import real_figures
-    from training.evaluating.study import Asked, evaluate_events
-    from training.progress import stages
+    from evaluation.evaluate import Asked, evaluate_events
+    from evaluation.progress import stages
+    from evaluation.real_sets import real_figures
 
     for out in (args.json, args.report):
         if out is not None:
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json is not None:
         write_whole(args.json, json.dumps(figures, indent=1, allow_nan=False) + "\n")
     if args.report is not None:
-        from training.evaluating.report import write_event_report
+        from evaluation.report import write_event_report
 
         write_event_report(args.report, evidence)
     print("\n".join(in_words(figures)))
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 def in_words(figures: dict[str, Any]) -> list[str]:
     """The figures as lines for people, with what must stand beside them."""
-    from training.evaluating.watched import onsets_in_words
+    from evaluation.camera import onsets_in_words
 
     lines = [line for one in figures["sets"].values() for line in _set_in_words(one["windows"])]
     headline = figures["thresholds"]["headline"]

@@ -22,7 +22,7 @@ from edge_runtime.errors import DataError, LabelError, NotANumber, TimeError, Us
 from holdfast.watch import printed_mm
 
 if TYPE_CHECKING:
-    from training.onset import Motion, Slip
+    from drivers.camera.onset import Motion, Slip
 
 OBJECT_TAG, HAND_TAG = 0, 1
 RISKY = ("pull", "fall", "hold")
@@ -58,7 +58,7 @@ class Trial:
 
 def run(args: argparse.Namespace) -> int:
     """Find the onset, write it beside the trial, say it."""
-    from training.onset import GROSS_MM, gross_distance_mm
+    from drivers.camera.onset import GROSS_MM, gross_distance_mm
 
     held = [read(path, args.tag_mm) for path in args.no_slip]
     gross_mm = args.gross_mm or (gross_distance_mm([trial.moved for trial in held]) if held else GROSS_MM)
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
 
 def require_above_shear(held: list[Trial], gross_mm: float) -> None:
     """Raise UsageError where the distance asked for lies within what the pads give without slipping."""
-    from training.onset import largest_move_mm
+    from drivers.camera.onset import largest_move_mm
 
     shear_mm = max((largest_move_mm(trial.moved) for trial in held), default=0.0)
     if gross_mm <= shear_mm:
@@ -97,8 +97,8 @@ def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None)
 
 def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None) -> Trial:
     """A watched folder read; `trial` is what its label belongs to. Raises LabelError where the trial is void."""
+    from drivers.camera.onset import motion
     from drivers.camera.recording import TAGS, read_about, read_tracks, require_whole
-    from training.onset import motion
 
     about = read_about(folder)
     if about.get("void"):
@@ -150,7 +150,7 @@ def _starts_s(folder: Path, moved: Motion) -> float:
 
 def write(trial: Trial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:
     """Look for the slip, write what was found beside the trial; returns the sentence about it."""
-    from training.onset import Slip, find_slip
+    from drivers.camera.onset import Slip, find_slip
 
     try:
         found = find_slip(trial.moved, gross_mm)

@@ -10,12 +10,12 @@ from benchmarks.effects import prices
 from benchmarks.hold_and_pull import measure, rows
 from benchmarks.mujoco_peer import Scene
 from benchmarks.pictures import PICTURES
-from benchmarks.scenes_page import page
 from benchmarks.simulator import plausibility
 from holdfast.bench import MEASURES
 from simulation.card import shipped
 from simulation.effects import EFFECTS
-from training.scenes.study import OURS
+from studies.scenes.study import OURS
+from studies.tables.scenes import page
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -19,17 +19,21 @@ from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.graph import open_session
 from edge_runtime.monitor import GripMonitor, Model
-from export.detectors import detector_names
-from export.spec import BandsLeftOut, StepSpec
-from export.step_graph import cone_graph, detector_graph
-from holdfast.cli import main
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.datasets import load
-from training.evaluating.answers import NO_CLASS, OUTPUTS, Said, everywhere, rules_of, said
-from training.evaluating.closing import Drop, Droppable, Hand, drop_of, model_error_ms, slide
-from training.evaluating.figures import (
+from evaluation.baselines import (
+    CONE,
+    INTENT,
+    LINE,
+    Rival,
+    held_until_let_go,
+    intent,
+    matched,
+    rivals,
+)
+from evaluation.camera import Seen, onsets_by, seen_beside
+from evaluation.closing_hand import Drop, Droppable, Hand, drop_of, model_error_ms, slide
+from evaluation.evaluate import Asked, evaluate_events
+from evaluation.event_scores import event_scores, heard
+from evaluation.figures import (
     Told,
     calibration,
     confusions,
@@ -41,22 +45,18 @@ from training.evaluating.figures import (
     share,
     specificity,
 )
-from training.evaluating.outcomes import outcome_table, recognised
-from training.evaluating.real import real_figures
-from training.evaluating.rivals import (
-    CONE,
-    INTENT,
-    LINE,
-    Rival,
-    held_until_let_go,
-    intent,
-    matched,
-    rivals,
-)
-from training.evaluating.study import Asked, evaluate_events
-from training.evaluating.truths import Act, Grasp, grasp_of, grasps_beside, safe_acts
-from training.evaluating.watched import Seen, onsets_by, seen_beside
-from training.event_scores import event_scores, heard
+from evaluation.model_outputs import NO_CLASS, OUTPUTS, Said, everywhere, rules_of, said
+from evaluation.outcomes import outcome_table, recognised
+from evaluation.real_sets import real_figures
+from evaluation.truths import Act, Grasp, grasp_of, grasps_beside, safe_acts
+from export.detectors import detector_names
+from export.spec import BandsLeftOut, StepSpec
+from export.step_graph import cone_graph, detector_graph
+from holdfast.cli import main
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from training.datasets import load
 from training.fixture import write_fixture
 from training.recording import Recording
 from training.timeline import Phase, RiskyEvent

@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.evaluation_page import TARGETS, targets
+from studies.tables.evaluation import TARGETS, targets
 
 
 def row(idea: str, good: float, bad: float) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
-from training.alarms import Answers, acts
-from training.event_scores import CONFIDENCES, Heard, choose_confidence, event_scores, false_alarms, hear, heard
+from evaluation.alarms import Answers, acts
+from evaluation.event_scores import CONFIDENCES, Heard, choose_confidence, event_scores, false_alarms, hear, heard
 from training.recording import Recording
 from training.timeline import RiskyEvent
 

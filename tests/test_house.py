@@ -28,8 +28,12 @@ MAY_IMPORT = {
     "simulation": {"edge_runtime"},
     "export": {"edge_runtime"},
     "training": {"edge_runtime", "export"},
-    "benchmarks": {"edge_runtime", "drivers", "export", "training", "simulation"},
-    "holdfast": {"edge_runtime", "drivers", "simulation", "export", "training", "benchmarks"},
+    "evaluation": {"edge_runtime", "drivers", "simulation", "export", "training"},
+    "studies": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
+    "benchmarks": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
+    "holdfast": {
+        "edge_runtime", "drivers", "simulation", "export", "training", "evaluation", "studies", "benchmarks",
+    },
 }
 HOUSE = {*MAY_IMPORT, "tests", "models", "tools"}
 NOT_ON_THE_HAND = {"scipy", "sklearn", "pandas", "onnx", "usb", "depthai", "matplotlib", "rich"}

@@ -289,6 +289,10 @@ CONTRADICTED = {
     "an endless time to settle": spoken_of(settle_samples=10**12),
     "a rate that is none": spoken_of(spec__rate_hz=float("nan")),
     "rules nobody knows": spoken_of(decision={"dither": 1}),
+    "acting on no sample": spoken_of(decision={"act_samples": 0}),
+    "releasing on no sample": spoken_of(decision={"release_samples": 0}),
+    "more votes than all": spoken_of(decision={"min_risky_permille": 1001}),
+    "an act that never times out": spoken_of(decision={"evidence_ms": 10**9}),
     "a bias of text": spoken_of(preparation__bias_rows="many"),
 }
 

@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import LabelError, TagError
-from training.onset import (
+from drivers.camera.onset import (
     FLOOR_PX,
     GROSS_MM,
     Hidden,
@@ -20,6 +18,8 @@ from training.onset import (
     largest_move_mm,
     motion,
 )
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import LabelError, TagError
 
 TAG_MM, MM_PER_PX = 10.0, 0.25
 SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])

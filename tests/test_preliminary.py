@@ -13,11 +13,10 @@ from sklearn.naive_bayes import GaussianNB
 
 from edge_runtime.errors import ClassMissing, DataNotFound
 from edge_runtime.preparation import Preparation
-from training.datasets import keep_groups, load
-from training.preliminary import __main__ as program
-from training.preliminary import study as learners
-from training.preliminary.cases import CASES, bare_ratios, first_components, friction_ratios
-from training.preliminary.points import (
+from studies.thesis_preliminary import __main__ as program
+from studies.thesis_preliminary import study as learners
+from studies.thesis_preliminary.cases import CASES, bare_ratios, first_components, friction_ratios
+from studies.thesis_preliminary.points import (
     KINDS,
     SLIPPING,
     Points,
@@ -28,9 +27,10 @@ from training.preliminary.points import (
     thesis_cone_rows,
     windows,
 )
-from training.preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
-from training.preliminary.report import summary, write_preliminary_report
-from training.preliminary.study import MAKE, balanced, case_figures, late_share, repetitions
+from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
+from studies.thesis_preliminary.report import summary, write_preliminary_report
+from studies.thesis_preliminary.study import MAKE, balanced, case_figures, late_share, repetitions
+from training.datasets import keep_groups, load
 from training.recording import DataSet, Recording
 from training.timeline import Phase, RiskyEvent
 

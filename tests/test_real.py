@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from training import baselines
-from training.ablation import rows_of, table
+from studies.ablation import rows_of, table
+from studies.real import baselines
+from studies.real.eflesh import EfleshStudy, study_eflesh
+from studies.real.proactive import ReplayPicture, study_proactive
+from studies.real.report import Evidence, write_report
+from studies.real.streamed_fold import stream_one_fold
+from studies.real.study import verification_of
+from studies.real.table import main as write_table
 from training.crossval import HeldOut, cross_validate
 from training.datasets import keep_groups, load
-from training.eflesh_study import EfleshStudy, study_eflesh
 from training.featurise import FloatRows, cpu_cost, features_of, spec_for
 from training.fitting import held_out_figures, versions
 from training.plan import CLOCK_FREE_GROUPS, ForestPlan, TrainingPlan
-from training.proactive_study import ReplayPicture, study_proactive
-from training.real import verification_of
-from training.real_table import main as write_table
 from training.recording import DataSet
-from training.report import Evidence, write_report
-from training.streamed_fold import stream_one_fold
 
 pytestmark = pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
 FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)

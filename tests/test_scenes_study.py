@@ -17,31 +17,9 @@ import pytest
 from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 from edge_runtime.errors import DataNotFound, RateError, UnitError
-from export.reference import IntArray
-from export.spec import window_samples
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.crossval import HeldOut
-from training.featurise import features_of, spec_for
-from training.marked import write_between
-from training.plan import CLOCK_PLAN, RAW_BASELINE, RAW_GROUPS, ForestPlan, TrainingPlan
-from training.recording import DataSet, LabelledRows, Recording
-from training.scenes import __main__ as command
-from training.scenes import pictures as draw
-from training.scenes.baselines import (
-    BACK_SAMPLES,
-    JUMP_N,
-    clock_features,
-    one_line,
-    one_line_at,
-    raw_windows,
-    windows_alone,
-)
-from training.scenes.generalising import learning_curve, styles_left_out
-from training.scenes.pictures import FINGER_COLOURS, SITUATION_COLOURS
-from training.scenes.report import SceneEvidence, demo_report, write_scene_report
-from training.scenes.scores import (
+from evaluation import stream_pictures as draw
+from evaluation.markers import write_between
+from evaluation.scores import (
     CEILING,
     answers_at,
     calls,
@@ -51,8 +29,27 @@ from training.scenes.scores import (
     scores,
     spread_of,
 )
-from training.scenes.streams import SHOWN, decided, held_out_streams, shown_trials
-from training.scenes.study import (
+from evaluation.simple_baselines import (
+    BACK_SAMPLES,
+    JUMP_N,
+    clock_features,
+    one_line,
+    one_line_at,
+    raw_windows,
+    windows_alone,
+)
+from evaluation.streams import SHOWN, decided, held_out_streams, shown_trials
+from evaluation.style import FINGER_COLOURS, SITUATION_COLOURS
+from export.reference import IntArray
+from export.spec import window_samples
+from simulation.card import read_card
+from simulation.folder import write_set
+from simulation.scene import Scene
+from studies.scenes import __main__ as command
+from studies.scenes.candidate import Way
+from studies.scenes.generalising import learning_curve, styles_left_out
+from studies.scenes.report import SceneEvidence, demo_report, write_scene_report
+from studies.scenes.study import (
     CLOCK,
     LINE,
     OURS,
@@ -66,7 +63,10 @@ from training.scenes.study import (
     study_rate,
     ways,
 )
-from training.scenes.way import Way
+from training.crossval import HeldOut
+from training.featurise import features_of, spec_for
+from training.plan import CLOCK_PLAN, RAW_BASELINE, RAW_GROUPS, ForestPlan, TrainingPlan
+from training.recording import DataSet, LabelledRows, Recording
 
 FEW = ForestPlan(n_estimators=10, min_samples_leaf=8, max_features=0.3)
 SHARP = ForestPlan(n_estimators=10)

@@ -13,18 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_runtime.contract import FloatArray
+from evaluation.truths import Grasp
 from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
 from simulation.script import Times
-from training.evaluating.truths import Grasp
+from studies.fast_handover.ideas import HARD, IDEAS, Idea
+from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
+from studies.fast_handover.sets import context, joined, labelled, streams, without
+from studies.fast_handover.study import ASKED, CHOOSE, bounds, macro_f1, opens_at_s, study
+from studies.fast_handover.timing import session_of
 from training.plan import ForestPlan
 from training.recording import Recording
-from training.wall.ideas import HARD, IDEAS, Idea
-from training.wall.learners import Boosting, Forest, Learner, TwoStages
-from training.wall.sets import context, joined, labelled, streams, without
-from training.wall.study import ASKED, CHOOSE, bounds, macro_f1, opens_at_s, study
-from training.wall.timing import session_of
 
 SMALL = ForestPlan(n_estimators=8, max_depth=8)
 CARDS = {"thesis": "thesis", "broad": "broad", CHOOSE: "daily",

@@ -6,7 +6,6 @@ with `verify_spec` every fold's forest really is exported and compared on every 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,9 +23,9 @@ from export.verify import verify
 from training.featurise import FloatRows
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet
+from training.say import Say
 from training.splits import Fold, assign_groups, folds_of
 
-Say = Callable[[str], None]
 CALIBRATION_C = 1.0
 """Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""
 

@@ -15,11 +15,12 @@ from edge_runtime.contract import SITUATIONS
 from edge_runtime.errors import ClassMissing
 from export.artifact import Artifact, write_artifact
 from export.heads import Head
-from training.crossval import HeldOut, Say, cross_validate, fit_calibration, fit_forest, main_task
+from training.crossval import HeldOut, cross_validate, fit_calibration, fit_forest, main_task
 from training.featurise import FloatRows, features_of, spec_for
 from training.metrics import report
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet, Recording
+from training.say import Say
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
 

@@ -17,14 +17,14 @@ from benchmarks.cost.point import Point
 from benchmarks.cost.recordings import per_recording, read
 from edge_runtime.contract import RISKY_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN
+from evaluation.alarms import Answers
+from evaluation.event_scores import choose_confidence, event_scores, hear
 from export.exporting import whole_graph
 from export.forest import Forest
 from export.heads import Calibration, Head
 from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
 from export.spec import StepSpec
-from training.alarms import Answers
 from training.crossval import HeldOut, fit_calibration, main_task
-from training.event_scores import choose_confidence, event_scores, hear
 from training.featurise import FloatRows
 from training.fitting import held_out_figures
 from training.recording import DataSet, Recording

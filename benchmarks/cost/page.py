@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.cost.point import DEBOUNCES, DEPTHS, GOOD, RATES_HZ, TREES, Point
-from benchmarks.scenes_page import markdown
 from edge_runtime.writing import write_whole
-from training.marked import write_between
-from training.pictures import INK, OURS, QUIET, STYLE, WARNING, svg
+from evaluation.markers import write_between
+from evaluation.page import markdown
+from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 INTRO = """# What accuracy costs in time
 

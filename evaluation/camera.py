@@ -1,0 +1,158 @@
+"""Alarms against a slip as a camera saw it, beside the scene's own truth where a scene knows it too.
+
+`holdfast onset` writes what a camera saw beside a trial (events.jsonl of a recorded one, trial_n.onset.json of a bare
+CSV), with the provenance `camera`; no tactile sample had a say in it. Two of its times count:
+
+start  the object begins to move in the hand, fitted; elastic pads move before anything slips, so it may come early
+gross  the object has gone a fixed distance
+
+Their counterparts of a scene are the first part that slides, and gross slip.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.contract import RISKY_SLIP, SITUATIONS
+from edge_runtime.errors import LabelError
+from edge_runtime.reading import json_of
+from evaluation.event_scores import Heard, Outcome, spread
+from training.objects import read_json
+from training.recording import Recording
+from training.timeline import truth_path
+
+CAMERA, KEY, SCENE, RISKY = "camera", "key", "scene", SITUATIONS[RISKY_SLIP]
+EVENTS, TACTILE, ONSET = "events.jsonl", "tactile.csv", ".onset.json"
+LATE_S = 0.05
+"""A camera's start belongs to the event it falls into, or so much before or after it."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A risky slip as a camera saw it, s from the first sample; sd_s of the start; true_..: a scene's, else None."""
+
+    start_s: float
+    sd_s: float
+    gross_s: float
+    true_start_s: float | None = None
+    true_gross_s: float | None = None
+
+
+def seen_beside(root: Path, recordings: Sequence[Recording]) -> list[tuple[Seen, ...]]:
+    """What a camera saw of every recording of a folder; nothing where none watched. Raises LabelError."""
+    return [_seen(root, one.trial_id) for one in recordings]
+
+
+def _seen(root: Path, trial_id: str) -> tuple[Seen, ...]:
+    csv = _beside(root, trial_id)
+    where = csv.with_name(EVENTS) if csv.name == TACTILE else csv.with_suffix(ONSET)
+    if csv.name == TACTILE:
+        told = _lines(where) if where.is_file() else []
+        marks = [(str(one.get("mark")), one.get("t_s")) for one in told if one.get("provenance") == SCENE]
+    else:
+        phases = read_json(where).get("phases", [])
+        told = [one for one in phases if isinstance(one, dict)] if isinstance(phases, list) else []
+        marks = _truth_marks(read_json(truth_path(csv))) if told else []
+    try:
+        return tuple(_one(interval, marks) for interval in told if _is_risky(interval))
+    except (KeyError, TypeError, ValueError) as error:
+        raise LabelError(
+            f"a camera's interval without its times ({error!r:.60})", where=where, next_step="holdfast onset, again"
+        ) from None
+
+
+def onsets_by(root: Path, recordings: Sequence[Recording]) -> dict[str, int]:
+    """Provenance -> how many risky events have their onset from it (scene, camera, key), where labels say so."""
+    truths = [read_json(truth_path(_beside(root, one.trial_id))) for one in recordings]
+    phases = [phase for truth in truths for phase in truth.get("phases", []) if isinstance(phase, dict)]
+    told = [str(phase["provenance"]) for phase in phases if phase.get("label") == RISKY and "provenance" in phase]
+    return dict(sorted(Counter(told).items()))
+
+
+def onsets_in_words(data: dict[str, Any]) -> str:
+    """Who said when the load came on, where it is a camera or a person; nothing where a scene or a script knows."""
+    by = data["onsets_by"]
+    if not by.keys() & {CAMERA, KEY}:
+        return ""
+    told = ", ".join(f"{name} {count}" for name, count in by.items())
+    return f"load onsets are those of {told}; a camera's is the object's first motion, a pressed key is late"
+
+
+def _beside(root: Path, trial_id: str) -> Path:
+    """The CSV of a trial: tactile.csv in its folder, which may be the root itself, or trial_n.csv."""
+    folders = (root, root / trial_id)
+    return next((one / TACTILE for one in folders if (one / TACTILE).is_file()), root / f"{trial_id}.csv")
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    """The whole lines of events.jsonl. Raises LabelError."""
+    try:
+        lines = [json_of(line) for line in path.read_text(encoding="utf-8").split("\n")[:-1] if line.strip()]
+    except (OSError, ValueError) as error:
+        raise LabelError(f"a line is no JSON ({type(error).__name__})", where=path, next_step="mend it") from None
+    return [line for line in lines if isinstance(line, dict)]
+
+
+def _is_risky(interval: dict[str, Any]) -> bool:
+    return interval.get("provenance") == CAMERA and interval.get("label") == RISKY
+
+
+def _truth_marks(truth: dict[str, Any]) -> list[tuple[str, Any]]:
+    """(name, s) of the first sliding and the gross slip of every grasp in a scene's truth."""
+    trials = truth.get("trials", [truth])
+    return [(name, one.get(f"{name}_s")) for one in trials for name in ("incipient_slip", "gross_slip")]
+
+
+def _one(interval: dict[str, Any], marks: Sequence[tuple[str, Any]]) -> Seen:
+    start_s, gross_s, end_s = (float(interval[name]) for name in ("t0_s", "gross_s", "t1_s"))
+    near = {
+        name: float(at_s)
+        for name, at_s in marks
+        if at_s is not None and start_s - LATE_S <= float(at_s) <= max(gross_s, end_s) + LATE_S
+    }
+    sd_s = float(interval["uncertainty_s"])
+    return Seen(start_s, sd_s, gross_s, near.get("incipient_slip"), near.get("gross_slip"))
+
+
+def camera_figures(streams: Sequence[Heard], seen: Sequence[tuple[Seen, ...]]) -> dict[str, Any] | None:
+    """Delay to a camera's start and lead to its gross slip, ms, and the same by the truth of a scene; None without one.
+
+    onsets: what the camera saw; events: those of them that are risky events of the labels, found: with an alarm.
+    """
+    if not any(seen):
+        return None
+    matched = [pair for stream, slips in zip(streams, seen, strict=True) for pair in _matched(stream, slips)]
+    found = [(outcome.alarm_s, slip) for outcome, slip in matched if outcome.alarm_s is not None]
+    return {
+        "onsets": sum(len(slips) for slips in seen), "events": len(matched), "found": len(found),
+        "start_sd_ms": spread([1e3 * slip.sd_s for _, slip in matched]),
+        "delay_ms": spread([1e3 * (alarm_s - slip.start_s) for alarm_s, slip in found]),
+        "lead_ms": spread([1e3 * (slip.gross_s - alarm_s) for alarm_s, slip in found]),
+        "truth": _by_truth([slip for _, slip in matched], found),
+    }  # fmt: skip
+
+
+def _matched(stream: Heard, slips: Sequence[Seen]) -> list[tuple[Outcome, Seen]]:
+    """Every event with the slip that a camera saw begin in it."""
+    pairs = []
+    for outcome in stream.outcomes:
+        first_s, last_s = outcome.event.onset_s - LATE_S, outcome.event.end_s + LATE_S
+        within = [slip for slip in slips if first_s <= slip.start_s <= last_s]
+        pairs += [(outcome, slip) for slip in within[:1]]
+    return pairs
+
+
+def _by_truth(matched: Sequence[Seen], found: Sequence[tuple[float, Seen]]) -> dict[str, Any] | None:
+    """The same delays and leads by the scene, and how far the camera is off it; None where no scene knows."""
+    if not any(slip.true_start_s is not None or slip.true_gross_s is not None for slip in matched):
+        return None
+    return {
+        "delay_ms": spread([1e3 * (at_s - s.true_start_s) for at_s, s in found if s.true_start_s is not None]),
+        "lead_ms": spread([1e3 * (s.true_gross_s - at_s) for at_s, s in found if s.true_gross_s is not None]),
+        "start_off_ms": spread([1e3 * (s.start_s - s.true_start_s) for s in matched if s.true_start_s is not None]),
+        "gross_off_ms": spread([1e3 * (s.gross_s - s.true_gross_s) for s in matched if s.true_gross_s is not None]),
+    }  # fmt: skip

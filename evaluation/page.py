@@ -1,0 +1,49 @@
+"""What reports and pages are written with: one HTML page, its key of colours, a table and its numbers."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.contract import SITUATIONS
+from edge_runtime.writing import write_whole
+
+CSS = """
+body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:62rem;margin:2rem auto;padding:0 1rem}
+h1{font-size:1.7rem;line-height:1.2;margin-bottom:.2rem} h2{font-size:1.2rem;margin-top:2.4rem}
+table{border-collapse:collapse;font-size:.8rem;width:100%;font-variant-numeric:tabular-nums}
+th,td{padding:.3rem .45rem;border-bottom:1px solid #e4e7eb;text-align:right;white-space:nowrap}
+th:first-child,td:first-child{text-align:left;white-space:normal;min-width:9.5rem} th{font-weight:600;vertical-align:bottom}
+tr.ours td{font-weight:600} tr.warning td{color:#9a4a06} .note{color:#52606d;font-size:.9rem}
+.answer{display:flex;gap:2.5rem;flex-wrap:wrap;margin:1rem 0} .answer b{display:block;font-size:2rem;line-height:1.1}
+.key i{display:inline-block;width:.9em;height:.9em;margin:0 .3em 0 1em;vertical-align:-.1em}
+.side{display:flex;flex-wrap:wrap;gap:1rem} svg{max-width:100%;height:auto} .wide{overflow-x:auto}
+"""
+
+
+def write_page(path: Path, title: str, sections: list[str]) -> Path:
+    """One self-contained page of sections, each HTML; OutputError where it cannot be written."""
+    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><style>{CSS}</style>'
+    body = "\n".join(sections)
+    return write_whole(path, f"<!doctype html><html lang=en><title>{html.escape(title)}</title>{head}{body}</html>")
+
+
+def key(colours: Sequence[str]) -> str:
+    """What the colours of the four situations mean."""
+    pairs = zip(colours, SITUATIONS, strict=True)
+    return "".join(f'<i style="background:{colour}"></i>{name.replace("_", " ")}' for colour, name in pairs)
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows as a table."""
+    head = list(rows[0])
+    lines = [head, ["---"] * len(head), *([_cell(row[name]) for name in head] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+    return "-" if value is None else str(value)

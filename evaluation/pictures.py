@@ -1,0 +1,123 @@
+"""The pictures of an evaluation; every one bears the kind of its data. Colours as in the scenes' report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from edge_runtime.decision import UNKNOWN
+from evaluation.evaluate import Shown
+from evaluation.stream_pictures import labelled, runs
+from evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
+
+LINE_STYLES = {
+    "to the first risky_slip state": ("#56b4e9", "-"), "to act": ("#d55e00", "-"),
+    "lead available": ("#009e73", "--"), "lead left at act": ("#000000", "-"),
+}  # fmt: skip
+SET_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#000000", "#e69f00", "#56b4e9", "#999999")
+MOST_MS = 150.0
+LEAST_EVENTS = 5
+"""Fewer make no distribution."""
+COLUMNS = 3
+
+
+def timelines(rows: Sequence[Shown], kind: str) -> str:
+    """One row a trial: the truth behind from edge to edge, the prediction in front, a triangle where the hand acts."""
+    with labelled(kind, 10.2, 0.36 * len(rows) + 0.75) as figure:
+        axes = figure.subplots()
+        for place, row in enumerate(rows):
+            _timeline(axes, place, row)
+        axes.set_yticks(range(len(rows)), [_name(row) for row in rows], fontsize=7.5)
+        axes.set_ylim(len(rows) - 0.45, -0.65)
+        axes.set_xlim(0.0, max(len(row.situation) / row.told.recording.rate_hz for row in rows))
+        axes.set_xlabel("time in the trial, s")
+        axes.spines[:].set_visible(False)
+        return svg(figure)
+
+
+def _name(row: Shown) -> str:
+    recording = row.told.recording
+    return f"{recording.object_name} {recording.trial_id.rsplit('_', 1)[-1]}"
+
+
+def _timeline(axes: Axes, place: int, row: Shown) -> None:
+    step_s = 1.0 / row.told.recording.rate_hz
+    for phase in row.told.recording.phases:
+        span = [(phase.first * step_s, (phase.stop - phase.first) * step_s)]
+        axes.broken_barh(span, (place - 0.42, 0.84), color=SITUATION_COLOURS[phase.situation], alpha=0.38, linewidth=0)
+    for situation, colour in enumerate(SITUATION_COLOURS):
+        axes.broken_barh(_spans(row.situation == situation, step_s), (place - 0.2, 0.4), color=colour, linewidth=0)
+    unknown = _spans(row.situation == UNKNOWN, step_s)
+    axes.broken_barh(unknown, (place - 0.2, 0.4), facecolor="white", edgecolor=QUIET, linewidth=0.5, hatch="////")
+    first = [span[0] for span in _spans(row.asked, step_s)]
+    axes.plot(first, [place - 0.46] * len(first), "v", color=INK, markersize=4.5, clip_on=False)
+
+
+def _spans(there: Any, step_s: float) -> list[tuple[float, float]]:
+    return [(first * step_s, (stop - first) * step_s) for first, stop in runs(there)]
+
+
+def distributions(timed: dict[str, dict[str, list[float]]], kind: str) -> str:
+    """Share of the found events by ms, one panel a set: delays from load onset, and the lead to gross slip."""
+    timed = {name: one for name, one in timed.items() if len(one["to act"]) >= LEAST_EVENTS}
+    if not timed:
+        return ""
+    tall = -(-len(timed) // COLUMNS)
+    with labelled(kind, 10.2, 2.35 * tall + 0.3) as figure:
+        panels = figure.subplots(tall, COLUMNS, squeeze=False, sharey=True)
+        for axes, (name, lines) in zip(panels.flat, timed.items(), strict=False):
+            for title, values in lines.items():
+                _curve(axes, values, title)
+            axes.set_title(name, fontsize=9, loc="left")
+            axes.set(xlim=(-20.0, MOST_MS), ylim=(0.0, 1.02), xlabel="ms")
+            axes.axvline(0.0, color=QUIET, linewidth=0.7)
+        for axes in list(panels.flat)[len(timed) :]:
+            axes.set_visible(False)
+        panels[0, 0].set_ylabel("share of found events")
+        panels[0, 0].legend(frameon=False, fontsize=7, loc="lower right")
+        return svg(figure)
+
+
+def _curve(axes: Axes, values: Sequence[float], title: str) -> None:
+    colour, style = LINE_STYLES[title]
+    if values:
+        ordered = np.sort(values)
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        axes.step(ordered, share, where="post", color=colour, linestyle=style, linewidth=1.2, label=title)
+
+
+def confusion(level: dict[str, Any], kind: str) -> str:
+    """Share of each class' samples by what was answered; empty where it rounds to nothing."""
+    counts = np.asarray(level["counts"], dtype=float)
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
+    names = [name.replace("_", " ") for name in level["classes"]]
+    with labelled(kind, 0.41 * len(names) + 1.3, 0.36 * len(names) + 1.1) as figure:
+        axes = figure.subplots()
+        axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+        for (row, column), value in np.ndenumerate(shares):
+            if value >= 0.005:
+                colour = "white" if value > 0.5 else INK
+                axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=7)
+        axes.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.5)
+        axes.set_yticks(range(len(names) - 1), names[:-1], fontsize=7.5)
+        axes.set(xlabel="answered", ylabel="was")
+        axes.spines[:].set_visible(False)
+        return svg(figure)
+
+
+def reliability(sets: dict[str, dict[str, Any]], kind: str) -> str:
+    """How often it was a risky slip where so much probability of one was given, one line a set."""
+    with labelled(kind, 4.4, 3.0) as figure:
+        axes = figure.subplots()
+        axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
+        for place, (name, one) in enumerate(sets.items()):
+            colour = SET_COLOURS[place % len(SET_COLOURS)]
+            bins = one["states"]["calibration"]["reliability_risky"]
+            axes.plot([b["said"] for b in bins], [b["was"] for b in bins], "o-", color=colour, markersize=3,
+                      linewidth=1.0, label=name)  # fmt: skip
+        axes.set(xlabel="probability of a risky slip, as given", ylabel="share that was one", xlim=(0, 1), ylim=(0, 1))
+        axes.legend(frameon=False, fontsize=7)
+        return svg(figure)

@@ -1,0 +1,98 @@
+"""Trials as they went by: six fingers' forces, critical points, truth, and what a forest that never met them says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, FloatArray
+from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
+from evaluation.scores import labels_at
+from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
+from export.spec import StepSpec
+from training.critical_points import CriticalPoint, offline_critical_points
+from training.crossval import fit_forest
+from training.featurise import FloatRows, features_everywhere, spec_for
+from training.objects import read_json
+from training.plan import TrainingPlan
+from training.recording import DataSet, Recording
+from training.timeline import Phase, read_truth, truth_path
+
+SHOWN = {"pull": RISKY_SLIP, "fall": RISKY_SLIP, "pass": SAFE_SLIP}
+EVENTS = ("load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")
+
+
+@dataclass(frozen=True)
+class StreamPicture:
+    """One trial, nobody's training: answer [T] is a situation or UNKNOWN, acts [T] what the decision asks for.
+
+    events: times in s of the truth's events that happened, by name.
+    """
+
+    recording: Recording
+    phases: tuple[Phase, ...]
+    events: dict[str, float]
+    points: list[CriticalPoint]
+    answer: npt.NDArray[np.int64]
+    acts: npt.NDArray[np.bool_]
+
+
+def shown_trials(data: DataSet) -> list[int]:
+    """The first trial of each action to be shown that has a window of its slip: chosen before any answer."""
+    task = data.tasks["classes"]
+    situations = labels_at(task.label, "four")
+    found = []
+    for action, situation in SHOWN.items():
+        slips = set(task.trial[situations == situation].tolist())
+        these = (k for k, r in enumerate(data.recordings) if r.action == action and k in slips)
+        found += [k for k in these][:1]
+    return found
+
+
+def held_out_streams(
+    folder: Path, data: DataSet, features: FloatRows, plan: TrainingPlan, seed: int
+) -> list[StreamPicture]:
+    """Pictures of the shown trials of a set read from a folder, from one forest that met none of them."""
+    shown, task = shown_trials(data), data.tasks["classes"]
+    forest = fit_forest(data, features, plan, "classes", np.flatnonzero(~np.isin(task.trial, shown)), seed)
+    spec = spec_for(data, plan.groups)
+    part = data.of_groups({data.recordings[k].group for k in shown})
+    streams = zip(part.recordings, features_everywhere(part, spec), strict=True)
+    return [_picture(folder, one, reference_votes(forest, rows, len(task.classes)), spec) for one, rows in streams]
+
+
+def _picture(folder: Path, recording: Recording, votes: IntArray, spec: StepSpec) -> StreamPicture:
+    by_situation = situation_votes(votes)
+    answer = riskier_argmax(by_situation)
+    answer[: spec.settle_samples - 1] = UNKNOWN
+    share = by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
+    return picture_of(folder, recording, answer, decided(answer, share, recording.rate_hz))
+
+
+def picture_of(
+    folder: Path, recording: Recording, answer: npt.NDArray[np.int64], acts: npt.NDArray[np.bool_]
+) -> StreamPicture:
+    """What was answered on a trial of a folder, with the truth beside the trial. answer, acts: [T]."""
+    truth = truth_path(folder / f"{recording.trial_id}.csv")
+    told = read_json(truth)
+    return StreamPicture(
+        recording,
+        read_truth(truth, np.arange(len(recording.samples)) / recording.rate_hz),
+        {name: float(told[name]) for name in EVENTS if told.get(name) is not None},
+        offline_critical_points(recording),
+        answer,
+        acts,
+    )
+
+
+def decided(answer: npt.NDArray[np.int64], risky_share: FloatArray, rate_hz: float) -> npt.NDArray[np.bool_]:
+    """[T] whether the hand is asked to act, by the decision's own default rules."""
+    period = period_us(rate_hz)
+    rules, state, acts = DecisionRules(), DecisionState(), np.zeros(len(answer), dtype=np.bool_)
+    for t, (situation, share) in enumerate(zip(answer.tolist(), risky_share.tolist(), strict=True)):
+        state = decide(rules, state, situation, int(1000 * share), period_us=period)
+        acts[t] = state.act
+    return acts

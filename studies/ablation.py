@@ -1,0 +1,116 @@
+"""`make ablation`: what each feature group brings on people never seen, and what it costs in microseconds.
+
+Every row is a full cross-validation on human_slip_uskin, 18 channels: the default groups, each of them
+left out, and each other group added. A row with a group of unlimited memory (the band-pass bank) is not
+clock-free and says so. The cost is the median of a single step of the feature graph, all rows in turns.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.command import Parser, finish, place, seed
+from edge_runtime.graph import StepGraph, open_session
+from edge_runtime.timing import time_in_turns
+from edge_runtime.writing import require_writable, write_whole
+from evaluation.progress import stages
+from export.features import GROUPS, feature_count
+from export.spec import StepSpec
+from export.step_graph import feature_graph
+from training.crossval import cross_validate
+from training.datasets import load
+from training.featurise import features_of, spec_for
+from training.fitting import held_out_figures, versions
+from training.plan import TrainingPlan
+from training.recording import DataSet
+from training.say import Say
+
+HUMAN = "human_slip_uskin"
+
+
+def rows_of(groups: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Row name -> feature groups: all defaults, each left out, each other one added."""
+    rows = {"default": groups}
+    rows |= {f"without {name}": tuple(g for g in groups if g != name) for name in groups}
+    return rows | {f"with {name}": (*groups, name) for name in GROUPS if name not in groups}
+
+
+def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, Any]:
+    """Every row's figures and cost."""
+    rows = rows_of(plan.groups)
+    specs = {name: spec_for(data, groups) for name, groups in rows.items()}
+    costs = step_costs(specs)
+    result = {}
+    for name, spec in specs.items():
+        say(name)
+        used = replace(plan, groups=spec.groups)
+        held_out = cross_validate(data, features_of(data, spec), used, seed=seed)
+        figures = held_out_figures(data, held_out, seed)
+        result[name] = costs[name] | {
+            "macro_f1": figures["situations"]["macro_f1"],
+            "macro_f1_ci": figures["situations"]["macro_f1_ci"],
+            "auc": figures["predict_250ms"]["auc"],
+            "auc_ci": figures["predict_250ms"]["auc_ci"],
+            "features": feature_count(spec),
+            "clock_free": all(math.isfinite(GROUPS[group].memory_s) for group in spec.groups),
+        }
+    return result
+
+
+def step_costs(specs: dict[str, StepSpec]) -> dict[str, dict[str, Any]]:
+    """Nodes and median us of one step of each feature graph, B = 1, all graphs in turns."""
+    models = {name: feature_graph(spec) for name, spec in specs.items()}
+    calls = {name: _stepper(model.SerializeToString()) for name, model in models.items()}
+    medians = {name: float(np.median(times)) for name, times in time_in_turns(calls).items()}
+    return {name: {"nodes": len(models[name].graph.node), "us": medians[name]} for name in specs}
+
+
+def _stepper(model: bytes) -> Callable[[], object]:
+    graph = StepGraph(open_session(model))
+    graph.sample[:] = np.linspace(0.0, 1.0, graph.sample.shape[1])
+    return graph.step
+
+
+def table(rows: dict[str, Any]) -> str:
+    """The rows as a Markdown table, differences against the default."""
+    base = rows["default"]
+    lines = [
+        "| groups | features | macro F1 | AUC 0.25 s | nodes | us a step | clock-free |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, row in rows.items():
+        f1, auc, us = (row[key] - base[key] for key in ("macro_f1", "auc", "us"))
+        lines.append(
+            f"| {name} | {row['features']} | {row['macro_f1']:.3f} ({f1:+.3f}) | {row['auc']:.3f} ({auc:+.3f}) "
+            f"| {row['nodes']} | {row['us']:.1f} ({us:+.1f}) | {'yes' if row['clock_free'] else 'NO'} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main(argv: Sequence[str]) -> int:
+    """Parse, run, write ablation.json and ablation.md, print the table."""
+    parser = Parser(prog="ablation.py", description="what each feature group brings, and what it costs")
+    parser.add_argument("--out", type=place, default=Path("build/ablation"), metavar="DIR")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S")
+    args = parser.parse_args(argv)
+    require_writable(args.out)
+    plan, data = TrainingPlan(), load(HUMAN)
+    with stages(len(rows_of(plan.groups))) as say:
+        rows = run(data, plan, args.seed, say)
+    result = {"data": HUMAN, "caveat": data.caveat, "seed": args.seed, "versions": versions(), "rows": rows}
+    write_whole(args.out / "ablation.json", json.dumps(result, indent=2) + "\n")
+    write_whole(args.out / "ablation.md", table(rows))
+    print(table(rows) + data.caveat)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(finish(main, sys.argv[1:]))

@@ -1,0 +1,36 @@
+"""`python -m studies.fast_handover FOLDER --out DIR`: the study of studies/fast_handover/study.py, as wall.json."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from edge_runtime.command import place, run_script, seed
+from edge_runtime.writing import require_writable, write_whole
+from evaluation.progress import stages
+from studies.fast_handover.ideas import IDEAS
+from studies.fast_handover.study import study
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="holds the sets that `make wall` simulates")
+    parser.add_argument("--out", type=place, required=True, metavar="DIR", help="where wall.json goes")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Study, write, print the main columns."""
+    require_writable(args.out)
+    with stages(len(IDEAS)) as say:
+        figures = study(args.folder, args.seed, say)
+    path = write_whole(args.out / "wall.json", json.dumps({"kind": "simulated", **figures}, indent=1) + "\n")
+    lines = [f"{row['f1_author']:.3f} {row['f1_p1']:.3f} {row['f1_p2']:.3f}  {row['idea']}" for row in figures["rows"]]
+    sys.stdout.write("\n".join([*lines, str(path)]) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_script("python -m studies.fast_handover", str(__doc__), add_arguments, run))

@@ -1,0 +1,121 @@
+"""Sets of the study: read, and their features at every sample kept on disk, since they are larger than memory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.contract import NORMAL_AXIS, NOTHING
+from edge_runtime.decision import UNKNOWN
+from evaluation.figures import Told, labels_everywhere, without_samples
+from evaluation.truths import grasps_beside
+from export.reference import IntArray
+from studies.fast_handover.ideas import Features
+from training.datasets import load
+from training.featurise import FloatRows, features_everywhere, spec_for
+from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS
+from training.recording import DataSet, Recording
+from training.windows import Choice
+
+CONTEXT_S = (0.5, 1.0, 2.0)
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """Windows to train on. label: [M], 0..7. held_object: [M], its name, "" without one."""
+
+    features: FloatRows
+    label: IntArray
+    held_object: npt.NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class Streams:
+    """A set that is asked. trials: without their samples. features: [sum of T, F] and truth: [sum of T], all in turn.
+
+    row: [M] the set's windows among those rows. The truth of the moment is what they are held against; their labels
+    widen each slip by 0.10 s (training/windows.py), which no detector of the moment can know.
+    """
+
+    trials: list[Told]
+    features: FloatRows
+    lengths: list[int]
+    truth: IntArray
+    row: IntArray
+
+    @property
+    def label(self) -> IntArray:
+        """[M] situation of each window."""
+        return self.truth[self.row]
+
+
+def labelled(folder: Path, windows: Choice, features: Features) -> Labelled:
+    """A set to train on."""
+    data = load(folder, windows=windows)
+    task, rows = data.tasks["classes"], everywhere(folder, data, features)
+    names = np.array([one.object_name or "" for one in data.recordings])
+    return Labelled(np.asarray(rows[_rows(data)]), task.label, names[task.trial])
+
+
+def streams(folder: Path, windows: Choice, features: Features) -> Streams:
+    """A set to ask."""
+    data = load(folder, windows=windows)
+    recordings = [without_samples(one) for one in data.recordings]
+    trials = [Told(one, grasps) for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)]
+    lengths = [len(one.samples) for one in data.recordings]
+    truth = np.concatenate([_situations(one, n) for one, n in zip(recordings, lengths, strict=True)])
+    return Streams(trials, everywhere(folder, data, features), lengths, truth, _rows(data))
+
+
+def everywhere(folder: Path, data: DataSet, features: Features) -> FloatRows:
+    """[sum of T, F] features at every sample, recording after recording, made once."""
+    spec = spec_for(data, RAW_GROUPS if features == "raw window" else CLOCK_FREE_GROUPS)
+    told = json.dumps([spec.to_json(), len(data.recordings)], sort_keys=True)
+    path = folder / f"features-{hashlib.sha256(told.encode()).hexdigest()[:12]}.npy"
+    if not path.is_file():
+        half = path.with_suffix(".half.npy")
+        np.save(half, np.concatenate(features_everywhere(data, spec)))
+        half.replace(path)
+    rows: FloatRows = np.load(path, mmap_mode="r")
+    return np.hstack([rows, np.concatenate([context(one) for one in data.recordings])]) if (
+        features == "with context"
+    ) else rows  # fmt: skip
+
+
+def context(recording: Recording) -> FloatRows:
+    """[T, 3]: the grip's mean normal force over the last CONTEXT_S seconds, N, less over a trial's beginning."""
+    normal = recording.samples[:, NORMAL_AXIS::3].sum(axis=1)
+    summed = np.concatenate([[0.0], np.cumsum(normal)])
+    now = np.arange(1, len(normal) + 1)
+    first = [np.maximum(now - round(seconds * recording.rate_hz), 0) for seconds in CONTEXT_S]
+    return np.column_stack([(summed[now] - summed[since]) / (now - since) for since in first]).astype(np.float32)
+
+
+def joined(parts: list[Labelled]) -> Labelled:
+    """Several sets to train on as one."""
+    return Labelled(*(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])))
+
+
+def without(part: Labelled, name: str) -> Labelled:
+    """All but the windows of an object."""
+    kept = part.held_object != name
+    return replace(part, features=part.features[kept], label=part.label[kept], held_object=part.held_object[kept])
+
+
+def _situations(recording: Recording, n: int) -> IntArray:
+    """[T] what happens at each sample; nothing where nobody says."""
+    truth = labels_everywhere(recording.phases, n)
+    return np.where(truth == UNKNOWN, NOTHING, truth)
+
+
+def _rows(data: DataSet) -> IntArray:
+    """[M] where each window's last row stands among all samples of the set."""
+    starts = np.concatenate([[0], np.cumsum([len(one.samples) for one in data.recordings])[:-1]])
+    task = data.tasks["classes"]
+    rows: IntArray = starts[task.trial] + task.row
+    return rows

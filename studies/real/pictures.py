@@ -1,0 +1,147 @@
+"""The report's pictures, each one function that returns an SVG to be inlined."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
+
+from edge_runtime.contract import SITUATIONS
+from evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, STYLE, WARNING, bars, svg
+from studies.real.proactive import ReplayPicture
+from training.crossval import HeldOut
+from training.metrics import situation_scores
+from training.recording import DataSet
+
+TRIALS_SHOWN = 8
+
+
+def table_bars(rows: dict[str, Any]) -> str:
+    """Macro F1 and AUC of every row of the table, with intervals over people."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8.6, 0.42 * len(rows) + 0.9))
+        left, right = figure.subplots(1, 2, sharey=True)
+        bars(left, rows, "situations", "macro_f1", "macro F1, four situations", 0.45)
+        bars(right, rows, "predict_250ms", "auc", "AUC, risky within 0.25 s", 0.5)
+        left.set_yticks(range(len(rows)), [name.replace("WARNING: ", "warning: ") for name in rows])
+        left.invert_yaxis()
+        return svg(figure)
+
+
+def confusion(data: DataSet, held_out: HeldOut) -> str:
+    """Share of each situation's windows by what was answered."""
+    truth = data.tasks["situations"].label
+    share = confusion_matrix(truth, held_out.situations(), labels=range(4), normalize="true")
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4.1, 3.4))
+        axes = figure.subplots()
+        axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
+        for (row, column), value in np.ndenumerate(share):
+            axes.text(column, row, f"{value:.2f}", ha="center", va="center", color="white" if value > 0.5 else INK)
+        names = [name.replace("_", " ") for name in SITUATIONS]
+        axes.set_xticks(range(4), names, rotation=20, ha="right")
+        axes.set_yticks(range(4), names)
+        axes.set(xlabel="answered", ylabel="was")
+        axes.spines[:].set_visible(False)
+        return svg(figure)
+
+
+def curves(data: DataSet, held_out: HeldOut) -> str:
+    """ROC and precision-recall of the 0.25 s prediction, held-out people pooled."""
+    truth, score = data.tasks["predict_250ms"].label, held_out.shares("predict_250ms")[:, 1]
+    false, hit, _ = roc_curve(truth, score)
+    precision, recall, _ = precision_recall_curve(truth, score)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(6.4, 3.0))
+        left, right = figure.subplots(1, 2)
+        left.plot(false, hit, color=OURS)
+        left.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
+        left.set(xlabel="false alarms (share of quiet windows)", ylabel="found (share of risky windows)")
+        right.plot(recall, precision, color=OURS)
+        right.axhline(truth.mean(), color=QUIET, linewidth=0.8)
+        right.set(xlabel="found (recall)", ylabel="right when it speaks (precision)", ylim=(0, 1))
+        return svg(figure)
+
+
+def by_person(data: DataSet, held_out: HeldOut) -> str:
+    """Macro F1 of every person, sorted: how far people differ."""
+    truth, predicted, groups = data.tasks["situations"].label, held_out.situations(), data.group_of("situations")
+    scores = {
+        name: situation_scores(truth[groups == name], predicted[groups == name], groups[groups == name])["macro_f1"]
+        for name in data.groups()
+    }
+    ordered = sorted(scores.values())
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4.1, 3.0))
+        axes = figure.subplots()
+        axes.plot(range(1, len(ordered) + 1), ordered, "o", color=OURS)
+        axes.set_xticks(range(1, len(ordered) + 1, 3))
+        axes.set(xlabel="people, from worst to best", ylabel="macro F1 of one person", ylim=(0, 1))
+        axes.grid(axis="y", color="#e4e7eb")
+        return svg(figure)
+
+
+def timelines(data: DataSet, held_out: HeldOut) -> str:
+    """Truth above, answer below, for one trial each of several people."""
+    task, answered = data.tasks["situations"], held_out.situations()
+    firsts = {recording.group: index for index, recording in reversed(list(enumerate(data.recordings)))}
+    chosen = sorted(firsts.values())[:TRIALS_SHOWN]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8.6, 0.62 * len(chosen) + 0.7))
+        for axes, index in zip(np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)), chosen, strict=True):
+            here = task.trial == index
+            rows = np.stack([task.label[here], answered[here]])
+            end_s = task.row[here][-1] / data.recordings[index].rate_hz
+            start_s = task.row[here][0] / data.recordings[index].rate_hz
+            _strips(axes, rows, start_s, end_s)
+            axes.set_ylabel(f"person {data.recordings[index].group}", rotation=0, ha="right", va="center", fontsize=8)
+        axes.set_xlabel("time in the trial, s")
+        return svg(figure)
+
+
+def _strips(axes: Axes, rows: npt.NDArray[np.int64], start_s: float, end_s: float) -> None:
+    colours = ListedColormap(("#ffffff", *SITUATION_COLOURS))
+    axes.imshow(
+        rows, aspect="auto", cmap=colours, vmin=-1, vmax=3, extent=(start_s, end_s, 2, 0), interpolation="nearest"
+    )
+    axes.axhline(1, color="white", linewidth=1.5)
+    axes.set_yticks([0.5, 1.5], ["was", "answered"], fontsize=7)
+    axes.spines[:].set_visible(False)
+
+
+def delays(delays_s: dict[str, list[float]]) -> str:
+    """Distribution of the delay of the first alarm after the field departs."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(5.2, 2.6))
+        axes = figure.subplots()
+        for colour, (name, values) in zip((OURS, WARNING), delays_s.items(), strict=True):
+            ordered = np.sort(values)
+            axes.step(1000 * ordered, np.arange(1, len(ordered) + 1) / len(ordered), color=colour, label=name)
+        axes.axvline(0, color=QUIET, linewidth=0.8)
+        axes.set(xlabel="first alarm after the field departs, ms", ylabel="share of tugs", ylim=(0, 1))
+        axes.legend(frameon=False)
+        return svg(figure)
+
+
+def replay(picture: ReplayPicture) -> str:
+    """Forces, truth, answer and the risky share of the votes of one replayed trial."""
+    recording, rate_hz = picture.recording, picture.recording.rate_hz
+    time_s = np.arange(len(recording.samples)) / rate_hz
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8.6, 3.6))
+        signals, strips, votes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 1.4, 2))
+        by_sensor = recording.samples.reshape(len(time_s), -1, 3)
+        signals.plot(time_s, np.hypot(by_sensor[..., 0], by_sensor[..., 1]), color=OURS, linewidth=0.8, alpha=0.8)
+        signals.plot(time_s, by_sensor[..., 2], color=QUIET, linewidth=0.8, alpha=0.8)
+        signals.set_ylabel("shear (blue),\nnormal (grey)\nchange, counts")
+        _strips(strips, np.stack([picture.truth, picture.answer]), 0.0, float(time_s[-1]))
+        share = np.where(np.arange(len(time_s)) >= picture.settled_from, picture.risky_share, np.nan)
+        votes.plot(time_s, share, color=SITUATION_COLOURS[3])
+        votes.set(xlabel="s", ylabel="risky share\nof votes", ylim=(0, 1))
+        return svg(figure)

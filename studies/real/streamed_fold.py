@@ -1,0 +1,54 @@
+"""The proof that the table is the file's own: one fold's forests are exported, sealed, loaded, streamed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.decision import DecisionRules
+from edge_runtime.monitor import Model
+from evaluation.window_scores import evaluate, stream
+from export.artifact import Artifact, write_artifact
+from export.exporting import export_artifact
+from export.heads import Head
+from training.crossval import HeldOut, fit_calibration, fit_forest
+from training.featurise import FloatRows, spec_for
+from training.plan import TASK_HEADS, TrainingPlan
+from training.recording import DataSet
+from training.splits import assign_groups, folds_of
+
+FOLD = 0
+
+
+def stream_one_fold(
+    data: DataSet, features: dict[str, FloatRows], plan: TrainingPlan, held_out: HeldOut, out: Path, seed: int
+) -> dict[str, Any]:
+    """Export the first fold and stream its held-out people through the sealed file, sample by sample.
+
+    Returns the file's figures on these people, and how many of its labels differ from the table's.
+    """
+    folds = assign_groups(data.group_of("situations"), plan.folds, seed=seed)
+    train = {task: folds_of(data.group_of(task), folds)[FOLD][0] for task in data.tasks}
+    heads = [_head(data, features[task], plan, task, train[task], held_out, seed) for task in data.tasks]
+    rows = np.concatenate([np.delete(features[task], train[task], axis=0) for task in data.tasks])
+    artifact = Artifact(
+        spec_for(data, plan.groups), data.preparation, DecisionRules().to_json(), heads, rows, {"data": data.name}
+    )
+    write_artifact(out / "fold", artifact)
+    model = Model(export_artifact(out / "fold")[0])
+    held = {name for name, fold in folds.items() if fold == FOLD}
+    part = data.of_groups(held)
+    answers = stream(model, part, ["situation"])["situations"]["situation"]
+    expected = held_out.situations()[np.isin(data.group_of("situations"), sorted(held))]
+    figures = evaluate(model, part, seed=seed)
+    return {**figures, "rows": len(answers), "label_mismatches": int((answers != expected).sum())}
+
+
+def _head(
+    data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, train: Any, held_out: HeldOut, seed: int
+) -> Head:
+    forest = fit_forest(data, features, plan, task, train, seed)
+    calibration = fit_calibration(held_out.shares(task)[train], data.tasks[task].label[train])
+    return Head(TASK_HEADS[task], data.tasks[task].classes, forest, calibration)

@@ -1,0 +1,180 @@
+"""One rate of simulated scenes: trials held out, objects held out, people and objects never met, retrainings.
+
+Every line of the table is a way to answer (features, forest); a trial is never on both sides of a split, and
+nothing is fitted on apple, p1 or p2. Styles (author, p1, p2) are ranges of parameters, not people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.errors import DataNotFound, UnitError
+from evaluation.scores import calls, confusion, leak_check, scores, spread_of
+from evaluation.simple_baselines import ONE_LINE, clock_features, one_line_at, raw_windows
+from evaluation.streams import StreamPicture, held_out_streams
+from export.spec import window_samples
+from studies.scenes.candidate import Way
+from studies.scenes.generalising import learning_curve, styles_left_out
+from training.crossval import HeldOut, cross_validate
+from training.datasets import load
+from training.datasets.joined import require_alike
+from training.featurise import FloatRows, features_of, spec_for
+from training.objects import read_json
+from training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from training.recording import DataSet
+from training.say import Say
+
+TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
+STYLES = ("p1", "p2")
+OURS, RAW = "ours, clock-free", "raw-window forest"
+CLOCK, LINE = "WARNING: a clock, time since contact and summed force", "one line of code"
+RETRAININGS = 5
+CAVEAT = (
+    "Simulated: a model of a hand and of people, no recording. Styles (author, p1, p2) are ranges of parameters, not "
+    "people. The figures show what the method can tell apart in the scenes' physics, not how good it is on a hand."
+)
+"""Stands beside every number of the study."""
+STAGES = 14 + RETRAININGS
+"""Lines one rate says, for the progress bar, when every card is there."""
+
+
+def step_graph(plan: TrainingPlan) -> Callable[[DataSet], FloatRows]:
+    """The features of a plan, as the step graph on the hand makes them."""
+    return lambda data: features_of(data, spec_for(data, plan.groups))["classes"]
+
+
+def ways(
+    plan: TrainingPlan | None = None, raw: TrainingPlan = RAW_BASELINE, clock: TrainingPlan = CLOCK_PLAN
+) -> dict[str, Way]:
+    """Ours and the forests that must stand beside it."""
+    ours = plan or TrainingPlan()
+    return {OURS: Way(ours, step_graph(ours)), RAW: Way(raw, raw_windows), CLOCK: Way(clock, clock_features)}
+
+
+@dataclass(frozen=True)
+class RateStudy:
+    """Figures of one rate, and what its pictures are made from."""
+
+    figures: dict[str, Any]
+    data: DataSet
+    held_out: HeldOut
+    streams: list[StreamPicture]
+
+
+def study_rate(folder: Path, chosen: dict[str, Way], seed: int, say: Say) -> RateStudy:
+    """Everything about the sets in one rate's folder. Raises DataNotFound, UnitError or RateError."""
+    say(f"{folder.name}: reading {TRAINED}")
+    data = read_trained(folder, seed)
+    features = {}
+    for name, way in chosen.items():
+        say(f"{folder.name}: features, {name}")
+        features[name] = way.features(data)
+    say(f"{folder.name}: trials held out")
+    held = {
+        name: cross_validate(data, {"classes": features[name]}, way.plan, seed=seed) for name, way in chosen.items()
+    }
+    figures: dict[str, Any] = {"rate_hz": data.rate_hz, "window_samples": window_samples(data.rate_hz)}
+    figures["data"] = described(data, folder / TRAINED)
+    figures["rows"] = {name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen}
+    figures["rows"][LINE] = one_line_figures(data, seed)
+    figures["leak"] = leak_check(data, held[RAW].votes["classes"], seed=seed)
+    say(f"{folder.name}: objects held out")
+    figures["objects"] = {name: objects_held_out(data, features[name], way, seed) for name, way in chosen.items()}
+    figures["others"] = never_met(folder, data, features, chosen, seed, say)
+    styles = {TRAINED: data} | {card: load(folder / card, seed=seed) for card in STYLES if (folder / card).is_dir()}
+    if len(styles) > 1:
+        figures["styles"] = styles_left_out(styles, chosen, seed, lambda line: say(f"{folder.name}: {line}"))
+    say(f"{folder.name}: fewer trials")
+    pair = {name: way for name, way in chosen.items() if name in (OURS, RAW)}
+    figures["learning_curve"] = learning_curve(data, features, pair, seed)
+    figures["retrainings"] = retrained(folder.name, data, features, chosen, seed, say)
+    say(f"{folder.name}: three trials as they went by")
+    streams = held_out_streams(folder / TRAINED, data, features[OURS], chosen[OURS].plan, seed)
+    return RateStudy(figures, data, held[OURS], streams)
+
+
+def read_trained(folder: Path, seed: int) -> DataSet:
+    """The set to train on, balanced, in newtons (which the clock and the one line are made for)."""
+    if not (folder / TRAINED).is_dir():
+        raise DataNotFound(
+            f"no {TRAINED} in it",
+            where=folder,
+            next_step=f"holdfast simulate {TRAINED} --rate {folder.name.removesuffix('hz')} --out {folder / TRAINED}",
+        )
+    data = load(folder / TRAINED, seed=seed)
+    if data.unit != "N":
+        raise UnitError(f"in {data.unit}, the study is in N", where=data.name, next_step="simulate with unit N")
+    return data
+
+
+def described(data: DataSet, folder: Path) -> dict[str, Any]:
+    """What a set is, for the JSON: kind, card, counts of trials, windows and samples."""
+    card = {k: v for k, v in read_json(folder / "meta.json").items() if k in ("title", "card_sha256", "seed", "step_s")}
+    counts = {name: count for name, count in data.notes.items() if name in ("windows", "windows_natural", "samples")}
+    return {"name": data.name, "kind": data.kind, "n_trials": len(data.recordings), **card, **counts}
+
+
+def one_line_figures(data: DataSet, seed: int) -> dict[str, Any]:
+    """What the one-line detector calls, at a window's last sample and anywhere in its 0.10 s."""
+    reach = window_samples(data.rate_hz)
+    return {
+        "law": ONE_LINE,
+        "n_windows": len(data.tasks["classes"]),
+        "calls": calls(data, one_line_at(data), seed=seed),
+        "calls_anywhere_in_the_window": calls(data, one_line_at(data, reach), seed=seed),
+    }
+
+
+def objects_held_out(data: DataSet, features: FloatRows, way: Way, seed: int) -> dict[str, Any]:
+    """Object -> figures on its windows from a forest that never met the object."""
+    names = np.array([recording.object_name or "" for recording in data.recordings])[data.tasks["classes"].trial]
+    figures = {}
+    for name in sorted(set(names.tolist()) - {""}):
+        asked = names == name
+        votes = way.votes(data, features, np.flatnonzero(~asked), features[asked], seed)
+        part = replace(data, tasks={"classes": data.tasks["classes"].take(asked)})
+        figures[name] = scores(part, votes, seed=seed)
+    return figures
+
+
+def never_met(
+    folder: Path, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Way], seed: int, say: Say
+) -> dict[str, Any]:
+    """Card -> line -> figures on all its windows (not balanced) of forests trained on every trial of the thesis."""
+    everything = np.arange(len(data.tasks["classes"]))
+    figures: dict[str, Any] = {}
+    for card in (card for card in OTHERS if (folder / card).is_dir()):
+        say(f"{folder.name}: trained on {TRAINED}, asked about {card}")
+        other = load(folder / card, windows="natural")
+        require_alike(other, data)
+        other = replace(other, rate_hz=data.rate_hz)
+        rows = {
+            name: scores(other, way.votes(data, features[name], everything, way.features(other), seed), seed=seed)
+            for name, way in chosen.items()
+        }
+        figures[card] = {"data": described(other, folder / card), "rows": rows | {LINE: one_line_figures(other, seed)}}
+    return figures
+
+
+def retrained(
+    rate: str, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Way], seed: int, say: Say
+) -> dict[str, Any]:
+    """Five cross-validations with other seeds of split and forest, for ours and the raw-window forest."""
+    seeds = [seed + k for k in range(RETRAININGS)]
+    matrices: dict[str, list[npt.NDArray[np.int64]]] = {OURS: [], RAW: []}
+    for number, one in enumerate(seeds, start=1):
+        say(f"{rate}: retraining {number} of {len(seeds)}")
+        for name, found in matrices.items():
+            again = cross_validate(data, {"classes": features[name]}, chosen[name].plan, seed=one)
+            found.append(confusion(data.tasks["classes"].label, again.votes["classes"]))
+    return {name: _retraining(seeds, found) for name, found in matrices.items()}
+
+
+def _retraining(seeds: Sequence[int], matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
+    return {"seeds": list(seeds), "confusion": [m.tolist() for m in matrices], **spread_of(matrices)}

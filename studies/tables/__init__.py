@@ -1,0 +1,1 @@
+"""The tables of the documentation's pages, written from the studies' JSON files."""
