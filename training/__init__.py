@@ -1,3 +1,3 @@
-"""Recordings -> critical points -> balanced balanced windows -> forest -> artifact."""
+"""Recordings -> critical points -> balanced windows -> forest -> artifact."""
 
 import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off
