@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 
 from edge_runtime.command import place, positive, seed
 from holdfast.recorder.card import ACTIONS
@@ -51,14 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.recorder.status import StatusLine, columns_of
     from holdfast.run import RunClock, stop_signals
 
-    beside = stream_sink(sys.stderr)
-
-    def tell(line: str) -> bool:
-        with suppress(OSError):  # nobody listens any more: no reason to stop recording
-            return beside(line)
-        return False
-
-    status = StatusLine(tell, lambda: columns_of(sys.stderr), args.seconds)
+    status = StatusLine(stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds)
     show = status.show if columns_of(sys.stderr) else show_nothing
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())

@@ -13,7 +13,6 @@ from typing import TextIO
 import numpy as np
 
 from edge_runtime.live import Measured
-from edge_runtime.sinks import Sink
 from holdfast.recorder.trial import Trial
 
 REDRAW_NS = 250_000_000
@@ -30,7 +29,7 @@ class StatusLine:
     columns: how wide the terminal is now, 0 where nothing can be drawn; seconds: how long a trial lasts, if it is set.
     """
 
-    def __init__(self, sink: Sink, columns: Callable[[], int], seconds: float | None = None) -> None:
+    def __init__(self, sink: Callable[[str], bool], columns: Callable[[], int], seconds: float | None = None) -> None:
         self._sink, self._columns = sink, columns
         self._of = "" if seconds is None else f" of {seconds:g}"
         self._drawn = False
