@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hazard_marks import SOURCE_ENDED
+from hazard_marks import OVERWRITTEN, SOURCE_ENDED
 from test_record import PULL, ROOT, Hand, meta_of, recorded, session
 from test_record import columns_of as read_columns
 
@@ -206,3 +206,15 @@ def test_a_line_is_drawn_only_on_a_terminal_that_can_redraw_it(tmp_path, monkeyp
             monkeypatch.setenv("TERM", term)
             assert (columns_of(terminal), columns_of(file)) == (columns, 0)
     os.close(master)
+
+
+@OVERWRITTEN.mark
+def test_what_a_person_wrote_beside_an_object_s_mass_stays(tmp_path):
+    about = tmp_path / "p01/soft-ball/meta.json"
+    about.parent.mkdir(parents=True)
+    about.write_text('{"mass_g": 80, "colour": "red"}')
+    clock = VirtualClock()
+    asked = Asked(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
+    made = Session(asked, Hand(clock, 99), clock, Keys(None), print, bias=np.zeros(18), about={"unit": "N"})
+    assert made.run([PULL], lambda: False) == 1
+    assert json.loads(about.read_text()) == {"mass_g": 91.5, "colour": "red"}

@@ -8,6 +8,7 @@ the source ends, or the scene behind it, a trial is kept only if it is complete:
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import Task
 from holdfast.recorder.folder import INTERRUPTED, KEPT, REDONE, discard, new_trial
 from holdfast.recorder.keys import HELP_READY, HELP_TRIAL, Keys
-from holdfast.recorder.labels import MARKS, META
+from holdfast.recorder.labels import MARKS, META, read_meta
 from holdfast.recorder.quality import Quality, in_words
 from holdfast.recorder.trial import Trial
 
@@ -207,8 +208,11 @@ class Session:
             self.kept, self._last = self.kept + 1, (trial.folder, task)
 
     def _write_mass(self, folder: Path, task: Task) -> None:
+        """The card's mass into the object's meta.json; what else a person wrote there stays."""
         if task.thing in self.asked.mass_g:
-            write_whole(folder.parent.parent / META, f'{{"mass_g": {self.asked.mass_g[task.thing]:g}}}\n')
+            home = folder.parent.parent
+            told = read_meta(home) | {"mass_g": self.asked.mass_g[task.thing]}
+            write_whole(home / META, json.dumps(told) + "\n")
 
 
 def _is_over(events: list[dict[str, Any]] | None, trial: Trial) -> bool:
