@@ -227,7 +227,8 @@ def delays(scan_costs: list[dict[str, Any]], compute_ms: float) -> list[dict[str
     """
     rows = []
     conversion_ms = 1e3 * conversion_s(32)
-    for cost in (cost for cost in scan_costs if cost["layout"] == "mux" and cost["serves_model_hz"]):
+    default = [cost for cost in scan_costs if cost["reads"] == CHECKED and cost["layout"] == "mux"]
+    for cost in (cost for cost in default if cost["serves_model_hz"]):
         for rate in (rate for rate in RATES_HZ[:-1] if rate <= cost["serves_model_hz"]):
             period_ms = 1e3 / rate
             parts = {

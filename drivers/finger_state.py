@@ -30,7 +30,7 @@ class FingerState:
         self.tried_ns = -TRY_AGAIN_NS
         self._last = b""
         self._changed_ns = 0
-        self._converts = False
+        self._converts = self._missed = False
         self._failures = 0
         self.configure(setup)
 
@@ -68,6 +68,7 @@ class FingerState:
             return None, "missing"
         if not reply.acked or len(reply.data) != self.transfer.read:
             self.nacks += 1
+            self._missed = True
             return None, "nack"
         self.nacks = 0
         found = packet(reply.data[:PACKET_BYTES])
@@ -89,9 +90,13 @@ class FingerState:
         return self._stale(data, came_ns) or ("saturated" if max(found.raw) >= EDGE or min(found.raw) <= -EDGE else "")
 
     def _stale(self, data: bytes, came_ns: int) -> str:
-        """Whether the chip has converted anew within 20 ms; until a second packet differs, that is not known."""
+        """Whether the chip has converted anew within 20 ms; until a second packet differs, that is not known.
+
+        Nor is it after a missing acknowledge and a longer pause: the chip may have been asleep since it converted.
+        """
         if data != self._last:
-            self._converts = bool(self._last)
+            slept = self._missed and came_ns - self._changed_ns > STALE_NS
+            self._converts, self._missed = bool(self._last) and not slept, False
             self._last, self._changed_ns = data, came_ns
         if came_ns - self._changed_ns > STALE_NS:
             self._converts = False

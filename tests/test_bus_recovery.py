@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -216,19 +215,10 @@ def test_an_endpoint_that_stays_halted_is_cleared_and_the_next_scan_is_right(end
 )
 def test_a_start_that_fails_gives_the_bridge_back(faults):
     bench = Bench(faults=faults)
-    handles: list[Any] = []
-    found = bench.backend.enumerate_devices
-
-    def listed() -> Iterator[Any]:
-        for one in found():
-            handles.append(one)
-            yield one
-
-    bench.backend.enumerate_devices = listed
     with pytest.raises(DeviceError):
         bench.hand.start()
-    assert handles
-    assert [one.detached for one in handles] == [set()] * len(handles)  # the kernel's driver is back
+    bench.clock.wait_until(20_000_000_000)
+    bench.open_bus().close()  # an interface that is still claimed would be busy
 
 
 @pytest.mark.parametrize(("value", "commands", "answers"), [(0, 0, 0), (1, 0, 1), (2, 1, 0)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -27,8 +28,9 @@ def pause(bench: Bench) -> Any:
     return lambda seconds: bench.clock.spend(round(1e9 * seconds))
 
 
-def scan(bench: Bench, **told: Any) -> list[Any]:
-    return look_at(bench.open_bus(), pause(bench), **told)
+def scan(bench: Bench) -> list[Any]:
+    with closing(bench.open_bus()) as bus:
+        return look_at(bus, pause(bench))
 
 
 def with_chips(*chips: Any, **told: Any) -> tuple[Bench, list[bytes]]:
@@ -73,8 +75,8 @@ def test_a_chip_with_registers_at_a_sensor_s_own_address_is_only_read(address, m
     bench, before = with_chips(chip)
     bench.virtual.wire.targets.remove(bench.virtual.mux)
     assert [one.what for one in scan(bench)] == ["unknown"]
-    with pytest.raises(WrongDevice, match="no TMAG5273"):
-        identify(bench.open_bus(), address, pause(bench))
+    with closing(bench.open_bus()) as bus, pytest.raises(WrongDevice, match="no TMAG5273"):
+        identify(bus, address, pause(bench))
     assert [chip.state] == before
 
 
@@ -123,8 +125,10 @@ def test_a_sensor_left_in_one_byte_mode_is_recognised_by_its_packets_alone(avera
 
 def test_a_sensor_that_another_program_left_in_other_packets_is_not_written_to():
     bench = started()
-    chip, bus = bench.virtual.chips[0], bench.open_bus()
-    bus.scan([Transfer(0x70, b"\x01"), Transfer(0x35, bytes([0x00, EIGHT_BITS]))])
+    bench.hand.close()
+    chip = bench.virtual.chips[0]
+    with closing(bench.open_bus()) as bus:
+        bus.scan([Transfer(0x70, b"\x01"), Transfer(0x35, bytes([0x00, EIGHT_BITS]))])
     assert as_layout(scan(bench)) == SIX.removeprefix("0:35,")
     assert chip._bytes[0x00] == EIGHT_BITS
 
