@@ -24,6 +24,8 @@ FILE_LINES = 4096
 """Lines that may wait for a disk: half a minute at 150 Hz, about 4 MB."""
 CLOSING_S = 0.2
 """So long closing waits for lines under way. `holdfast run` closes three times in a row and ends within a second."""
+STUCK_S = 0.1
+"""A writer that has not finished one line in so long while it closes waits for something that is dead."""
 RETRY_S = 0.01
 """Between attempts on a descriptor that is non-blocking and says that it is ready when it is not."""
 
@@ -70,13 +72,21 @@ class LineWriter:
             self._waiting.put(None)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """`end`, and wait for the last line, not longer than wait_s; what is not written by then is dropped."""
+        """`end`, and wait for the last line while lines are written, at most wait_s; the others are dropped."""
         self.end()
         if self.failure is not None or self._given_up:
             return
-        self._thread.join(max(0.0, wait_s))
+        end_s = time.monotonic() + wait_s
+        while self._goes_on(end_s):
+            pass
         if self._thread.is_alive():
             self._give_up()
+
+    def _goes_on(self, end_s: float) -> bool:
+        """Wait a little; whether the thread wrote lines meanwhile and is to write more before end_s."""
+        before = self.written
+        self._thread.join(max(0.0, min(STUCK_S, end_s - time.monotonic())))
+        return self._thread.is_alive() and self.written > before and time.monotonic() < end_s
 
     def _give_up(self) -> None:
         """Leave the thread in the write that it waits for; nothing follows it."""

@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete.
     """
     clock, model = RunClock(), Model(args.model)
-    with closing(stream_sink(sys.stderr, STDERR)) as beside:
+    with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
         summary, outlets = _run_until_stopped(args, clock, model, beside)
         say_summary(summary, beside)
     return 0 if all(_reader_left(name, error) for name, error in outlets.failures.items()) else OutputError.exit_code
@@ -254,6 +254,16 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def output_from_the_background() -> Iterator[None]:
+    """Write to a terminal also where it stops programs in its background that do (`stty tostop`), whole programs."""
+    before = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTTOU, before)
 
 
 def _let_go(terminals: list[int]) -> None:

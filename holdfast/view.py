@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
-from edge_runtime.line_writer import CLOSING_S, STREAM_LINES, write_whole_line
+from edge_runtime.line_writer import STREAM_LINES, STUCK_S, write_whole_line
 from edge_runtime.live import Measured
 
 REFRESH_HZ = 8
@@ -54,7 +54,7 @@ class View:
         """Begin to draw."""
         self._thread.start()
 
-    def stop(self, wait_s: float = CLOSING_S) -> None:
+    def stop(self, wait_s: float = STUCK_S) -> None:
         """Take the picture away; wait at most wait_s for a terminal that takes nothing."""
         self._done.set()
         self._thread.join(wait_s)

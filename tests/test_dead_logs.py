@@ -354,6 +354,28 @@ def _fills(handle: int) -> bool:
         return False
 
 
+@DEAD_LOG.mark
+def test_a_run_in_the_background_of_a_terminal_that_stops_such_output_is_not_stopped(terminal):
+    attributes = termios.tcgetattr(terminal[1])
+    attributes[3] |= termios.TOSTOP
+    termios.tcsetattr(terminal[1], termios.TCSANOW, attributes)
+
+    def with_a_terminal_of_its_own() -> None:
+        os.setsid()
+        fcntl.ioctl(terminal[1], termios.TIOCSCTTY, 0)
+
+    run = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h", "--seconds", "0.2"]
+    with subprocess.Popen(
+        ["sh", "-c", 'set -m; "$@" & wait $!', "sh", *run], cwd=ROOT, preexec_fn=with_a_terminal_of_its_own,
+        stdin=terminal[1], stdout=terminal[1], stderr=terminal[1],
+    ) as shell:  # fmt: skip
+        try:
+            assert b"read to emit" in read_until(terminal[0], b"read to emit")
+            assert shell.wait(LONG_S) == 0
+        finally:
+            shell.kill()
+
+
 def limit_files() -> None:
     """In a child: as a disk that is full after 20 kB."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
