@@ -41,8 +41,8 @@ ms: detected and unknown after the fault's begin, whole and settled again after 
 DELAYS = """## From a change of the field to a closed hand
 
 Means, ms, for reads with a CRC: the chip's mean over its conversion and the wait for its end, half a period, the bus,
-computing, one more sample until the decision acts. Then the hand closes (0.37 s for the Michelangelo's full stroke), and
-an object in free fall falls meanwhile: a hand that must close the whole way is too late, one that holds already need not.
+computing, one more sample until the decision acts. Then the hand closes (0.37 s for the Michelangelo's full stroke),
+and an object in free fall falls meanwhile: a hand that must close all the way is too late, one that holds it need not.
 
 """
 LIVE = """## Where a sample's time goes
