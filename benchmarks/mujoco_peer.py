@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.command import Parser, finish, place
+from edge_runtime.command import Parser, finish, path_argument
 from edge_runtime.errors import UsageError
 from edge_runtime.writing import require_writable, write_whole
 
@@ -324,7 +324,7 @@ def _row(run: dict[str, Any]) -> str:
 def main(argv: Sequence[str]) -> int:
     """Parse, measure, write the JSON, print the table."""
     parser = Parser(prog="mujoco_peer", description="hold and pull in MuJoCo: CPU time, creep, slip")
-    parser.add_argument("--out", type=place, default=Path("build/bench/mujoco.json"), metavar="FILE")
+    parser.add_argument("--out", type=path_argument, default=Path("build/bench/mujoco.json"), metavar="FILE")
     args = parser.parse_args(argv)
     _mujoco()
     require_writable(args.out.parent)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from simulation.card import Card, read_card
-from simulation.scene import Scene, Told
+from simulation.scene import Scene, SimulatedTrial
 
 STEPS_S = (4e-3, 2e-3, 1.667e-3, 8.334e-4, 4.167e-4, 2.084e-4)
 REFERENCE_S = 2.5e-5
@@ -81,7 +81,7 @@ def _slip_times_s(card: Card, trials: int, seed: int) -> tuple[np.ndarray, float
     return np.array(times), time.process_time() - started
 
 
-def _timed(card: Card, trials: int) -> tuple[list[Told], float]:
+def _timed(card: Card, trials: int) -> tuple[list[SimulatedTrial], float]:
     scene = Scene(card, 0)
     chosen = scene.trials(trials)
     started = time.process_time()
@@ -93,7 +93,7 @@ def _cpu_s(card: Card, trials: int) -> float:
     return _timed(card, trials)[1] / trials
 
 
-def _incipient_ms(told: list[Told]) -> float:
+def _incipient_ms(told: list[SimulatedTrial]) -> float:
     """Median from the first element that slides to gross slip, where a grip is lost."""
     spans = [
         1e3 * (one.truth.gross_slip_s - one.truth.incipient_slip_s)

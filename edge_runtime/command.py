@@ -34,7 +34,7 @@ def seed(word: str) -> int:
     return number
 
 
-def place(word: str) -> Path:
+def path_argument(word: str) -> Path:
     """A path from the command line; an empty one is a variable somebody forgot to set, not the folder we are in."""
     if not word.strip():
         raise argparse.ArgumentTypeError("an empty path")

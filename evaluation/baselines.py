@@ -15,8 +15,8 @@ import numpy as np
 from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.graph import open_session
-from evaluation.alarms import Answers, acts
-from evaluation.event_scores import CONFIDENCES, heard
+from evaluation.alarms import Answers, act_requests
+from evaluation.event_scores import CONFIDENCES, match_alarms
 from evaluation.model_outputs import everywhere, risky_permille
 from evaluation.simple_baselines import shear_jump
 from export.detectors import detector_names
@@ -49,7 +49,7 @@ LAWS = {
 
 
 @dataclass(frozen=True)
-class Rival:
+class Baseline:
     """One of them. on: recordings -> what is asked at a setting."""
 
     name: str
@@ -57,18 +57,18 @@ class Rival:
     on: Callable[[Sequence[Recording]], Asked]
 
 
-def rivals(spec: StepSpec, rules: DecisionRules, forest: Rival | None = None) -> list[Rival]:
+def rivals(spec: StepSpec, rules: DecisionRules, forest: Baseline | None = None) -> list[Baseline]:
     """Everything that can stand beside a model of this step; the forest only where there is something to train on."""
     found = [_detector(BAND, spec, rules, BAND_RATIOS)]
     if "friction_cone" in detector_names(spec):
         found.append(_detector(CONE, spec, rules, FRICTIONS))
     if spec.unit == "N":
-        found.append(Rival(LINE, JUMPS, lambda recordings: _one_line(recordings, rules)))
-    bound = Rival(INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings])
+        found.append(Baseline(LINE, JUMPS, lambda recordings: _one_line(recordings, rules)))
+    bound = Baseline(INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings])
     return [*found, *([forest] if forest else []), bound]
 
 
-def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -> Rival:
+def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -> Baseline:
     """The thesis' forest, trained on a set and run as a step graph of its own."""
     narrow, task = spec_for(data, RAW_BASELINE.groups), main_task(data)
     narrow = replace(narrow, rate_hz=spec.rate_hz)
@@ -83,12 +83,12 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
         for one, out in zip(recordings, outputs, strict=True):
             situation = np.where(out["unknown"], UNKNOWN, out["situation"])
             answers.append(Answers(one, situation, risky_permille(out["votes"].astype(np.int64))))
-        return lambda permille: [asked[:, 0] for asked in acts(answers, rules, [int(permille)])]
+        return lambda permille: [asked[:, 0] for asked in act_requests(answers, rules, [int(permille)])]
 
-    return Rival(RAW, tuple(float(one) for one in CONFIDENCES), on)
+    return Baseline(RAW, tuple(float(one) for one in CONFIDENCES), on)
 
 
-def _detector(name: str, spec: StepSpec, rules: DecisionRules, settings: tuple[float, ...]) -> Rival:
+def _detector(name: str, spec: StepSpec, rules: DecisionRules, settings: tuple[float, ...]) -> Baseline:
     """A column of the step graph's `detectors`, the graph built anew for every setting."""
     key, graph = {BAND: ("band_ratio", detector_graph), CONE: ("friction", cone_graph)}[name]
 
@@ -100,7 +100,7 @@ def _detector(name: str, spec: StepSpec, rules: DecisionRules, settings: tuple[f
 
         return at
 
-    return Rival(name, settings, on)
+    return Baseline(name, settings, on)
 
 
 def _one_line(recordings: Sequence[Recording], rules: DecisionRules) -> Asked:
@@ -117,7 +117,7 @@ def held_until_let_go(
         held = one.samples[:, NORMAL_AXIS::3].sum(axis=1) > NORMAL_FLOOR[one.unit]
         situation = np.where(held, np.where(fires, RISKY_SLIP, GRASP), NOTHING)
         answers.append(Answers(one, situation, np.full(len(situation), 1000)))
-    return [asked[:, 0] for asked in acts(answers, replace(rules, act_samples=1), [0])]
+    return [asked[:, 0] for asked in act_requests(answers, replace(rules, act_samples=1), [0])]
 
 
 def intent(recording: Recording) -> BoolArray:
@@ -130,7 +130,7 @@ def intent(recording: Recording) -> BoolArray:
 
 def false_per_min(recordings: Sequence[Recording], asked: Sequence[BoolArray]) -> float:
     """False alarms a minute on streams."""
-    told = [heard(one, on) for one, on in zip(recordings, asked, strict=True)]
+    told = [match_alarms(one, on) for one, on in zip(recordings, asked, strict=True)]
     return sum(len(one.false_s) for one in told) / max(sum(one.minutes for one in told), 1e-9)
 
 
@@ -138,13 +138,13 @@ def false_per_min(recordings: Sequence[Recording], asked: Sequence[BoolArray]) -
 class Matched:
     """A rival at a setting; false_per_min there, on the streams it was matched on; fits: no more than was allowed."""
 
-    rival: Rival
+    rival: Baseline
     setting: float
     false_per_min: float
     fits: bool
 
 
-def matched(rival: Rival, recordings: Sequence[Recording], most_false_per_min: float) -> Matched:
+def matched(rival: Baseline, recordings: Sequence[Recording], most_false_per_min: float) -> Matched:
     """The most sensitive setting with no more false alarms than allowed; the least sensitive where none is.
 
     Found by halving: false alarms fall as a setting gets less sensitive, but for a few more or less.

@@ -20,7 +20,7 @@ from typing import Any
 from edge_runtime.contract import RISKY_SLIP, SITUATIONS
 from edge_runtime.errors import LabelError
 from edge_runtime.reading import json_of
-from evaluation.event_scores import Heard, Outcome, spread
+from evaluation.event_scores import EventMatch, Outcome, spread
 from training.objects import read_json
 from training.recording import Recording
 from training.timeline import truth_path
@@ -118,7 +118,7 @@ def _one(interval: dict[str, Any], marks: Sequence[tuple[str, Any]]) -> Seen:
     return Seen(start_s, sd_s, gross_s, near.get("incipient_slip"), near.get("gross_slip"))
 
 
-def camera_figures(streams: Sequence[Heard], seen: Sequence[tuple[Seen, ...]]) -> dict[str, Any] | None:
+def camera_figures(streams: Sequence[EventMatch], seen: Sequence[tuple[Seen, ...]]) -> dict[str, Any] | None:
     """Delay to a camera's start and lead to its gross slip, ms, and the same by the truth of a scene; None without one.
 
     onsets: what the camera saw; events: those of them that are risky events of the labels, found: with an alarm.
@@ -136,7 +136,7 @@ def camera_figures(streams: Sequence[Heard], seen: Sequence[tuple[Seen, ...]]) -
     }  # fmt: skip
 
 
-def _matched(stream: Heard, slips: Sequence[Seen]) -> list[tuple[Outcome, Seen]]:
+def _matched(stream: EventMatch, slips: Sequence[Seen]) -> list[tuple[Outcome, Seen]]:
     """Every event with the slip that a camera saw begin in it."""
     pairs = []
     for outcome in stream.outcomes:

@@ -14,14 +14,14 @@ from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import UsageError
 from edge_runtime.monitor import Model
 from evaluation import MOST_FALSE_PER_MIN
-from evaluation.alarms import acts
-from evaluation.baselines import LAWS, Matched, Rival, false_per_min, matched, raw_forest, rivals
+from evaluation.alarms import act_requests
+from evaluation.baselines import LAWS, Baseline, Matched, false_per_min, matched, raw_forest, rivals
 from evaluation.camera import onsets_by, seen_beside
 from evaluation.closing_hand import LAGS_S, Drop, Droppable, Hand, drop_of, model_error_ms
 from evaluation.event_scores import choose_confidence
 from evaluation.figures import (
-    Line,
-    Told,
+    LabelledTrial,
+    MethodResult,
     line,
     line_figures,
     mcnemar,
@@ -30,7 +30,7 @@ from evaluation.figures import (
     together,
     without_samples,
 )
-from evaluation.model_outputs import OUTPUTS, Said, everywhere, rules_of, said
+from evaluation.model_outputs import OUTPUTS, ModelOutputs, everywhere, rules_of, said
 from evaluation.outcomes import Outcome, outcome_table, outcomes
 from evaluation.truths import grasp_of, grasps_beside
 from evaluation.window_scores import at_windows, heads_asked, require_model_fits, window_figures
@@ -49,7 +49,7 @@ ROWS_SHOWN = 8
 
 
 @dataclass(frozen=True)
-class Asked:
+class EvaluationRequest:
     """What an evaluation is asked for.
 
     choose, train: folders, maybe none. groups: so many people (or blocks) only. people: these only, where any are told.
@@ -68,7 +68,7 @@ class Asked:
 class Shown:
     """A trial to be drawn: its truth, what was said and what was asked [T]."""
 
-    told: Told
+    told: LabelledTrial
     situation: Any
     asked: BoolArray
 
@@ -99,15 +99,15 @@ class Thresholds:
 @dataclass(frozen=True)
 class _SetResult:
     figures: dict[str, Any]
-    told: list[Told]
-    lines: dict[str, Line]
+    told: list[LabelledTrial]
+    lines: dict[str, MethodResult]
     drops: list[Drop | None]
     outcomes: list[Outcome]
     shown: dict[str, list[Shown]]
     to_state_ms: list[float]
 
 
-def evaluate_events(model: Model, asked: Asked, say: Say = lambda line: None) -> Evidence:
+def evaluate_events(model: Model, asked: EvaluationRequest, say: Say = lambda line: None) -> Evidence:
     """Evaluate a file on sets. Raises what reading them raises, and ChannelError, UnitError or RateError."""
     _require_apart(asked)
     others = _rivals(model, asked, say)
@@ -132,7 +132,7 @@ def evaluate_events(model: Model, asked: Asked, say: Say = lambda line: None) ->
     return _gathered(model, asked, results, thresholds)
 
 
-def _require_apart(asked: Asked) -> None:
+def _require_apart(asked: EvaluationRequest) -> None:
     """Raise DataNotFound for a folder that is not there, UsageError for one both to choose on and to score."""
     scored = {find(name).resolve(): name for name in asked.data}
     if asked.train:
@@ -152,7 +152,7 @@ def _named(name: str, data: DataSet) -> str:
     return data.name if made_from is None else f"{data.name}, seed {made_from}"
 
 
-def _load(model: Model, name: str, asked: Asked) -> DataSet:
+def _load(model: Model, name: str, asked: EvaluationRequest) -> DataSet:
     data = load(name, channels=model.card.n_channels, groups=asked.groups, seed=asked.seed, windows="natural")
     require_model_fits(model, data)
     return data.of_groups(asked.people) if asked.people else data
@@ -166,7 +166,7 @@ def _window_figures(model: Model, data: DataSet, computed: Sequence[Any], seed: 
     return window_figures(model, whole, answers, seed=seed)
 
 
-def _chosen(model: Model, asked: Asked, others: Sequence[Rival], say: Say) -> Thresholds:
+def _chosen(model: Model, asked: EvaluationRequest, others: Sequence[Baseline], say: Say) -> Thresholds:
     """Thresholds from streams that are not the ones scored."""
     say(f"reading {', '.join(asked.choose)}, to choose on")
     sets = [_load(model, name, asked) for name in asked.choose]
@@ -186,7 +186,7 @@ def _chosen(model: Model, asked: Asked, others: Sequence[Rival], say: Say) -> Th
 
 
 def _thresholds(
-    model: Model, asked: Asked, others: Sequence[Rival], recordings: Sequence[Recording], answered: Sequence[Said],
+    model: Model, asked: EvaluationRequest, others: Sequence[Baseline], recordings: Sequence[Recording], answered: Sequence[ModelOutputs],
     permille: int | None, on: list[str],
 ) -> Thresholds:  # fmt: skip
     """Ours as deployed and, first, as chosen; rivals at the headline's own rate of false alarms on these streams."""
@@ -214,7 +214,7 @@ def _thresholds(
     })  # fmt: skip
 
 
-def _rivals(model: Model, asked: Asked, say: Say) -> list[Rival]:
+def _rivals(model: Model, asked: EvaluationRequest, say: Say) -> list[Baseline]:
     spec, rules = StepSpec.from_json(model.card.raw["spec"]), rules_of(model.card)
     forest = None
     if asked.train:
@@ -225,16 +225,16 @@ def _rivals(model: Model, asked: Asked, say: Say) -> list[Rival]:
     return rivals(spec, rules, forest)
 
 
-def _asked(answered: Sequence[Said], rules: DecisionRules, permille: int) -> list[BoolArray]:
-    return [on[:, 0] for on in acts([one.answers for one in answered], rules, [permille])]
+def _asked(answered: Sequence[ModelOutputs], rules: DecisionRules, permille: int) -> list[BoolArray]:
+    return [on[:, 0] for on in act_requests([one.answers for one in answered], rules, [permille])]
 
 
 def _score(
-    model: Model, root: Path, data: DataSet, answered: list[Said], thresholds: Thresholds, windows: dict[str, Any],
+    model: Model, root: Path, data: DataSet, answered: list[ModelOutputs], thresholds: Thresholds, windows: dict[str, Any],
     seed: int,
 ) -> _SetResult:  # fmt: skip
     beside = zip(data.recordings, grasps_beside(root, data.recordings), seen_beside(root, data.recordings), strict=True)
-    told = [Told(without_samples(one), grasps, seen) for one, grasps, seen in beside]
+    told = [LabelledTrial(without_samples(one), grasps, seen) for one, grasps, seen in beside]
     rules = rules_of(model.card)
     asked = {name: _asked(answered, rules, permille) for name, permille in thresholds.ours.items()}
     asked |= {m.rival.name: m.rival.on(data.recordings)(m.setting) for m in thresholds.matched}
@@ -260,12 +260,12 @@ def _score(
     )  # fmt: skip
 
 
-def _compared(ours: Line, lines: dict[str, Line], thresholds: Thresholds) -> dict[str, Any]:
+def _compared(ours: MethodResult, lines: dict[str, MethodResult], thresholds: Thresholds) -> dict[str, Any]:
     """McNemar's test of our headline against every rival, event by event."""
     return {m.rival.name: mcnemar(ours.found(), lines[m.rival.name].found()) for m in thresholds.matched}
 
 
-def _closing(drops: Sequence[Drop | None], ours: Line) -> dict[str, Any] | None:
+def _closing(drops: Sequence[Drop | None], ours: MethodResult) -> dict[str, Any] | None:
     """How good the model of closing is, and what other lags would make of it."""
     if not any(drop is not None for drop in drops):
         return None
@@ -297,7 +297,7 @@ def _described(root: Path, data: DataSet, windows: dict[str, Any]) -> dict[str, 
     }  # fmt: skip
 
 
-def _to_show(told: Sequence[Told], answered: Sequence[Said], asked: Sequence[BoolArray]) -> dict[str, list[Shown]]:
+def _to_show(told: Sequence[LabelledTrial], answered: Sequence[ModelOutputs], asked: Sequence[BoolArray]) -> dict[str, list[Shown]]:
     """The first trials of every picture, an object in turn: chosen before any answer."""
     shown = {}
     for action, name, wanted in SHOWN:
@@ -314,7 +314,7 @@ def _to_show(told: Sequence[Told], answered: Sequence[Said], asked: Sequence[Boo
     return {title: rows for title, rows in shown.items() if rows}
 
 
-def _gathered(model: Model, asked: Asked, results: dict[str, _SetResult], thresholds: Thresholds | None) -> Evidence:
+def _gathered(model: Model, asked: EvaluationRequest, results: dict[str, _SetResult], thresholds: Thresholds | None) -> Evidence:
     """All sets under one head. Where rivals were matched on each set itself, their settings stand with the set."""
     first = next(iter(results.values()))
     figures: dict[str, Any] = first.figures["windows"] if len(results) == 1 else {"model_id": model.card.model_id}
@@ -345,7 +345,7 @@ def _gathered(model: Model, asked: Asked, results: dict[str, _SetResult], thresh
 
 def _timed(result: _SetResult, headline: str) -> dict[str, list[float]]:
     """ms of every event: to the state, to the alarm, the lead there was and the lead that was left."""
-    found = [o for one in result.lines[headline].heard for o in one.outcomes if o.delay_s is not None]
+    found = [o for one in result.lines[headline].matches for o in one.outcomes if o.delay_s is not None]
     return {
         "to the first risky_slip state": result.to_state_ms,
         "to act": [1e3 * o.delay_s for o in found if o.delay_s is not None],

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.decision import DecisionRules
-from evaluation.alarms import Answers, acts
+from evaluation.alarms import Answers, act_requests
 from training.metrics import INTERVAL_PERCENT, draw_groups
 from training.recording import Recording
 from training.timeline import RiskyEvent
@@ -55,7 +55,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Heard:
+class EventMatch:
     """What became of one stream: outcomes of its events, times in s of false alarms, its length in minutes."""
 
     recording: Recording
@@ -64,7 +64,7 @@ class Heard:
     minutes: float
 
 
-def heard(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) -> Heard:
+def match_alarms(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) -> EventMatch:
     """Match the alarms of a stream, asked [T], with its events."""
     alarms_s = np.flatnonzero(_begins(asked)) / recording.rate_hz
     false = np.ones(len(alarms_s), dtype=np.bool_)
@@ -76,7 +76,7 @@ def heard(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) ->
         found = float(alarms_s[within][0]) if within.any() and not already_on else None
         outcomes.append(Outcome(event, found, already_on))
         false &= ~within
-    return Heard(recording, tuple(outcomes), tuple(alarms_s[false].tolist()), len(asked) / recording.rate_hz / 60.0)
+    return EventMatch(recording, tuple(outcomes), tuple(alarms_s[false].tolist()), len(asked) / recording.rate_hz / 60.0)
 
 
 def false_alarms(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) -> IntArray:
@@ -98,22 +98,22 @@ def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
     return np.asarray((t_s >= event.onset_s - collar_s) & (t_s <= event.end_s + collar_s))
 
 
-def hear(answers: Sequence[Answers], rules: DecisionRules, permille: int, collar_s: float = COLLAR_S) -> list[Heard]:
+def match_all_alarms(answers: Sequence[Answers], rules: DecisionRules, permille: int, collar_s: float = COLLAR_S) -> list[EventMatch]:
     """The same for streams as they were answered, asked to act from a confidence on."""
-    asked = acts(answers, rules, [permille])
-    return [heard(one.recording, acted[:, 0], collar_s) for one, acted in zip(answers, asked, strict=True)]
+    asked = act_requests(answers, rules, [permille])
+    return [match_alarms(one.recording, acted[:, 0], collar_s) for one, acted in zip(answers, asked, strict=True)]
 
 
 def choose_confidence(answers: Sequence[Answers], rules: DecisionRules, most_false_per_min: float) -> int:
     """The lowest of CONFIDENCES with so few false alarms on streams that are not the ones to be scored."""
-    asked = acts(answers, rules, CONFIDENCES)
+    asked = act_requests(answers, rules, CONFIDENCES)
     minutes = sum(len(one.situation) / one.recording.rate_hz for one in answers) / 60.0
     false = sum(false_alarms(one.recording, acted) for one, acted in zip(answers, asked, strict=True))
     few = np.flatnonzero(false <= most_false_per_min * minutes)
     return CONFIDENCES[few[0]] if len(few) else CONFIDENCES[-1]
 
 
-def event_scores(streams: Sequence[Heard], *, seed: int = 0, n_draws: int = DRAWS) -> dict[str, Any]:
+def event_scores(streams: Sequence[EventMatch], *, seed: int = 0, n_draws: int = DRAWS) -> dict[str, Any]:
     """Figures of many streams as one JSON object; intervals over groups (people, or trials where nobody is named)."""
     outcomes = [one for stream in streams for one in stream.outcomes]
     groups = np.unique([stream.recording.group for stream in streams], return_inverse=True)[1]

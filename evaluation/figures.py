@@ -19,8 +19,8 @@ from edge_runtime.contract import RISKY_SLIP, SITUATIONS, BoolArray
 from edge_runtime.decision import UNKNOWN
 from evaluation.camera import Seen, camera_figures
 from evaluation.closing_hand import Droppable
-from evaluation.event_scores import COLLAR_S, COLLARS_S, Heard, event_scores, heard
-from evaluation.model_outputs import NO_CLASS, Said
+from evaluation.event_scores import COLLAR_S, COLLARS_S, EventMatch, event_scores, match_alarms
+from evaluation.model_outputs import NO_CLASS, ModelOutputs
 from evaluation.scores import LEVELS, labels_at
 from evaluation.truths import DISTURBANCES, Grasp, safe_acts, style_of
 from training.metrics import Labels, situation_scores
@@ -31,7 +31,7 @@ BINS = 15
 
 
 @dataclass(frozen=True)
-class Told:
+class LabelledTrial:
     """One recording with the grasps its truth tells of, and what a camera saw of it, without its samples."""
 
     recording: Recording
@@ -45,64 +45,64 @@ def without_samples(recording: Recording) -> Recording:
 
 
 @dataclass(frozen=True)
-class Line:
+class MethodResult:
     """One line of every table: what it asked of the hand in each recording.
 
     by_collar: collar in s -> the streams as they were heard. acts_called, holds: see below.
     """
 
-    by_collar: dict[float, list[Heard]]
+    by_collar: dict[float, list[EventMatch]]
     acts_called: list[tuple[str, str, bool]]
     holds: list[tuple[str, bool, bool]]
 
     @property
-    def heard(self) -> list[Heard]:
+    def matches(self) -> list[EventMatch]:
         """At the narrower collar, which every figure without a collar of its own uses."""
         return self.by_collar[COLLAR_S]
 
     def found(self) -> BoolArray:
         """[E] whether each event was found."""
-        return np.array([o.alarm_s is not None for one in self.heard for o in one.outcomes], dtype=np.bool_)
+        return np.array([o.alarm_s is not None for one in self.matches for o in one.outcomes], dtype=np.bool_)
 
     def asked_s(self) -> list[float | None]:
         """[E] s from load onset to the alarm."""
-        return [o.delay_s for one in self.heard for o in one.outcomes]
+        return [o.delay_s for one in self.matches for o in one.outcomes]
 
 
-def line(told: Sequence[Told], asked: Sequence[BoolArray]) -> Line:
+def line(told: Sequence[LabelledTrial], asked: Sequence[BoolArray]) -> MethodResult:
     """What was asked [T] of each recording, matched with its truth."""
-    return Line(
-        {collar: [heard(t.recording, on, collar) for t, on in zip(told, asked, strict=True)] for collar in COLLARS_S},
+    return MethodResult(
+        {collar: [match_alarms(t.recording, on, collar) for t, on in zip(told, asked, strict=True)] for collar in COLLARS_S},
         [act for t, on in zip(told, asked, strict=True) for act in _acts_called(t, on)],
         [hold for t, on in zip(told, asked, strict=True) for hold in _holds(t, on)],
     )
 
 
-def _acts_called(told: Told, asked: BoolArray) -> list[tuple[str, str, bool]]:
+def _acts_called(told: LabelledTrial, asked: BoolArray) -> list[tuple[str, str, bool]]:
     """(style, action, asked at any sample of it) of every voluntary act."""
     of = style_of(told.grasps), told.recording.action or ""
     return [(*of, bool(asked[act.first : act.stop].any())) for act in safe_acts(told.recording)]
 
 
-def _holds(told: Told, asked: BoolArray) -> list[tuple[str, bool, bool]]:
+def _holds(told: LabelledTrial, asked: BoolArray) -> list[tuple[str, bool, bool]]:
     """(disturbance, held to the end, no alarm at all) of every disturbed hold."""
     kinds = [one.disturbance for one in told.grasps if one.disturbance]
     held, quiet = not told.recording.events, not bool(asked.any())
     return [(kind, held, quiet) for kind in kinds]
 
 
-def together(lines: Sequence[Line]) -> Line:
+def together(lines: Sequence[MethodResult]) -> MethodResult:
     """Several sets as one."""
-    return Line(
+    return MethodResult(
         {collar: [one for part in lines for one in part.by_collar[collar]] for collar in COLLARS_S},
         [act for part in lines for act in part.acts_called],
         [hold for part in lines for hold in part.holds],
     )
 
 
-def line_figures(of: Line, told: Sequence[Told], drops: Droppable | None, seed: int) -> dict[str, Any]:
+def line_figures(of: MethodResult, told: Sequence[LabelledTrial], drops: Droppable | None, seed: int) -> dict[str, Any]:
     """Everything a table says of a line."""
-    figures = event_scores(of.heard, seed=seed)
+    figures = event_scores(of.matches, seed=seed)
     wide = event_scores(of.by_collar[COLLARS_S[1]], seed=seed)
     keys = ("recall", "recall_ci", "false_per_min", "false_per_min_ci", "already_on", "false_alarms")
     figures["collar_40_ms"] = {key: wide[key] for key in keys}
@@ -112,17 +112,17 @@ def line_figures(of: Line, told: Sequence[Told], drops: Droppable | None, seed: 
     figures["safe_acts_by_action"] = {a: share([c for _, b, c in of.acts_called if a == b]) for a in actions}
     figures["specificity"] = specificity(of.holds)
     figures["closing"] = None if drops is None else drops.figures(of.asked_s())
-    figures["camera"] = camera_figures(of.heard, [one.seen for one in told])
+    figures["camera"] = camera_figures(of.matches, [one.seen for one in told])
     return figures
 
 
-def by_style(of: Line, told: Sequence[Told], seed: int) -> dict[str, Any] | None:
+def by_style(of: MethodResult, told: Sequence[LabelledTrial], seed: int) -> dict[str, Any] | None:
     """Recall and false alarms by style, and their intervals over styles; None without two styles."""
     styles = [style_of(one.grasps) for one in told]
     names = sorted(set(styles) - {""})
     if len(names) < 2:
         return None
-    known = [(style, one) for style, one in zip(styles, of.heard, strict=True) if style]
+    known = [(style, one) for style, one in zip(styles, of.matches, strict=True) if style]
     grouped = [replace(one, recording=replace(one.recording, group=style)) for style, one in known]
     whole = event_scores(grouped, seed=seed)
     each = {name: event_scores([one for style, one in known if style == name], seed=seed) for name in names}
@@ -167,13 +167,13 @@ def mcnemar(ours: BoolArray, theirs: BoolArray) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def state_line(said: Sequence[Said], permille: int) -> list[Heard]:
+def state_line(said: Sequence[ModelOutputs], permille: int) -> list[EventMatch]:
     """The state itself as an alarm: risky_slip with at least so much confidence, without debounce or hold."""
     asked = [(one.situation == RISKY_SLIP) & (one.risky_permille >= permille) for one in said]
-    return [heard(without_samples(one.recording), on) for one, on in zip(said, asked, strict=True)]
+    return [match_alarms(without_samples(one.recording), on) for one, on in zip(said, asked, strict=True)]
 
 
-def state_figures(said: Sequence[Said], permille: int, heavy: Sequence[bool | None], seed: int) -> dict[str, Any]:
+def state_figures(said: Sequence[ModelOutputs], permille: int, heavy: Sequence[bool | None], seed: int) -> dict[str, Any]:
     """Delay to the first risky state, instability, calibration and confusion, per sample of every labelled phase.
 
     heavy: of each recording's object; None where there is none or nobody says.
@@ -200,7 +200,7 @@ def labels_everywhere(phases: Sequence[Phase], n: int) -> npt.NDArray[np.int64]:
     return label
 
 
-def _states_called(said: Said) -> list[bool]:
+def _states_called(said: ModelOutputs) -> list[bool]:
     acts = safe_acts(said.recording)
     return [bool((said.situation[act.first : act.stop] == RISKY_SLIP).any()) for act in acts]
 
@@ -209,7 +209,7 @@ def _mean(flags: Sequence[BoolArray]) -> float | None:
     return float(np.concatenate(flags).mean()) if flags else None
 
 
-def instability(states: Sequence[npt.NDArray[np.int64]], said: Sequence[Said]) -> float | None:
+def instability(states: Sequence[npt.NDArray[np.int64]], said: Sequence[ModelOutputs]) -> float | None:
     """Changes of state a second, from one known state to another."""
     changes, seconds = 0, 0.0
     for state, one in zip(states, said, strict=True):
@@ -219,7 +219,7 @@ def instability(states: Sequence[npt.NDArray[np.int64]], said: Sequence[Said]) -
     return changes / seconds if seconds else None
 
 
-def calibration(said: Sequence[Said], labels: Sequence[npt.NDArray[np.int64]]) -> dict[str, Any] | None:
+def calibration(said: Sequence[ModelOutputs], labels: Sequence[npt.NDArray[np.int64]]) -> dict[str, Any] | None:
     """Expected calibration error of the most probable situation, and of risky_slip alone, in BINS equal bins.
 
     Guo et al., ICML 2017: sum over bins of their share of the samples times |mean probability - share that was so|.
@@ -247,7 +247,7 @@ def _ece(bins: list[dict[str, float]]) -> float:
 
 
 def confusions(
-    said: Sequence[Said], labels: Sequence[npt.NDArray[np.int64]], heavy: Sequence[bool | None], seed: int
+    said: Sequence[ModelOutputs], labels: Sequence[npt.NDArray[np.int64]], heavy: Sequence[bool | None], seed: int
 ) -> dict[str, Any]:
     """Counts was (rows) by answered (columns, the last unknown), macro F1 and its interval over groups, by level.
 

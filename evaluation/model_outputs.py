@@ -27,7 +27,7 @@ NO_CLASS = -1
 
 
 @dataclass(frozen=True)
-class Said:
+class ModelOutputs:
     """One recording as the file answered it.
 
     situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4]. detectors [T, D].
@@ -73,18 +73,18 @@ def everywhere(session: ort.InferenceSession, recordings: Sequence[Recording], o
     return found
 
 
-def said(model: Model, recordings: Sequence[Recording], told: Sequence[Outputs]) -> list[Said]:
+def said(model: Model, recordings: Sequence[Recording], told: Sequence[Outputs]) -> list[ModelOutputs]:
     """The outputs of `everywhere`, read as the monitor on the hand reads them."""
     return [_said(one, out, knows_weight=model.card.has_weight) for one, out in zip(recordings, told, strict=True)]
 
 
-def _said(recording: Recording, out: Outputs, *, knows_weight: bool) -> Said:
+def _said(recording: Recording, out: Outputs, *, knows_weight: bool) -> ModelOutputs:
     votes, withheld = out["votes"].astype(np.int64), out["unknown"]
     eight = seven = np.full(len(votes), NO_CLASS)
     if knows_weight:
         eight, seven = (np.where(withheld, NO_CLASS, answers_at(votes, level)) for level in ("eight", "seven"))
     situation = np.where(withheld, UNKNOWN, out["situation"])
-    return Said(recording, situation, risky_permille(votes), out["p_situation"], eight, seven, out["detectors"])
+    return ModelOutputs(recording, situation, risky_permille(votes), out["p_situation"], eight, seven, out["detectors"])
 
 
 def risky_permille(votes: IntArray) -> npt.NDArray[np.int64]:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.contract import SAFE_SLIP, BoolArray
-from evaluation.event_scores import heard
-from evaluation.figures import Told
-from evaluation.model_outputs import Said
+from evaluation.event_scores import match_alarms
+from evaluation.figures import LabelledTrial
+from evaluation.model_outputs import ModelOutputs
 from evaluation.truths import safe_acts, style_of
 
 ACTIONS = {"pass": "pass", "pull": "pull or fall", "fall": "pull or fall", "put-down": "put-down"}
@@ -34,10 +34,10 @@ THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
 """Object -> style -> (pass, pull or fall, put-down)."""
 
 
-def recognised(told: Told, said: Said, asked: BoolArray) -> bool | None:
+def recognised(told: LabelledTrial, said: ModelOutputs, asked: BoolArray) -> bool | None:
     """Whether a trial's action was; None where nothing of it happened (a pull that did not slip)."""
     if told.recording.action in ("pull", "fall"):
-        one = heard(told.recording, asked)
+        one = match_alarms(told.recording, asked)
         return all(o.alarm_s is not None for o in one.outcomes) and not one.false_s if one.outcomes else None
     acts = safe_acts(told.recording)
     if told.recording.action not in ACTIONS or not acts:
@@ -46,7 +46,7 @@ def recognised(told: Told, said: Said, asked: BoolArray) -> bool | None:
     return seen and not bool(asked.any())
 
 
-def outcomes(told: Sequence[Told], said: Sequence[Said], asked: Sequence[BoolArray]) -> list[Outcome]:
+def outcomes(told: Sequence[LabelledTrial], said: Sequence[ModelOutputs], asked: Sequence[BoolArray]) -> list[Outcome]:
     """Every trial that has an action of the thesis' and an object of its."""
     found = []
     for one, answered, on in zip(told, said, asked, strict=True):

@@ -12,7 +12,7 @@ from typing import Any
 from edge_runtime.errors import DataNotFound, NotAModel
 from edge_runtime.monitor import Model
 from edge_runtime.reading import json_of
-from evaluation.evaluate import Asked, evaluate_events
+from evaluation.evaluate import EvaluationRequest, evaluate_events
 from training.datasets import load
 from training.plan import TrainingPlan
 from training.recording import DataSet
@@ -35,7 +35,7 @@ def real_figures(folder: Path, seed: int = 0) -> dict[str, Any]:
     except (OSError, ValueError, DataNotFound, NotAModel) as error:
         return {"next": NEXT, "why": str(error)}
     people = held_out_people(data, int(told["seed"]))
-    figures = evaluate_events(model, Asked((HUMAN,), people=people, seed=seed)).figures
+    figures = evaluate_events(model, EvaluationRequest((HUMAN,), people=people, seed=seed)).figures
     return {
         HUMAN: figures | {"people": sorted(people)}, EFLESH: told.get(EFLESH),
         "note": "as deployed, without a threshold of its own: nobody is left to choose one on",

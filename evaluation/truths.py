@@ -40,7 +40,7 @@ class Grasp:
 
 
 @dataclass(frozen=True)
-class Act:
+class VoluntaryAction:
     """A voluntary hand-over or put-down, rows [first, stop): safe slips with nothing but holding between them."""
 
     first: int
@@ -72,7 +72,7 @@ def grasp_of(event: RiskyEvent, grasps: tuple[Grasp, ...]) -> Grasp | None:
     return None
 
 
-def safe_acts(recording: Recording) -> list[Act]:
+def safe_acts(recording: Recording) -> list[VoluntaryAction]:
     """The voluntary acts of a recording, in order: none that belongs to a grip that fails, nor the end of a hold."""
     if recording.action == "hold":
         return []
@@ -81,19 +81,19 @@ def safe_acts(recording: Recording) -> list[Act]:
     return [act for act in acts if not any(first < act.stop - 1 and act.first < stop - 1 for first, stop in spans)]
 
 
-def acts_of(phases: Sequence[Phase]) -> list[Act]:
+def acts_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
     """Safe slips, those with nothing but holding between them as one.
 
     >>> acts_of([Phase(0, 5, 1), Phase(5, 8, 2), Phase(8, 10, 1), Phase(10, 12, 2), Phase(12, 20, 0)])
     [Act(first=5, stop=12)]
     """
-    acts: list[Act] = []
+    acts: list[VoluntaryAction] = []
     going_on = False
     for phase in phases:
         if phase.situation == SAFE_SLIP and going_on:
-            acts[-1] = Act(acts[-1].first, phase.stop)
+            acts[-1] = VoluntaryAction(acts[-1].first, phase.stop)
         elif phase.situation == SAFE_SLIP:
-            acts.append(Act(phase.first, phase.stop))
+            acts.append(VoluntaryAction(phase.first, phase.stop))
             going_on = True
         elif phase.situation in (NOTHING, RISKY_SLIP):
             going_on = False

@@ -14,14 +14,14 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import place, run_script
+from edge_runtime.command import path_argument, run_script
 from edge_runtime.errors import OutputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast export`."""
-    parser.add_argument("artifact", nargs="?", type=place, default=Path("build/default"), metavar="DIR")
-    parser.add_argument("--out", type=place, metavar="FILE", help="default: DIR/holdfast.onnx")
+    parser.add_argument("artifact", nargs="?", type=path_argument, default=Path("build/default"), metavar="DIR")
+    parser.add_argument("--out", type=path_argument, metavar="FILE", help="default: DIR/holdfast.onnx")
     parser.add_argument("--force", action="store_true", help="replace FILE, if it is there already")
 
 

@@ -23,7 +23,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.command import place
+from edge_runtime.command import path_argument
 from edge_runtime.writing import require_writable, write_whole
 
 
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("what", choices=(*MEASURES, "all"), metavar="WHAT", help=f"{', '.join(MEASURES)}, all")
     parser.add_argument("--check", action="store_true", help="with latency: exit 1 where a budget is broken")
-    parser.add_argument("--out", type=place, default=Path("build/bench"), metavar="DIR", help="default build/bench")
+    parser.add_argument("--out", type=path_argument, default=Path("build/bench"), metavar="DIR", help="default build/bench")
 
 
 def run(args: argparse.Namespace) -> int:

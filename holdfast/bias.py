@@ -10,7 +10,7 @@ import argparse
 import numpy as np
 
 from drivers.calibration import bias_of, write_bias
-from edge_runtime.command import place
+from edge_runtime.command import path_argument
 from edge_runtime.errors import DataError
 from edge_runtime.live import Source
 from edge_runtime.writing import require_writable
@@ -23,8 +23,8 @@ RATE_HZ = 100.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("--source", required=True, metavar="URL", help="a hand: usb://ft232h, i2c://1, virtual://ft232h")
-    parser.add_argument("--out", type=place, required=True, metavar="FILE", help="the bias, as JSON")
-    parser.add_argument("--calibration", type=place, metavar="FILE", help="field to force, as in holdfast run")
+    parser.add_argument("--out", type=path_argument, required=True, metavar="FILE", help="the bias, as JSON")
+    parser.add_argument("--calibration", type=path_argument, metavar="FILE", help="field to force, as in holdfast run")
     parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="for so long (default 2)")
     parser.add_argument("--anyway", action="store_true", help="write it although something is odd")
 

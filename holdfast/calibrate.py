@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from drivers.calibration import NORMAL_FLOOR, Calibration, fit, rmse_normal, rmse_shear, write_calibration
-from edge_runtime.command import place, seed
+from edge_runtime.command import path_argument, seed
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
 from edge_runtime.errors import (
     ChannelError,
@@ -121,9 +121,9 @@ class Judged:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("path", type=place, metavar="PATH", help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or eflesh's folder")
-    parser.add_argument("--out", type=place, required=True, metavar="FILE", help="the calibration, as JSON")
-    parser.add_argument("--json", type=place, metavar="FILE", help="also the figures, as JSON")
+    parser.add_argument("path", type=path_argument, metavar="PATH", help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or eflesh's folder")
+    parser.add_argument("--out", type=path_argument, required=True, metavar="FILE", help="the calibration, as JSON")
+    parser.add_argument("--json", type=path_argument, metavar="FILE", help="also the figures, as JSON")
     parser.add_argument("--date", default=date.today().isoformat(), metavar="DAY", help="of the loads (default today)")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the trees compared with (default 0)")
 
@@ -218,10 +218,10 @@ def _as_json(study: Study, judged: Sequence[Judged], seed: int) -> dict[str, Any
 
 
 def _probed_study(folder: Path, axis: int) -> Study:
-    places = sorted(place for place in folder.iterdir() if place.is_dir())
+    places = sorted(path_argument for path_argument in folder.iterdir() if path_argument.is_dir())
     if len(places) < 2:
         raise TooFewGroups(f"{len(places)} probings", where=folder, next_step="one is held out: give at least two")
-    read = [_read_probing(place, axis) for place in places]
+    read = [_read_probing(path_argument, axis) for path_argument in places]
     probings = tuple(probing for probing, _, _ in read)
     if len({one.field_ut.shape[1] for one in probings}) > 1:
         raise ChannelError("probings of different numbers of sensors", where=folder, next_step="split the folder")

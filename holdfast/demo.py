@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.command import Parser, finish, place
+from edge_runtime.command import Parser, finish, path_argument
 from edge_runtime.contract import SITUATIONS, Prediction, Sample
 from edge_runtime.decision import UNKNOWN
 from edge_runtime.monitor import GripMonitor, Model
@@ -116,7 +116,7 @@ def _outcome(picture: StreamPicture) -> str:
 def main(argv: Sequence[str]) -> int:
     """Parse and run; what is simulated goes into a temporary folder, which is removed."""
     parser = Parser(prog="make demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=place, default=Path("build/demo"), metavar="DIR", help="default build/demo")
+    parser.add_argument("--out", type=path_argument, default=Path("build/demo"), metavar="DIR", help="default build/demo")
     args = parser.parse_args(argv)
     require_writable(args.out)
     with tempfile.TemporaryDirectory() as work:

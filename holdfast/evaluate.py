@@ -8,7 +8,7 @@ import sys
 from contextlib import nullcontext
 from typing import Any
 
-from edge_runtime.command import place, positive, seed
+from edge_runtime.command import path_argument, positive, seed
 from edge_runtime.writing import require_writable, write_whole
 from evaluation import MOST_FALSE_PER_MIN
 
@@ -22,17 +22,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--false-per-min", type=positive, default=MOST_FALSE_PER_MIN, metavar="N",
                         help=f"false alarms a minute allowed there (default {MOST_FALSE_PER_MIN})")  # fmt: skip
     parser.add_argument("--train", metavar="FOLDER", help="what the thesis' forest is trained on, to stand beside")
-    parser.add_argument("--real", type=place, metavar="DIR", help="what `make real` left, for the report")
+    parser.add_argument("--real", type=path_argument, metavar="DIR", help="what `make real` left, for the report")
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the intervals and the choice of groups")
-    parser.add_argument("--json", type=place, metavar="OUT", help="write the figures here")
-    parser.add_argument("--report", type=place, metavar="OUT", help="write a report for people here (HTML)")
+    parser.add_argument("--json", type=path_argument, metavar="OUT", help="write the figures here")
+    parser.add_argument("--report", type=path_argument, metavar="OUT", help="write a report for people here (HTML)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
     from edge_runtime.monitor import Model
-    from evaluation.evaluate import Asked, evaluate_events
+    from evaluation.evaluate import EvaluationRequest, evaluate_events
     from evaluation.progress import stages
     from evaluation.real_sets import real_figures
 
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         if out is not None:
             require_writable(out.parent)
     model = Model(args.model)
-    asked = Asked(
+    asked = EvaluationRequest(
         tuple(args.data), tuple(args.choose), args.train, args.groups,
         most_false_per_min=args.false_per_min, seed=args.seed,
     )  # fmt: skip

@@ -36,7 +36,7 @@ from holdfast.sources import MOST_DIGITS, SIM, open_source, simulated_trial, tak
 if TYPE_CHECKING:
     from drivers.virtual.hand import VirtualHand
     from simulation.scene import Scene
-    from simulation.scene import Told as SimulatedTrial
+    from simulation.scene import SimulatedTrial as SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
 HAND_KEYS = ("layout", "averages", "crc", "burst", "together", "bus_hz", "number")
@@ -52,7 +52,7 @@ ToForce = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Told:
+class SourceUrl:
     """A URL taken apart: scheme, what stands behind it, and its options."""
 
     scheme: str
@@ -106,7 +106,7 @@ def named_addresses(url: str) -> frozenset[int]:
     return frozenset(address for one in layout for address in (one.address, one.read_at))
 
 
-def _opener(told: Told, clock: Any) -> Callable[[], Bus]:
+def _opener(told: SourceUrl, clock: Any) -> Callable[[], Bus]:
     """What opens the bridge, now and after it was lost."""
     _known(told, VIRTUAL_KEYS if told.scheme == "virtual" else HAND_KEYS)
     number, bus_hz = told.number("number", 0), told.number("bus_hz", 400_000)
@@ -117,22 +117,22 @@ def _opener(told: Told, clock: Any) -> Callable[[], Bus]:
     return lambda: open_native(told.name)
 
 
-def _taken_apart(url: str) -> Told:
+def _taken_apart(url: str) -> SourceUrl:
     parts = taken_apart(url)
     name = parts.netloc + parts.path
     if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
         raise UsageError(f"{url!r}: no bridge {name!r}", next_step=f"one of {', '.join(BRIDGES)}")
-    return Told(parts.scheme, name, parse_qs(parts.query, keep_blank_values=True))
+    return SourceUrl(parts.scheme, name, parse_qs(parts.query, keep_blank_values=True))
 
 
-def _known(told: Told, allowed: tuple[str, ...]) -> None:
+def _known(told: SourceUrl, allowed: tuple[str, ...]) -> None:
     for key in told.options:
         if key not in allowed:
             raise UsageError(f"{told.scheme}://: {key!r} is not known", next_step=f"allowed: {', '.join(allowed)}")
 
 
 def _started(
-    open_bus: Callable[[], Bus], told: Told, clock: Any, say: Callable[[str], None], to_force: ToForce | None
+    open_bus: Callable[[], Bus], told: SourceUrl, clock: Any, say: Callable[[str], None], to_force: ToForce | None
 ) -> LiveHand:
     averages = told.number("averages", 32)
     if averages not in (1, 2, 4, 8, 16, 32):
@@ -150,7 +150,7 @@ def _started(
     return LiveHand(hand, to_force)
 
 
-def _virtual(told: Told, clock: Any) -> VirtualHand:
+def _virtual(told: SourceUrl, clock: Any) -> VirtualHand:
     from drivers.virtual.faults import read_fault
     from drivers.virtual.hand import LAYOUTS, VirtualHand
 

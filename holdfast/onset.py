@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_runtime.command import place, positive
+from edge_runtime.command import path_argument, positive
 from edge_runtime.errors import DataError, LabelError, NotANumber, TimeError, UsageError
 from holdfast.watch import printed_mm
 
@@ -35,10 +35,10 @@ TRUTH = "tactile.truth.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("trial", type=place, metavar="TRIAL", help="a watched folder, or trial_n.csv with its frames")
+    parser.add_argument("trial", type=path_argument, metavar="TRIAL", help="a watched folder, or trial_n.csv with its frames")
     parser.add_argument("--action", choices=(*RISKY, *SAFE), help="default: the name of the trial's folder")
     held = "trials that were loaded and held: gross slip begins above their elastic shear"
-    parser.add_argument("--no-slip", type=place, nargs="+", default=[], metavar="TRIAL", help=held)
+    parser.add_argument("--no-slip", type=path_argument, nargs="+", default=[], metavar="TRIAL", help=held)
     number, ever = positive, float("inf")
     parser.add_argument("--gross-mm", type=number, metavar="MM", help="gross slip is so far (default 2)")
     parser.add_argument("--tag-mm", type=printed_mm, metavar="MM", help="the printed side, if not as recorded")

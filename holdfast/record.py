@@ -14,7 +14,7 @@ import argparse
 import sys
 from contextlib import ExitStack
 
-from edge_runtime.command import place, positive, seed
+from edge_runtime.command import path_argument, positive, seed
 from holdfast.recorder.card import ACTIONS
 from holdfast.watch import EXPOSURE_MS, FPS, printed_mm
 
@@ -24,14 +24,14 @@ RATE_HZ = 150.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("--source", required=True, metavar="URL", help="usb://ft232h, i2c://1, virtual://.., sim://..")
-    parser.add_argument("--out", type=place, required=True, metavar="DIR", help="new, or recorded into before")
+    parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="new, or recorded into before")
     parser.add_argument("--person", required=True, metavar="PSEUDONYM", help="letters, digits, dashes; never a name")
-    parser.add_argument("--protocol", type=place, metavar="CARD", help="what comes next: a card (TOML)")
+    parser.add_argument("--protocol", type=path_argument, metavar="CARD", help="what comes next: a card (TOML)")
     parser.add_argument("--object", metavar="NAME", help="without a card: the object, such as soft-ball")
     parser.add_argument("--action", choices=ACTIONS, help="without a card: what is done with it")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the card's order (default 0)")
     parser.add_argument("--rate", type=positive, default=RATE_HZ, metavar="HZ", help=f"of a hand (default {RATE_HZ:g})")
-    parser.add_argument("--calibration", type=place, metavar="FILE", help="field to force, of holdfast calibrate")
+    parser.add_argument("--calibration", type=path_argument, metavar="FILE", help="field to force, of holdfast calibrate")
     parser.add_argument("--anyway", action="store_true", help="record although the bias is not good")
     parser.add_argument("--seconds", type=positive, metavar="S", help="keep a trial after so long")
     parser.add_argument("--trials", type=int, metavar="N", help="so many and no more")

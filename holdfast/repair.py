@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import place
+from edge_runtime.command import path_argument
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("folder", type=place, metavar="DIR", help="a trial's folder, or one with trials in it")
+    parser.add_argument("folder", type=path_argument, metavar="DIR", help="a trial's folder, or one with trials in it")
 
 
 def run(args: argparse.Namespace) -> int:

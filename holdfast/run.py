@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edge_runtime.clock import MonotonicClock
-from edge_runtime.command import place
+from edge_runtime.command import path_argument
 from edge_runtime.commands import command_port
 from edge_runtime.contract import RATE_TOLERANCE, FloatArray, Prediction, Sample
 from edge_runtime.errors import ChannelError, OutputError, RateError, UnitError
@@ -39,14 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
     parser.add_argument("--source", required=True, metavar="URL", help="usb://ft232h, i2c://1, virtual://ft232h?scene=..")
-    parser.add_argument("--out", type=place, metavar="FILE", help="JSON lines into a new file too")
+    parser.add_argument("--out", type=path_argument, metavar="FILE", help="JSON lines into a new file too")
     parser.add_argument("--udp", metavar="HOST:PORT", help="JSON lines as datagrams too")
     parser.add_argument("--commands", metavar="HOST:PORT", help="listen for the user's opening and override")
-    parser.add_argument("--samples", type=place, metavar="FILE", help="the prepared samples, to replay, into a new CSV")
+    parser.add_argument("--samples", type=path_argument, metavar="FILE", help="the prepared samples, to replay, into a new CSV")
     parser.add_argument("--quiet", action="store_true", help="no JSON lines on stdout")
     parser.add_argument("--view", action="store_true", help="a picture of the stream in the terminal (needs rich)")
-    parser.add_argument("--calibration", type=place, metavar="FILE", help="field to force, of holdfast calibrate")
-    parser.add_argument("--bias", type=place, metavar="FILE", help="of holdfast bias (default: first rows)")
+    parser.add_argument("--calibration", type=path_argument, metavar="FILE", help="field to force, of holdfast calibrate")
+    parser.add_argument("--bias", type=path_argument, metavar="FILE", help="of holdfast bias (default: first rows)")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from edge_runtime.command import place, seed
+from edge_runtime.command import path_argument, seed
 from simulation.card import read_card, shipped
 from simulation.folder import require_new, write_set
 from simulation.scene import Scene
@@ -22,7 +22,7 @@ from simulation.scene import Scene
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}")
-    parser.add_argument("--out", type=place, required=True, metavar="DIR", help="a new folder")
+    parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="a new folder")
     parser.add_argument("--trials", type=_count, metavar="N", help="N trials in the card's proportions (default: all)")
     parser.add_argument("--rate", type=float, metavar="HZ", help="samples a second (default: the card's)")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")

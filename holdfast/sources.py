@@ -20,7 +20,7 @@ from edge_runtime.preparation import Preparation
 from edge_runtime.reading import require_file
 
 if TYPE_CHECKING:
-    from simulation.scene import Scene, Told
+    from simulation.scene import Scene, SimulatedTrial
 
 REPLAY, SIM = "replay://", "sim://"
 SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
@@ -52,14 +52,14 @@ def _simulated(url: str) -> Replay:
     return Replay(t_ns, signal.values.reshape(len(t_ns), -1), signal.valid, scene.card.rate_hz, signal.unit)
 
 
-def simulated_trial(url: str) -> tuple[Scene, Told] | None:
+def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
     """The scene of a sim:// source and its trial; None where it is several end to end."""
     scene, trials = _trials_of(url)
     return (scene, trials[0]) if len(trials) == 1 else None
 
 
 @lru_cache(maxsize=1)
-def _trials_of(url: str) -> tuple[Scene, list[Told]]:
+def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     from simulation.card import read_card
     from simulation.scene import Scene
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import place, positive
+from edge_runtime.command import path_argument, positive
 from edge_runtime.errors import TagError, UsageError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ SIDE_MM = (1.0, 200.0)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("--camera", required=True, metavar="oak|FILE", help="oak, a .frames.npz, or a recorded folder")
-    parser.add_argument("--out", type=place, required=True, metavar="DIR", help="the trial's folder")
+    parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="the trial's folder")
     parser.add_argument("--tag-mm", type=printed_mm, metavar="MM", help="oak: the printed side of the tags, measured")
     parser.add_argument("--apart-mm", type=positive, metavar="MM", help="between the tags' centres at first: a check")
     parser.add_argument("--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}")

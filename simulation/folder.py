@@ -27,7 +27,7 @@ from simulation.camera.frames import Camera
 from simulation.card import Card
 from simulation.effect import Signal
 from simulation.effects import EFFECTS
-from simulation.scene import BATCH, Scene, Told
+from simulation.scene import BATCH, Scene, SimulatedTrial
 from simulation.table import csv_bytes
 
 KIND = "simulated"
@@ -72,7 +72,7 @@ def require_new(out: Path) -> None:
     require_writable(out)
 
 
-def write_recording(path: Path, scene: Scene, told: Sequence[Told]) -> None:
+def write_recording(path: Path, scene: Scene, told: Sequence[SimulatedTrial]) -> None:
     """One recording of one trial, or of several end to end: samples, truth, motion; path without its ending."""
     signal, starts_s, drawn = scene.join(told)
     write_whole(path.with_name(f"{path.name}.csv"), _samples(signal, scene))
@@ -142,7 +142,7 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
     return csv_bytes(header, columns)
 
 
-def _motion(told: Sequence[Told], starts_s: Sequence[float]) -> bytes:
+def _motion(told: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
     t_s = np.concatenate([one.motion.t_s + start for one, start in zip(told, starts_s, strict=True)])
     object_mm = 1e3 * np.concatenate([one.motion.position_m for one in told])
     hand = [one.hand_m if one.hand_m is not None else np.zeros_like(one.motion.position_m) for one in told]
@@ -151,7 +151,7 @@ def _motion(told: Sequence[Told], starts_s: Sequence[float]) -> bytes:
     return csv_bytes(header, [(t_s, 6), *((column, 3) for column in np.hstack([object_mm, hand_mm]).T)])
 
 
-def _film(scene: Scene, told: Told, camera: Camera) -> bytes:
+def _film(scene: Scene, told: SimulatedTrial, camera: Camera) -> bytes:
     """frames [K, H, W] uint8; time_s [K], the end of every exposure; and the camera's numbers by name."""
     time_s, frames = scene.film(told, camera)
     packed = io.BytesIO()
@@ -161,7 +161,7 @@ def _film(scene: Scene, told: Told, camera: Camera) -> bytes:
 
 
 def _truth(
-    scene: Scene, told: Sequence[Told], starts_s: Sequence[float], drawn: dict[str, dict[str, Any]]
+    scene: Scene, told: Sequence[SimulatedTrial], starts_s: Sequence[float], drawn: dict[str, dict[str, Any]]
 ) -> dict[str, Any]:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
     parts = [one.truth.shifted(start).to_json() for one, start in zip(told, starts_s, strict=True)]
@@ -171,7 +171,7 @@ def _truth(
     return {"phases": phases, **card, **(trials[0] if len(trials) == 1 else {"trials": trials})}
 
 
-def _origin(told: Told, sensors: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _origin(told: SimulatedTrial, sensors: dict[str, dict[str, Any]]) -> dict[str, Any]:
     trial = told.trial
     return {
         "number": trial.number,

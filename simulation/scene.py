@@ -29,7 +29,7 @@ HOOKS = {"acceleration_m_s2": "shakes", "scale": "textures", "terms": "lags", "t
 
 
 @dataclass(frozen=True)
-class Told:
+class SimulatedTrial:
     """One trial simulated: what the sensors report, what really happened, and the effects' draws."""
 
     trial: Trial
@@ -69,13 +69,13 @@ class Scene:
         thing = self.card.objects[name] if name else next(iter(self.card.objects.values()))
         return draw_trial(number, thing, row.action, row.style, row.told, self.seed, self.card.hand)
 
-    def run(self, trials: Sequence[Trial]) -> Iterator[Told]:
+    def run(self, trials: Sequence[Trial]) -> Iterator[SimulatedTrial]:
         """Simulate trials, long ones together with long ones; yields them as they are done."""
         order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
         for start in range(0, len(order), BATCH):
             yield from self.run_together(order[start : start + BATCH])
 
-    def run_together(self, trials: Sequence[Trial]) -> list[Told]:
+    def run_together(self, trials: Sequence[Trial]) -> list[SimulatedTrial]:
         """One batch, in the order given."""
         if len(trials) == 1:  # numpy would sum a single lane in another order
             return self.run_together([trials[0], trials[0]])[:1]
@@ -102,12 +102,12 @@ class Scene:
 
     def _told(
         self, trial: Trial, motion: Motion, drawn: dict[str, dict[str, Any]], arm: Any, lane: int
-    ) -> Told:
+    ) -> SimulatedTrial:
         hand_m = None if arm is None else arm.motion_m(motion.t_s, lane)
         signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
-        return Told(trial, signal, motion, truth_of(trial, motion), drawn | sensed, hand_m)
+        return SimulatedTrial(trial, signal, motion, truth_of(trial, motion), drawn | sensed, hand_m)
 
-    def join(self, told: Sequence[Told]) -> tuple[Signal, list[float], dict[str, dict[str, Any]]]:
+    def join(self, told: Sequence[SimulatedTrial]) -> tuple[Signal, list[float], dict[str, dict[str, Any]]]:
         """Trials end to end, one sample apart: what the sensors report, when each begins in s, the sensors' draws.
 
         All through the sensors of the first: one hand for many grasps, not another hand with every grasp.
@@ -134,15 +134,15 @@ class Scene:
             signal = effect.make(signal, drawn[name], self._rng(name, trial))
         return self._in_card_unit(signal), drawn
 
-    def film(self, told: Told, camera: Camera) -> tuple[FloatArray, Frames]:
+    def film(self, told: SimulatedTrial, camera: Camera) -> tuple[FloatArray, Frames]:
         """Stamps in s and frames of one trial, for a camera of the card's."""
         return camera.film(*self._before_camera(told))
 
-    def shooting(self, told: Told, camera: Camera) -> Callable[[float], Frames]:
+    def shooting(self, told: SimulatedTrial, camera: Camera) -> Callable[[float], Frames]:
         """What takes one frame of a trial at a time."""
         return camera.shooting(*self._before_camera(told))
 
-    def _before_camera(self, told: Told) -> tuple[FloatArray, FloatArray, FloatArray, np.random.Generator]:
+    def _before_camera(self, told: SimulatedTrial) -> tuple[FloatArray, FloatArray, FloatArray, np.random.Generator]:
         hand_m = np.zeros_like(told.motion.position_m) if told.hand_m is None else told.hand_m
         return told.motion.t_s, told.motion.position_m, hand_m, self._rng("camera_frames", told.trial)
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.command import Parser, finish, place, seed
+from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import require_writable, write_whole
@@ -98,7 +98,7 @@ def table(rows: dict[str, Any]) -> str:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write ablation.json and ablation.md, print the table."""
     parser = Parser(prog="ablation.py", description="what each feature group brings, and what it costs")
-    parser.add_argument("--out", type=place, default=Path("build/ablation"), metavar="DIR")
+    parser.add_argument("--out", type=path_argument, default=Path("build/ablation"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args = parser.parse_args(argv)
     require_writable(args.out)

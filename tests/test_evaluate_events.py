@@ -23,7 +23,7 @@ from evaluation.baselines import (
     CONE,
     INTENT,
     LINE,
-    Rival,
+    Baseline,
     held_until_let_go,
     intent,
     matched,
@@ -31,10 +31,10 @@ from evaluation.baselines import (
 )
 from evaluation.camera import Seen, onsets_by, seen_beside
 from evaluation.closing_hand import Drop, Droppable, Hand, drop_of, model_error_ms, slide
-from evaluation.evaluate import Asked, evaluate_events
-from evaluation.event_scores import event_scores, heard
+from evaluation.evaluate import EvaluationRequest, evaluate_events
+from evaluation.event_scores import event_scores, match_alarms
 from evaluation.figures import (
-    Told,
+    LabelledTrial,
     calibration,
     confusions,
     instability,
@@ -45,10 +45,10 @@ from evaluation.figures import (
     share,
     specificity,
 )
-from evaluation.model_outputs import NO_CLASS, OUTPUTS, Said, everywhere, rules_of, said
+from evaluation.model_outputs import NO_CLASS, OUTPUTS, ModelOutputs, everywhere, rules_of, said
 from evaluation.outcomes import outcome_table, recognised
 from evaluation.real_sets import real_figures
-from evaluation.truths import Act, Grasp, grasp_of, grasps_beside, safe_acts
+from evaluation.truths import Grasp, VoluntaryAction, grasp_of, grasps_beside, safe_acts
 from export.detectors import detector_names
 from export.spec import BandsLeftOut, StepSpec
 from export.step_graph import cone_graph, detector_graph
@@ -97,11 +97,11 @@ def recording(
     return Recording("a", "a", samples, valid, RATE_HZ, "N", "soft-ball", action, phases, events)
 
 
-def answered(situation: np.ndarray, of: Recording | None = None, p: np.ndarray | None = None) -> Said:
+def answered(situation: np.ndarray, of: Recording | None = None, p: np.ndarray | None = None) -> ModelOutputs:
     n = len(situation)
     p = np.full((n, 4), 0.25, dtype=np.float32) if p is None else p
     none = np.full(n, NO_CLASS)
-    return Said(of or recording(n=n), situation, np.full(n, 1000), p, none, none, np.zeros((n, 3), dtype=bool))
+    return ModelOutputs(of or recording(n=n), situation, np.full(n, 1000), p, none, none, np.zeros((n, 3), dtype=bool))
 
 
 def at(*spans: tuple[int, int], n: int = 300) -> np.ndarray:
@@ -148,7 +148,7 @@ def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) 
 
 def test_a_voluntary_act_is_one_though_the_hand_holds_again_in_it_and_none_within_a_grip_that_fails() -> None:
     put_down = (Phase(0, 50, GRASP), Phase(50, 60, SAFE_SLIP), Phase(60, 80, GRASP), Phase(80, 90, SAFE_SLIP))
-    assert safe_acts(recording(phases=put_down)) == [Act(50, 90)]
+    assert safe_acts(recording(phases=put_down)) == [VoluntaryAction(50, 90)]
     sliding = (Phase(0, 100, GRASP), Phase(100, 104, SAFE_SLIP), Phase(104, 110, RISKY_SLIP))
     assert safe_acts(recording(EVENT, phases=sliding)) == []
     assert safe_acts(recording(phases=put_down, action="hold")) == []
@@ -173,9 +173,9 @@ def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> No
 # -- what stands beside
 
 
-def rival(*asked: np.ndarray) -> Rival:
+def rival(*asked: np.ndarray) -> Baseline:
     """One with a setting for each way to ask."""
-    return Rival("made up", tuple(float(k) for k in range(len(asked))), lambda _: lambda k: [asked[int(k)]])
+    return Baseline("made up", tuple(float(k) for k in range(len(asked))), lambda _: lambda k: [asked[int(k)]])
 
 
 def test_a_rival_is_matched_at_its_most_sensitive_setting_with_no_more_false_alarms() -> None:
@@ -195,7 +195,7 @@ def test_a_rival_that_cannot_be_matched_says_so() -> None:
 def test_perfect_intent_finds_every_event_within_a_sample_and_nothing_else() -> None:
     for onset_s in (0.0, 0.999, 1.0, 1.0001):
         of = recording(RiskyEvent(onset_s, None, onset_s + 0.1))
-        told = heard(of, intent(of))
+        told = match_alarms(of, intent(of))
         assert told.false_s == ()
         assert told.outcomes[0].delay_s is not None
         assert 0.0 < told.outcomes[0].delay_s <= 1.0 / RATE_HZ + 1e-9
@@ -339,7 +339,7 @@ def test_a_hold_is_specific_without_any_alarm_and_counts_only_if_it_held() -> No
 
 def test_safe_acts_are_called_where_the_hand_is_asked_at_any_sample_of_them() -> None:
     phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
-    told = [Told(recording(phases=phases, action="pass"), (Grasp({"style": style}),)) for style in ("p1", "p1", "p2")]
+    told = [LabelledTrial(recording(phases=phases, action="pass"), (Grasp({"style": style}),)) for style in ("p1", "p1", "p2")]
     asked = [at((90, 110)), at((90, 99)), at()]
     figures = line_figures(line(told, asked), told, None, 0)
     assert figures["safe_acts_called"]["share"] == pytest.approx(1 / 3)
@@ -351,7 +351,7 @@ def test_safe_acts_are_called_where_the_hand_is_asked_at_any_sample_of_them() ->
 
 def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> None:
     slips = (Seen(2.5, 0.005, 2.6), Seen(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05))
-    told = [Told(recording(EVENT), (Grasp({}),), slips), Told(recording(EVENT), (Grasp({}),), slips[1:])]
+    told = [LabelledTrial(recording(EVENT), (Grasp({}),), slips), LabelledTrial(recording(EVENT), (Grasp({}),), slips[1:])]
     figures = line_figures(line(told, [at((103, 150)), at()]), told, None, 0)["camera"]
     assert (figures["onsets"], figures["events"], figures["found"]) == (3, 2, 1), "one onset belongs to no event"
     assert figures["start_sd_ms"]["p50"] == pytest.approx(5.0)
@@ -362,9 +362,9 @@ def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_
 
 
 def test_without_a_camera_nothing_is_said_of_one_and_without_a_scene_nothing_of_a_truth() -> None:
-    told = [Told(recording(EVENT), (Grasp({}),))]
+    told = [LabelledTrial(recording(EVENT), (Grasp({}),))]
     assert line_figures(line(told, [at((103, 150))]), told, None, 0)["camera"] is None
-    told = [Told(recording(EVENT), (Grasp({}),), (Seen(1.02, 0.005, 1.06),))]
+    told = [LabelledTrial(recording(EVENT), (Grasp({}),), (Seen(1.02, 0.005, 1.06),))]
     figures = line_figures(line(told, [at()]), told, None, 0)["camera"]
     assert (figures["found"], figures["delay_ms"], figures["truth"]) == (0, None, None)
 
@@ -392,7 +392,7 @@ def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(sc
 
 
 def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
-    told = [Told(recording(EVENT), (Grasp({}),))]
+    told = [LabelledTrial(recording(EVENT), (Grasp({}),))]
     figures = line_figures(line(told, [at((97, 99))]), told, None, 0)
     assert (figures["recall"], figures["collar_40_ms"]["recall"]) == (0.0, 1.0)
 
@@ -428,19 +428,19 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
 
 def test_a_pull_is_recognised_if_found_and_nothing_else_was_and_a_pass_if_seen_and_left_alone() -> None:
     grasps = (Grasp({"style": "p1"}),)
-    pull, quiet = Told(recording(EVENT, action="pull"), grasps), answered(np.full(300, GRASP))
+    pull, quiet = LabelledTrial(recording(EVENT, action="pull"), grasps), answered(np.full(300, GRASP))
     assert recognised(pull, quiet, at((102, 120)))
     assert not recognised(pull, quiet, at((50, 60), (102, 120)))
     assert not recognised(pull, quiet, at())
     phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
     over, seen = (
-        Told(recording(phases=phases, action="pass"), grasps),
+        LabelledTrial(recording(phases=phases, action="pass"), grasps),
         answered(np.where(at((105, 109)), SAFE_SLIP, GRASP)),
     )
     assert recognised(over, seen, at())
     assert not recognised(over, seen, at((10, 12)))
     assert not recognised(over, quiet, at())
-    assert recognised(Told(recording(action="pull"), grasps), quiet, at()) is None
+    assert recognised(LabelledTrial(recording(action="pull"), grasps), quiet, at()) is None
 
 
 def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_were_asked_about() -> None:
@@ -516,7 +516,7 @@ def test_the_report_answers_first_and_needs_no_other_file(evaluated: tuple[dict[
 
 
 def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(eight_classes: Built, scenes: Path) -> None:
-    figures = evaluate_events(Model(eight_classes.model), Asked((str(scenes),))).figures
+    figures = evaluate_events(Model(eight_classes.model), EvaluationRequest((str(scenes),))).figures
     assert figures["thresholds"]["chosen_on"] is None
     assert figures["thresholds"]["headline"] == "ours, as deployed"
     assert "flatters" in figures["thresholds"]["how"]
@@ -525,18 +525,18 @@ def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(eight
 
 def test_a_threshold_chosen_on_what_is_scored_is_refused(eight_classes: Built, scenes: Path) -> None:
     with pytest.raises(UsageError, match="to choose the confidence on and to be scored"):
-        evaluate_events(Model(eight_classes.model), Asked((str(scenes),), choose=(f"{scenes}/../set",)))
+        evaluate_events(Model(eight_classes.model), EvaluationRequest((str(scenes),), choose=(f"{scenes}/../set",)))
 
 
 def test_the_figures_of_ours_are_those_of_its_own_answers(eight_classes: Built, scenes: Path) -> None:
     model, data = Model(eight_classes.model), load(scenes, windows="natural")
-    figures = evaluate_events(model, Asked((str(scenes),))).figures
+    figures = evaluate_events(model, EvaluationRequest((str(scenes),))).figures
     told = []
     for of in data.recordings:
         monitor = GripMonitor(model, None)
         acts = [monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)).act
                 for t, values in enumerate(of.samples)]  # fmt: skip
-        told.append(heard(of, np.array(acts)))
+        told.append(match_alarms(of, np.array(acts)))
     expected, got = event_scores(told), figures["all"]["rows"]["ours, as deployed"]
     assert rules_of(model.card) == RULES
     assert {key: got[key] for key in ("found", "false_alarms", "already_on")} == {

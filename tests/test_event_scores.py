@@ -12,8 +12,16 @@ from hypothesis import strategies as st
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
-from evaluation.alarms import Answers, acts
-from evaluation.event_scores import CONFIDENCES, Heard, choose_confidence, event_scores, false_alarms, hear, heard
+from evaluation.alarms import Answers, act_requests
+from evaluation.event_scores import (
+    CONFIDENCES,
+    EventMatch,
+    choose_confidence,
+    event_scores,
+    false_alarms,
+    match_alarms,
+    match_all_alarms,
+)
 from training.recording import Recording
 from training.timeline import RiskyEvent
 
@@ -49,7 +57,7 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
     streams = [
         Answers(recording(), *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1))) for one in labels
     ]
-    together = acts(streams, rules, confidences)
+    together = act_requests(streams, rules, confidences)
     for stream, acted in zip(streams, together, strict=True):
         for k, least in enumerate(confidences):
             told = replace(rules, min_risky_permille=least)
@@ -66,12 +74,12 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
 @given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=14, max_size=38))
 def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(told):
     rows = np.repeat(np.array(told), 8, axis=0)
-    alone = [len(heard(recording(EVENT), rows[:, k]).false_s) for k in range(3)]
+    alone = [len(match_alarms(recording(EVENT), rows[:, k]).false_s) for k in range(3)]
     assert false_alarms(recording(EVENT), rows).tolist() == alone
 
 
 def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():
-    (found,) = (told := heard(recording(EVENT), asked((1.02, 2.0)))).outcomes
+    (found,) = (told := match_alarms(recording(EVENT), asked((1.02, 2.0)))).outcomes
     assert found.delay_s == pytest.approx(0.02)
     assert found.lead_s == pytest.approx(0.03)
     assert found.available_s == pytest.approx(0.05)
@@ -82,14 +90,14 @@ def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_fals
     ("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)]
 )
 def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
-    told = heard(recording(EVENT), asked((from_s, from_s + 0.01)))
+    told = match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)))
     assert (sum(one.alarm_s is not None for one in told.outcomes), len(told.false_s)) == (found, false)
-    assert heard(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040).outcomes[0].alarm_s is not None
+    assert match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040).outcomes[0].alarm_s is not None
 
 
 @EVENTS.mark
 def test_an_alarm_that_was_on_before_finds_nothing_and_is_false():
-    told = heard(recording(EVENT), asked((0.5, 2.0)))
+    told = match_alarms(recording(EVENT), asked((0.5, 2.0)))
     assert told.outcomes[0].alarm_s is None
     assert told.outcomes[0].already_on
     assert told.false_s == (0.5,)
@@ -99,19 +107,19 @@ def test_an_alarm_that_was_on_before_finds_nothing_and_is_false():
 def test_counted_sample_by_sample_an_alarm_that_never_ends_finds_every_event():
     always = asked((0.0, 3.0))
     assert always[round(EVENT.onset_s * RATE_HZ) : round(EVENT.end_s * RATE_HZ)].all()
-    assert heard(recording(EVENT), always).outcomes[0].alarm_s is None
+    assert match_alarms(recording(EVENT), always).outcomes[0].alarm_s is None
 
 
 @EVENTS.mark
 def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_finds_it():
-    told = heard(recording(EVENT), asked((0.5, 0.97), (1.03, 1.2)))
+    told = match_alarms(recording(EVENT), asked((0.5, 0.97), (1.03, 1.2)))
     assert told.outcomes[0].delay_s == pytest.approx(0.03)
     assert told.false_s == (0.5,)
 
 
 @COLLAR.mark
 def test_an_event_is_found_once_and_a_second_alarm_in_it_is_neither_found_nor_false():
-    told = heard(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
+    told = match_alarms(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
     assert told.outcomes[0].delay_s == pytest.approx(0.01)
     assert told.false_s == ()
 
@@ -119,21 +127,21 @@ def test_an_event_is_found_once_and_a_second_alarm_in_it_is_neither_found_nor_fa
 @COLLAR.mark
 def test_two_events_inside_one_collar_share_an_alarm_that_begins_in_both():
     second = RiskyEvent(1.11, 1.15, 1.20)
-    told = heard(recording(EVENT, second), asked((1.10, 1.3)))
+    told = match_alarms(recording(EVENT, second), asked((1.10, 1.3)))
     assert [one.alarm_s for one in told.outcomes] == [1.10, 1.10]
     assert told.outcomes[1].delay_s == pytest.approx(-0.01)
 
 
 def test_an_alarm_that_is_on_from_the_first_sample_begins_there():
-    assert heard(recording(EVENT), asked((0.0, 3.0))).false_s == (0.0,)
-    assert heard(recording(RiskyEvent(0.0, 0.05, 0.1)), asked((0.0, 3.0))).outcomes[0].delay_s == 0.0
+    assert match_alarms(recording(EVENT), asked((0.0, 3.0))).false_s == (0.0,)
+    assert match_alarms(recording(RiskyEvent(0.0, 0.05, 0.1)), asked((0.0, 3.0))).outcomes[0].delay_s == 0.0
 
 
 # -- figures of many streams
 
 
-def stream(group: str, *alarms: tuple[float, float], events: tuple[RiskyEvent, ...] = (EVENT,)) -> Heard:
-    return heard(recording(*events, group=group), asked(*alarms))
+def stream(group: str, *alarms: tuple[float, float], events: tuple[RiskyEvent, ...] = (EVENT,)) -> EventMatch:
+    return match_alarms(recording(*events, group=group), asked(*alarms))
 
 
 def test_figures_count_what_was_found_missed_false_and_already_on():
@@ -199,7 +207,7 @@ def test_the_confidence_is_the_lowest_that_leaves_no_more_false_alarms_than_allo
 def test_what_was_chosen_is_what_is_heard():
     streams = [answers(400), answers(601)]
     for permille, false in ((0, 2), (410, 1), (610, 0)):
-        told = event_scores(hear(streams, DecisionRules(), permille))
+        told = event_scores(match_all_alarms(streams, DecisionRules(), permille))
         assert (told["false_alarms"], told["found"]) == (false, 2)
 
 

@@ -49,7 +49,7 @@ from holdfast.recorder.card import ACTIONS, Task, left, read_protocol, word
 from holdfast.recorder.folder import opened
 from holdfast.recorder.keys import KEYS, Keys
 from holdfast.recorder.recording import record as record_trials
-from holdfast.recorder.session import Asked, Session
+from holdfast.recorder.session import Session, SessionOptions
 from holdfast.run import stop_signals
 from holdfast.sources import open_source
 from simulation import protocol as simulated
@@ -171,7 +171,7 @@ def session(
 ) -> tuple[int, list[str]]:  # fmt: skip
     said = [] if said is None else said
     made = Session(
-        Asked(out, "p01", 100.0, seconds, at_once, {}), source, source.clock, keys, said.append,
+        SessionOptions(out, "p01", 100.0, seconds, at_once, {}), source, source.clock, keys, said.append,
         bias=np.zeros(18), about={"unit": "N"},
     )  # fmt: skip
     return made.run(tasks, stopped), said

@@ -21,7 +21,7 @@ from edge_runtime.errors import EmptyRecording
 from holdfast.recorder.card import Task
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.quality import Quality
-from holdfast.recorder.session import Asked, Session
+from holdfast.recorder.session import Session, SessionOptions
 from holdfast.recorder.status import OVER_THE_LINE_ABOVE, StatusLine, columns_of, status_text
 from holdfast.recorder.trial import Trial
 
@@ -127,7 +127,7 @@ def shown(out: Path, terminal: Callable[[str], bool], columns: int = 80, **hand:
     """One trial of 1.2 s at 100 Hz before a terminal."""
     clock, status = VirtualClock(), StatusLine(terminal, lambda: columns, seconds=1.2)
     source = Hand(clock, 130, **hand)  # type: ignore[arg-type]
-    asked = Asked(out, "p01", 100.0, 1.2, True, {})
+    asked = SessionOptions(out, "p01", 100.0, 1.2, True, {})
     told = {"bias": 0.001 * np.arange(18.0), "about": {"unit": "N"}, "show": status.show}
     Session(asked, source, clock, Keys(None), status.say, **told).run([PULL], lambda: False)  # type: ignore[arg-type]
 

@@ -16,7 +16,7 @@ from simulation.folder import write_set
 from simulation.hand import Hand
 from simulation.protocol import Trial
 from simulation.run import Loop, Motion, run_batch
-from simulation.scene import Scene, Told
+from simulation.scene import Scene, SimulatedTrial
 from training.datasets.thesis import load
 
 TWENTY = Hand(thumb=4, finger=4)
@@ -44,7 +44,7 @@ def scene(tmp_path: Path, text: str) -> Scene:
     return Scene(read_card(str(path)), 0)
 
 
-def told(tmp_path: Path, text: str) -> list[Told]:
+def told(tmp_path: Path, text: str) -> list[SimulatedTrial]:
     made = scene(tmp_path, text)
     return made.run_together(made.trials())
 

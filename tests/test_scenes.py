@@ -18,7 +18,7 @@ from simulation import scene as scenes
 from simulation.card import Card, read_card
 from simulation.effects import EFFECTS
 from simulation.folder import write_set
-from simulation.scene import Scene, Told
+from simulation.scene import Scene, SimulatedTrial
 from training.datasets.thesis import load
 from training.timeline import read_truth
 
@@ -54,12 +54,12 @@ def make(tmp_path: Path, text: str = CORE, seed: int = 0) -> Scene:
     return Scene(read_card(str(path)), seed)
 
 
-def told(scene: Scene) -> list[Told]:
+def told(scene: Scene) -> list[SimulatedTrial]:
     return scene.run_together(scene.trials())
 
 
 @pytest.fixture(scope="module")
-def core(tmp_path_factory: pytest.TempPathFactory) -> list[Told]:
+def core(tmp_path_factory: pytest.TempPathFactory) -> list[SimulatedTrial]:
     return told(make(tmp_path_factory.mktemp("core")))
 
 

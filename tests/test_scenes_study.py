@@ -46,7 +46,7 @@ from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
 from studies.scenes import __main__ as command
-from studies.scenes.candidate import Way
+from studies.scenes.candidate import Candidate
 from studies.scenes.generalising import learning_curve, styles_left_out
 from studies.scenes.report import SceneEvidence, demo_report, write_scene_report
 from studies.scenes.study import (
@@ -337,7 +337,7 @@ def test_no_window_of_a_held_out_object_is_trained_on(data: DataSet) -> None:
     objects = sorted(set(names.tolist()) - {""})
     number = np.unique(names, return_inverse=True)[1].astype(np.int64)
     features = np.eye(len(CLASSES), dtype=np.float32)[number]
-    way = Way(TrainingPlan(situation=SHARP), lambda data: features)
+    way = Candidate(TrainingPlan(situation=SHARP), lambda data: features)
     figures = objects_held_out(of_rows(data, number), features, way, 0)
     assert sorted(figures) == objects
     assert len(objects) == 5
@@ -358,7 +358,7 @@ def halves(data: DataSet) -> dict[str, DataSet]:
 def test_no_trial_of_a_style_that_is_left_out_is_trained_on(data: DataSet) -> None:
     sets, fitted = halves(data), []
 
-    class Watched(Way):
+    class Watched(Candidate):
         def votes(self, data: DataSet, *rest: Any) -> IntArray:
             fitted.append({one.trial_id for one in data.recordings})
             return super().votes(data, *rest)

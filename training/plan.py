@@ -38,7 +38,7 @@ class ForestPlan:
         return maker(random_state=seed, n_jobs=n_jobs, **parameters)
 
 
-UNSURE, SURE = DecisionRules(), DecisionRules(act_samples=1, min_risky_permille=600)
+TWO_SAMPLES, HIGH_CONFIDENCE = DecisionRules(), DecisionRules(act_samples=1, min_risky_permille=600)
 """Act on two samples in a row, or on one of which the forest is sure: as seldom wrong, and a sample sooner."""
 
 UNTUNED = ForestPlan(kind="random", class_weight=None)
@@ -53,7 +53,7 @@ class TrainingPlan:
     situation: ForestPlan = ForestPlan(n_estimators=60, min_samples_leaf=8, max_features=0.12)
     prediction: ForestPlan = ForestPlan(n_estimators=100, min_samples_leaf=5, max_features=0.3)
     folds: int = 6
-    decision: DecisionRules = UNSURE
+    decision: DecisionRules = TWO_SAMPLES
 
     def forest_for(self, task: str) -> ForestPlan:
         """The forest of a task."""
@@ -69,7 +69,7 @@ RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNT
 
 SIZES = {
     name: TrainingPlan(
-        situation=ForestPlan(n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3), decision=SURE
+        situation=ForestPlan(n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3), decision=HIGH_CONFIDENCE
     )
     for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
 }

@@ -14,7 +14,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import place, run_script, seed
+from edge_runtime.command import path_argument, run_script, seed
 from edge_runtime.errors import DataError
 
 WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
@@ -27,7 +27,7 @@ FIXTURE_TRIALS = 8
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast train`."""
     parser.add_argument("--data", nargs="+", metavar="SET|FOLDER", help="sets by name or path (default: the fixture)")
-    parser.add_argument("--out", type=place, default=DEFAULT_OUT, metavar="DIR",
+    parser.add_argument("--out", type=path_argument, default=DEFAULT_OUT, metavar="DIR",
                         help="artifact folder (default build/default)")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace an artifact that is in DIR already")
     parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")

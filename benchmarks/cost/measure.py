@@ -18,7 +18,7 @@ from benchmarks.cost.recordings import per_recording, read
 from edge_runtime.contract import RISKY_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN
 from evaluation.alarms import Answers
-from evaluation.event_scores import choose_confidence, event_scores, hear
+from evaluation.event_scores import choose_confidence, event_scores, match_all_alarms
 from export.exporting import whole_graph
 from export.forest import Forest
 from export.heads import Calibration, Head
@@ -131,7 +131,7 @@ def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> dict[str, Any]:
     for choose, ask in fitted.of:
         there, here = (_answers(point, voted, fitted.calibration, spec) for voted in (choose, ask))
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
-        heard += hear(here, point.rules, chosen[-1])
+        heard += match_all_alarms(here, point.rules, chosen[-1])
     told = {"macro_f1": fitted.figures["macro_f1"], "macro_f1_ci": fitted.figures["macro_f1_ci"]}
     return told | event_scores(heard) | {"permille": chosen}
 

@@ -12,7 +12,7 @@ from edge_runtime.decision import DecisionRules
 from export.bank import BANDS_HZ
 from export.spec import HISTORY_S, WINDOW_S, StepSpec
 from training.featurise import spec_for
-from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS, SIZES, SURE, TrainingPlan
+from training.plan import CLOCK_FREE_GROUPS, HIGH_CONFIDENCE, RAW_GROUPS, SIZES, TrainingPlan
 from training.recording import DataSet
 
 PEOPLES_TREES = 20
@@ -59,7 +59,7 @@ class Point:
     window_s: float = WINDOW_S
     look_back_s: float = HISTORY_S
     bands: str = "all"
-    debounce: int = SURE.act_samples
+    debounce: int = HIGH_CONFIDENCE.act_samples
     bank: Literal["float64", "float32"] = "float64"
     confidence: Literal["votes", "calibrated"] = "votes"
 
@@ -78,7 +78,7 @@ class Point:
         told += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
         told += [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
         told += [f"bands {self.bands}"] if self.bands != "all" else []
-        told += [f"debounce {self.debounce}"] if self.debounce != SURE.act_samples else []
+        told += [f"debounce {self.debounce}"] if self.debounce != HIGH_CONFIDENCE.act_samples else []
         told += ["bank in float32"] if self.bank != "float64" else []
         told += ["calibrated"] if self.confidence != "votes" else []
         return ", ".join(told) or "default"
@@ -104,7 +104,7 @@ class Point:
         base = BASES[self.of].situation
         trees = None if self.trees == base.n_estimators else self.trees
         depth = None if self.depth is not None and (self.depth or None) == base.max_depth else self.depth
-        return replace(self, trees=trees, depth=depth, debounce=SURE.act_samples, confidence="votes")
+        return replace(self, trees=trees, depth=depth, debounce=HIGH_CONFIDENCE.act_samples, confidence="votes")
 
     @property
     def grown(self) -> Point:

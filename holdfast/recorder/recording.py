@@ -23,7 +23,7 @@ from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import NOTHING, Protocol, Task, left, read_protocol, word
 from holdfast.recorder.folder import RECORDING, done, opened, require_ours, trials_of
 from holdfast.recorder.labels import MARKS
-from holdfast.recorder.session import Asked, Session, Show, show_nothing
+from holdfast.recorder.session import Session, SessionOptions, Show, show_nothing
 from holdfast.run import first_in_line, force_of
 
 CHECK_S = 1.0
@@ -60,7 +60,7 @@ def record(
             rate_hz = source.rate_hz or args.rate
             masses = plan.protocol.mass_g if plan.protocol else {}
             session = Session(
-                Asked(args.out, person, rate_hz, args.seconds, args.at_once, masses), source, clock, keys, say,
+                SessionOptions(args.out, person, rate_hz, args.seconds, args.at_once, masses), source, clock, keys, say,
                 bias=bias.values, about=about(args, source, (bias, warnings, good), plan, rate_hz, real_time=real_time),
                 camera=camera_of(args, source, clock), truth=truth_of(args.source, source), show=show,
             )  # fmt: skip

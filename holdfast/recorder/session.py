@@ -35,7 +35,7 @@ TIME_OVER, SOURCE_OVER = "time over", "source over"
 
 
 @dataclass(frozen=True)
-class Asked:
+class SessionOptions:
     """What the session is to do. seconds: of a trial, or until a key; at_once: begin without one."""
 
     root: Path
@@ -60,7 +60,7 @@ class Session:
     """
 
     def __init__(
-        self, asked: Asked, source: Source, clock: Any, keys: Keys, say: Callable[[str], None], *,
+        self, asked: SessionOptions, source: Source, clock: Any, keys: Keys, say: Callable[[str], None], *,
         bias: FloatArray, about: dict[str, Any], camera: Beside | None = None,
         truth: Callable[[int, int], list[dict[str, Any]]] | None = None, show: Show = show_nothing,
     ) -> None:  # fmt: skip

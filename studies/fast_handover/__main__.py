@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from edge_runtime.command import place, run_script, seed
+from edge_runtime.command import path_argument, run_script, seed
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.progress import stages
 from studies.fast_handover.ideas import IDEAS
@@ -17,7 +17,7 @@ from studies.fast_handover.study import study
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="holds the sets that `make wall` simulates")
-    parser.add_argument("--out", type=place, required=True, metavar="DIR", help="where wall.json goes")
+    parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="where wall.json goes")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from edge_runtime.contract import NORMAL_AXIS, NOTHING
 from edge_runtime.decision import UNKNOWN
-from evaluation.figures import Told, labels_everywhere, without_samples
+from evaluation.figures import LabelledTrial, labels_everywhere, without_samples
 from evaluation.truths import grasps_beside
 from export.reference import IntArray
 from studies.fast_handover.ideas import Features
@@ -42,7 +42,7 @@ class Streams:
     widen each slip by 0.10 s (training/windows.py), which no detector of the moment can know.
     """
 
-    trials: list[Told]
+    trials: list[LabelledTrial]
     features: FloatRows
     lengths: list[int]
     truth: IntArray
@@ -66,7 +66,7 @@ def streams(folder: Path, windows: Choice, features: Features) -> Streams:
     """A set to ask."""
     data = load(folder, windows=windows)
     recordings = [without_samples(one) for one in data.recordings]
-    trials = [Told(one, grasps) for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)]
+    trials = [LabelledTrial(one, grasps) for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)]
     lengths = [len(one.samples) for one in data.recordings]
     truth = np.concatenate([_situations(one, n) for one, n in zip(recordings, lengths, strict=True)])
     return Streams(trials, everywhere(folder, data, features), lengths, truth, _rows(data))

@@ -20,9 +20,9 @@ from sklearn.metrics import f1_score
 from edge_runtime.contract import SITUATIONS, BoolArray
 from edge_runtime.decision import UNKNOWN
 from edge_runtime.timing import time_in_turns
-from evaluation.alarms import Answers, acts
-from evaluation.event_scores import choose_confidence, event_scores, heard
-from evaluation.figures import Told, line, line_figures, together
+from evaluation.alarms import Answers, act_requests
+from evaluation.event_scores import choose_confidence, event_scores, match_alarms
+from evaluation.figures import LabelledTrial, line, line_figures, together
 from evaluation.truths import Grasp
 from export.spec import HISTORY_S
 from studies.fast_handover.ideas import IDEAS, Features, Idea
@@ -30,7 +30,7 @@ from studies.fast_handover.learners import Answer, Learner
 from studies.fast_handover.sets import Labelled, Streams, joined, labelled, streams, without
 from studies.fast_handover.timing import session_of
 from training.featurise import FloatRows
-from training.plan import SURE
+from training.plan import HIGH_CONFIDENCE
 from training.say import Say
 from training.windows import Choice
 
@@ -77,10 +77,10 @@ def study(folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS) -> d
 def _figures(idea: Idea, ask: dict[str, Streams], told: dict[str, Answer], seed: int) -> dict[str, Any]:
     """One row: windows, then streams at the threshold that the other streams gave."""
     answers = {name: _answers(one, told[name], idea.decision == "veto") for name, one in ask.items()}
-    permille = choose_confidence(answers[CHOOSE], SURE, MOST_FALSE_PER_MIN)
+    permille = choose_confidence(answers[CHOOSE], HIGH_CONFIDENCE, MOST_FALSE_PER_MIN)
     least = {name: _personal(ask[name], answers[name], permille) if idea.decision == "personal" else permille
              for name in ASKED}  # fmt: skip
-    asked = {name: [on[:, 0] for on in acts(answers[name], SURE, [least[name]])] for name in ASKED}
+    asked = {name: [on[:, 0] for on in act_requests(answers[name], HIGH_CONFIDENCE, [least[name]])] for name in ASKED}
     lines = {name: line(ask[name].trials, asked[name]) for name in ASKED}
     figures: dict[str, Any] = {"permille": least | {CHOOSE: permille}}
     for name in ("author", "p1", "p2"):
@@ -91,11 +91,11 @@ def _figures(idea: Idea, ask: dict[str, Streams], told: dict[str, Answer], seed:
         kept = ("events", "recall", "recall_ci", "false_per_min", "false_per_min_ci", "in_time", "delay_ms",
                 "safe_acts_called", "specificity")  # fmt: skip
         figures[name] = {key: of[key] for key in kept}
-    unseen = event_scores(together([lines["p1"], lines["p2"]]).heard, seed=seed)
+    unseen = event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed)
     figures["unseen_style"] = {key: unseen[key] for key in ("events", "recall", "recall_ci", "false_per_min")}
     states = [_state(one, least["author"]) for one in answers["author"]]
     figures["state_delay_ms"] = event_scores(
-        [heard(one.recording, on) for one, on in zip(answers["author"], states, strict=True)], seed=seed
+        [match_alarms(one.recording, on) for one, on in zip(answers["author"], states, strict=True)], seed=seed
     )["delay_ms"]
     return figures
 
@@ -112,7 +112,7 @@ def macro_f1(asked: Streams, situation: npt.NDArray[np.int64], past_s: float = 0
     return float(f1_score(asked.label[there], situation[asked.row[there]], average="macro"))
 
 
-def _since_change_s(told: Told, n: int) -> npt.NDArray[np.float64]:
+def _since_change_s(told: LabelledTrial, n: int) -> npt.NDArray[np.float64]:
     """[T] s since the last change of phase."""
     since = np.full(n, np.inf)
     for phase in told.recording.phases:
@@ -143,7 +143,7 @@ def _answers(asked: Streams, told: Answer, veto: bool) -> list[Answers]:
     return answers
 
 
-def _opening(told: Told, n: int) -> BoolArray:
+def _opening(told: LabelledTrial, n: int) -> BoolArray:
     """[T] after the hand's own opening command, which a scene draws and no signal tells."""
     opens_s = [opens for grasp in told.grasps if (opens := opens_at_s(grasp)) is not None]
     times = np.arange(n) / told.recording.rate_hz

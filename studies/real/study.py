@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.command import Parser, finish, place, seed
+from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.progress import stages
 from evaluation.provenance import host
@@ -118,7 +118,7 @@ def final_model(artifact: Artifact, out: Path) -> dict[str, Any]:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write metrics.json, print the headline."""
     parser = Parser(prog="real.py", description="the whole main job on human_slip_uskin, eflesh_slip, proactive")
-    parser.add_argument("--out", type=place, default=Path("build/real"), metavar="DIR")
+    parser.add_argument("--out", type=path_argument, default=Path("build/real"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)

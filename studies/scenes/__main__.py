@@ -15,12 +15,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.command import Parser, finish, place, seed
+from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.errors import DataNotFound
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.progress import stages
 from evaluation.provenance import host
-from studies.scenes.candidate import Way
+from studies.scenes.candidate import Candidate
 from studies.scenes.report import SceneEvidence, write_scene_report
 from studies.scenes.study import CAVEAT, OURS, STAGES, RateStudy, study_rate, ways
 from training.fitting import versions
@@ -29,7 +29,7 @@ from training.say import Say
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
 
 
-def run(folder: Path, out: Path, seed: int, say: Say, chosen: dict[str, Way] | None = None) -> dict[str, Any]:
+def run(folder: Path, out: Path, seed: int, say: Say, chosen: dict[str, Candidate] | None = None) -> dict[str, Any]:
     """Study every rate of a folder and write the report; returns what scenes.json holds."""
     started = time.perf_counter()
     studies = [study_rate(rate, chosen or ways(), seed, say) for rate in rate_folders(folder)]
@@ -85,8 +85,8 @@ def _between(interval: list[float] | None) -> str:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write scenes.json, print the headline."""
     parser = Parser(prog="scenes.py", description="the whole study of simulated scenes")
-    parser.add_argument("folder", type=place, metavar="FOLDER", help="holds <rate>hz/thesis, .. as simulate wrote them")
-    parser.add_argument("--out", type=place, default=Path("build/scenes"), metavar="DIR")
+    parser.add_argument("folder", type=path_argument, metavar="FOLDER", help="holds <rate>hz/thesis, .. as simulate wrote them")
+    parser.add_argument("--out", type=path_argument, default=Path("build/scenes"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)

@@ -14,7 +14,7 @@ from training.recording import DataSet
 
 
 @dataclass(frozen=True)
-class Way:
+class Candidate:
     """A way to answer: its plan, and what it sees of the windows of "classes" [M, F]."""
 
     plan: TrainingPlan

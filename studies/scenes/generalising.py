@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evaluation.scores import scores
-from studies.scenes.candidate import Way
+from studies.scenes.candidate import Candidate
 from training.crossval import cross_validate
 from training.datasets.joined import join
 from training.recording import DataSet
@@ -19,7 +19,7 @@ TRIALS = (100, 200, 400, 600, 800, 1000)
 """The thesis had 600, then 1000."""
 
 
-def styles_left_out(sets: Mapping[str, DataSet], ways: Mapping[str, Way], seed: int, say: Say) -> dict[str, Any]:
+def styles_left_out(sets: Mapping[str, DataSet], ways: Mapping[str, Candidate], seed: int, say: Say) -> dict[str, Any]:
     """Style -> line -> figures on its windows of forests trained on the other styles alone."""
     figures: dict[str, Any] = {}
     for style, asked in sets.items():
@@ -34,7 +34,7 @@ def styles_left_out(sets: Mapping[str, DataSet], ways: Mapping[str, Way], seed: 
 
 
 def learning_curve(
-    data: DataSet, features: Mapping[str, Any], ways: Mapping[str, Way], seed: int, counts: Sequence[int] = TRIALS
+    data: DataSet, features: Mapping[str, Any], ways: Mapping[str, Candidate], seed: int, counts: Sequence[int] = TRIALS
 ) -> list[dict[str, Any]]:
     """Rows: so many of the trials, and each line's figures on them, trials held out."""
     order = np.random.default_rng(seed).permutation(len(data.recordings))

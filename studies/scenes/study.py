@@ -19,7 +19,7 @@ from evaluation.scores import calls, confusion, leak_check, scores, spread_of
 from evaluation.simple_baselines import ONE_LINE, clock_features, one_line_at, raw_windows
 from evaluation.streams import StreamPicture, held_out_streams
 from export.spec import window_samples
-from studies.scenes.candidate import Way
+from studies.scenes.candidate import Candidate
 from studies.scenes.generalising import learning_curve, styles_left_out
 from training.crossval import HeldOut, cross_validate
 from training.datasets import load
@@ -51,10 +51,10 @@ def step_graph(plan: TrainingPlan) -> Callable[[DataSet], FloatRows]:
 
 def ways(
     plan: TrainingPlan | None = None, raw: TrainingPlan = RAW_BASELINE, clock: TrainingPlan = CLOCK_PLAN
-) -> dict[str, Way]:
+) -> dict[str, Candidate]:
     """Ours and the forests that must stand beside it."""
     ours = plan or TrainingPlan()
-    return {OURS: Way(ours, step_graph(ours)), RAW: Way(raw, raw_windows), CLOCK: Way(clock, clock_features)}
+    return {OURS: Candidate(ours, step_graph(ours)), RAW: Candidate(raw, raw_windows), CLOCK: Candidate(clock, clock_features)}
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class RateStudy:
     streams: list[StreamPicture]
 
 
-def study_rate(folder: Path, chosen: dict[str, Way], seed: int, say: Say) -> RateStudy:
+def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) -> RateStudy:
     """Everything about the sets in one rate's folder. Raises DataNotFound, UnitError or RateError."""
     say(f"{folder.name}: reading {TRAINED}")
     data = read_trained(folder, seed)
@@ -131,7 +131,7 @@ def one_line_figures(data: DataSet, seed: int) -> dict[str, Any]:
     }
 
 
-def objects_held_out(data: DataSet, features: FloatRows, way: Way, seed: int) -> dict[str, Any]:
+def objects_held_out(data: DataSet, features: FloatRows, way: Candidate, seed: int) -> dict[str, Any]:
     """Object -> figures on its windows from a forest that never met the object."""
     names = np.array([recording.object_name or "" for recording in data.recordings])[data.tasks["classes"].trial]
     figures = {}
@@ -144,7 +144,7 @@ def objects_held_out(data: DataSet, features: FloatRows, way: Way, seed: int) ->
 
 
 def never_met(
-    folder: Path, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Way], seed: int, say: Say
+    folder: Path, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Candidate], seed: int, say: Say
 ) -> dict[str, Any]:
     """Card -> line -> figures on all its windows (not balanced) of forests trained on every trial of the thesis."""
     everything = np.arange(len(data.tasks["classes"]))
@@ -163,7 +163,7 @@ def never_met(
 
 
 def retrained(
-    rate: str, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Way], seed: int, say: Say
+    rate: str, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Candidate], seed: int, say: Say
 ) -> dict[str, Any]:
     """Five cross-validations with other seeds of split and forest, for ours and the raw-window forest."""
     seeds = [seed + k for k in range(RETRAININGS)]

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.command import Parser, finish, place, seed
+from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.errors import DataNotFound
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.progress import stages
@@ -63,8 +63,8 @@ def read_scene(folder: Path) -> DataSet:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write preliminary.json and the report, print the table's main lines."""
     parser = Parser(prog="preliminary.py", description="the thesis' preliminary study, on a scene and on recordings")
-    parser.add_argument("--out", type=place, default=Path("build/preliminary"), metavar="DIR")
-    parser.add_argument("--scene", type=place, metavar="DIR", help="a simulated set (default: scene in --out)")
+    parser.add_argument("--out", type=path_argument, default=Path("build/preliminary"), metavar="DIR")
+    parser.add_argument("--scene", type=path_argument, metavar="DIR", help="a simulated set (default: scene in --out)")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)
