@@ -25,7 +25,9 @@ class Answers:
     risky_permille: npt.NDArray[np.int64]
 
 
-def act_requests(answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: Sequence[int]) -> list[BoolArray]:
+def act_requests(
+    answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: Sequence[int]
+) -> list[BoolArray]:
     """[T, K] a stream: whether the hand is asked to act, for each of K confidences in place of the rules' own.
 
     Sample by sample the same as `decide` with neither opening command nor override.

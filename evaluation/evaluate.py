@@ -186,8 +186,8 @@ def _chosen(model: Model, asked: EvaluationRequest, others: Sequence[Baseline], 
 
 
 def _thresholds(
-    model: Model, asked: EvaluationRequest, others: Sequence[Baseline], recordings: Sequence[Recording], answered: Sequence[ModelOutputs],
-    permille: int | None, on: list[str],
+    model: Model, asked: EvaluationRequest, others: Sequence[Baseline], recordings: Sequence[Recording],
+    answered: Sequence[ModelOutputs], permille: int | None, on: list[str],
 ) -> Thresholds:  # fmt: skip
     """Ours as deployed and, first, as chosen; rivals at the headline's own rate of false alarms on these streams."""
     rules = rules_of(model.card)
@@ -230,8 +230,8 @@ def _asked(answered: Sequence[ModelOutputs], rules: DecisionRules, permille: int
 
 
 def _score(
-    model: Model, root: Path, data: DataSet, answered: list[ModelOutputs], thresholds: Thresholds, windows: dict[str, Any],
-    seed: int,
+    model: Model, root: Path, data: DataSet, answered: list[ModelOutputs], thresholds: Thresholds,
+    windows: dict[str, Any], seed: int,
 ) -> _SetResult:  # fmt: skip
     beside = zip(data.recordings, grasps_beside(root, data.recordings), seen_beside(root, data.recordings), strict=True)
     told = [LabelledTrial(without_samples(one), grasps, seen) for one, grasps, seen in beside]
@@ -297,7 +297,9 @@ def _described(root: Path, data: DataSet, windows: dict[str, Any]) -> dict[str, 
     }  # fmt: skip
 
 
-def _to_show(told: Sequence[LabelledTrial], answered: Sequence[ModelOutputs], asked: Sequence[BoolArray]) -> dict[str, list[Shown]]:
+def _to_show(
+    told: Sequence[LabelledTrial], answered: Sequence[ModelOutputs], asked: Sequence[BoolArray]
+) -> dict[str, list[Shown]]:
     """The first trials of every picture, an object in turn: chosen before any answer."""
     shown = {}
     for action, name, wanted in SHOWN:
@@ -314,7 +316,9 @@ def _to_show(told: Sequence[LabelledTrial], answered: Sequence[ModelOutputs], as
     return {title: rows for title, rows in shown.items() if rows}
 
 
-def _gathered(model: Model, asked: EvaluationRequest, results: dict[str, _SetResult], thresholds: Thresholds | None) -> Evidence:
+def _gathered(
+    model: Model, asked: EvaluationRequest, results: dict[str, _SetResult], thresholds: Thresholds | None
+) -> Evidence:
     """All sets under one head. Where rivals were matched on each set itself, their settings stand with the set."""
     first = next(iter(results.values()))
     figures: dict[str, Any] = first.figures["windows"] if len(results) == 1 else {"model_id": model.card.model_id}

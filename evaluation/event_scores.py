@@ -76,7 +76,9 @@ def match_alarms(recording: Recording, asked: BoolArray, collar_s: float = COLLA
         found = float(alarms_s[within][0]) if within.any() and not already_on else None
         outcomes.append(Outcome(event, found, already_on))
         false &= ~within
-    return EventMatch(recording, tuple(outcomes), tuple(alarms_s[false].tolist()), len(asked) / recording.rate_hz / 60.0)
+    return EventMatch(
+        recording, tuple(outcomes), tuple(alarms_s[false].tolist()), len(asked) / recording.rate_hz / 60.0
+    )
 
 
 def false_alarms(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) -> IntArray:
@@ -98,7 +100,9 @@ def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
     return np.asarray((t_s >= event.onset_s - collar_s) & (t_s <= event.end_s + collar_s))
 
 
-def match_all_alarms(answers: Sequence[Answers], rules: DecisionRules, permille: int, collar_s: float = COLLAR_S) -> list[EventMatch]:
+def match_all_alarms(
+    answers: Sequence[Answers], rules: DecisionRules, permille: int, collar_s: float = COLLAR_S
+) -> list[EventMatch]:
     """The same for streams as they were answered, asked to act from a confidence on."""
     asked = act_requests(answers, rules, [permille])
     return [match_alarms(one.recording, acted[:, 0], collar_s) for one, acted in zip(answers, asked, strict=True)]

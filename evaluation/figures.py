@@ -72,7 +72,10 @@ class MethodResult:
 def line(told: Sequence[LabelledTrial], asked: Sequence[BoolArray]) -> MethodResult:
     """What was asked [T] of each recording, matched with its truth."""
     return MethodResult(
-        {collar: [match_alarms(t.recording, on, collar) for t, on in zip(told, asked, strict=True)] for collar in COLLARS_S},
+        {
+            collar: [match_alarms(t.recording, on, collar) for t, on in zip(told, asked, strict=True)]
+            for collar in COLLARS_S
+        },
         [act for t, on in zip(told, asked, strict=True) for act in _acts_called(t, on)],
         [hold for t, on in zip(told, asked, strict=True) for hold in _holds(t, on)],
     )
@@ -173,7 +176,9 @@ def state_line(said: Sequence[ModelOutputs], permille: int) -> list[EventMatch]:
     return [match_alarms(without_samples(one.recording), on) for one, on in zip(said, asked, strict=True)]
 
 
-def state_figures(said: Sequence[ModelOutputs], permille: int, heavy: Sequence[bool | None], seed: int) -> dict[str, Any]:
+def state_figures(
+    said: Sequence[ModelOutputs], permille: int, heavy: Sequence[bool | None], seed: int
+) -> dict[str, Any]:
     """Delay to the first risky state, instability, calibration and confusion, per sample of every labelled phase.
 
     heavy: of each recording's object; None where there is none or nobody says.

@@ -236,7 +236,9 @@ def _camera(evidence: Evidence) -> str:
         for name, line, seen in told
     )  # fmt: skip
     sd = ", ".join(
-        f"{html.escape(name)} {_ms(seen['start_sd_ms'], 'p50')} ms" for name, line, seen in told if line == _headline(evidence)
+        f"{html.escape(name)} {_ms(seen['start_sd_ms'], 'p50')} ms"
+        for name, line, seen in told
+        if line == _headline(evidence)
     )
     return f"""{_head(evidence, "By a camera, and by the truth")}
 <p>A camera beside the hand saw the object begin to move in it, and go a fixed distance; no tactile sample had a say in that. Left

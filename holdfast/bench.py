@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("what", choices=(*MEASURES, "all"), metavar="WHAT", help=f"{', '.join(MEASURES)}, all")
     parser.add_argument("--check", action="store_true", help="with latency: exit 1 where a budget is broken")
-    parser.add_argument("--out", type=path_argument, default=Path("build/bench"), metavar="DIR", help="default build/bench")
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("build/bench"), metavar="DIR", help="default build/bench"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

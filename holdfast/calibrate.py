@@ -121,7 +121,9 @@ class Judged:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("path", type=path_argument, metavar="PATH", help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or eflesh's folder")
+    parser.add_argument(
+        "path", type=path_argument, metavar="PATH", help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or eflesh's folder"
+    )
     parser.add_argument("--out", type=path_argument, required=True, metavar="FILE", help="the calibration, as JSON")
     parser.add_argument("--json", type=path_argument, metavar="FILE", help="also the figures, as JSON")
     parser.add_argument("--date", default=date.today().isoformat(), metavar="DAY", help="of the loads (default today)")

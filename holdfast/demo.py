@@ -116,7 +116,9 @@ def _outcome(picture: StreamPicture) -> str:
 def main(argv: Sequence[str]) -> int:
     """Parse and run; what is simulated goes into a temporary folder, which is removed."""
     parser = Parser(prog="make demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=path_argument, default=Path("build/demo"), metavar="DIR", help="default build/demo")
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("build/demo"), metavar="DIR", help="default build/demo"
+    )
     args = parser.parse_args(argv)
     require_writable(args.out)
     with tempfile.TemporaryDirectory() as work:

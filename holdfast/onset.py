@@ -35,7 +35,9 @@ TRUTH = "tactile.truth.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("trial", type=path_argument, metavar="TRIAL", help="a watched folder, or trial_n.csv with its frames")
+    parser.add_argument(
+        "trial", type=path_argument, metavar="TRIAL", help="a watched folder, or trial_n.csv with its frames"
+    )
     parser.add_argument("--action", choices=(*RISKY, *SAFE), help="default: the name of the trial's folder")
     held = "trials that were loaded and held: gross slip begins above their elastic shear"
     parser.add_argument("--no-slip", type=path_argument, nargs="+", default=[], metavar="TRIAL", help=held)
@@ -109,8 +111,11 @@ def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | N
     require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
     try:
         moved = motion(
-            tracks.t_s, tracks.of(OBJECT_TAG), tracks.of(HAND_TAG),
-            tag_mm or float(about["tag_mm"]), apart_mm or about.get("apart_mm"),
+            tracks.t_s,
+            tracks.of(OBJECT_TAG),
+            tracks.of(HAND_TAG),
+            tag_mm or float(about["tag_mm"]),
+            apart_mm or about.get("apart_mm"),
         )
     except LabelError as error:
         raise type(error)(error.what, where=trial, cause=error.cause, next_step=error.next_step) from None

@@ -339,7 +339,10 @@ def test_a_hold_is_specific_without_any_alarm_and_counts_only_if_it_held() -> No
 
 def test_safe_acts_are_called_where_the_hand_is_asked_at_any_sample_of_them() -> None:
     phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
-    told = [LabelledTrial(recording(phases=phases, action="pass"), (Grasp({"style": style}),)) for style in ("p1", "p1", "p2")]
+    told = [
+        LabelledTrial(recording(phases=phases, action="pass"), (Grasp({"style": style}),))
+        for style in ("p1", "p1", "p2")
+    ]
     asked = [at((90, 110)), at((90, 99)), at()]
     figures = line_figures(line(told, asked), told, None, 0)
     assert figures["safe_acts_called"]["share"] == pytest.approx(1 / 3)
@@ -351,7 +354,10 @@ def test_safe_acts_are_called_where_the_hand_is_asked_at_any_sample_of_them() ->
 
 def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> None:
     slips = (Seen(2.5, 0.005, 2.6), Seen(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05))
-    told = [LabelledTrial(recording(EVENT), (Grasp({}),), slips), LabelledTrial(recording(EVENT), (Grasp({}),), slips[1:])]
+    told = [
+        LabelledTrial(recording(EVENT), (Grasp({}),), slips),
+        LabelledTrial(recording(EVENT), (Grasp({}),), slips[1:]),
+    ]
     figures = line_figures(line(told, [at((103, 150)), at()]), told, None, 0)["camera"]
     assert (figures["onsets"], figures["events"], figures["found"]) == (3, 2, 1), "one onset belongs to no event"
     assert figures["start_sd_ms"]["p50"] == pytest.approx(5.0)

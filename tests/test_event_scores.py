@@ -86,13 +86,13 @@ def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_fals
     assert told.false_s == ()
 
 
-@pytest.mark.parametrize(
-    ("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)]
-)
+@pytest.mark.parametrize(("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)])
 def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
     told = match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)))
     assert (sum(one.alarm_s is not None for one in told.outcomes), len(told.false_s)) == (found, false)
-    assert match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040).outcomes[0].alarm_s is not None
+    assert (
+        match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040).outcomes[0].alarm_s is not None
+    )
 
 
 @EVENTS.mark

@@ -214,7 +214,7 @@ def test_what_a_person_wrote_beside_an_object_s_mass_stays(tmp_path):
     about.parent.mkdir(parents=True)
     about.write_text('{"mass_g": 80, "colour": "red"}')
     clock = VirtualClock()
-    asked = Asked(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
+    asked = SessionOptions(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
     made = Session(asked, Hand(clock, 99), clock, Keys(None), print, bias=np.zeros(18), about={"unit": "N"})
     assert made.run([PULL], lambda: False) == 1
     assert json.loads(about.read_text()) == {"mass_g": 91.5, "colour": "red"}

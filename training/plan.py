@@ -69,7 +69,8 @@ RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNT
 
 SIZES = {
     name: TrainingPlan(
-        situation=ForestPlan(n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3), decision=HIGH_CONFIDENCE
+        situation=ForestPlan(n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3),
+        decision=HIGH_CONFIDENCE,
     )
     for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
 }

@@ -66,7 +66,9 @@ def streams(folder: Path, windows: Choice, features: Features) -> Streams:
     """A set to ask."""
     data = load(folder, windows=windows)
     recordings = [without_samples(one) for one in data.recordings]
-    trials = [LabelledTrial(one, grasps) for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)]
+    trials = [
+        LabelledTrial(one, grasps) for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)
+    ]
     lengths = [len(one.samples) for one in data.recordings]
     truth = np.concatenate([_situations(one, n) for one, n in zip(recordings, lengths, strict=True)])
     return Streams(trials, everywhere(folder, data, features), lengths, truth, _rows(data))

@@ -85,7 +85,9 @@ def _between(interval: list[float] | None) -> str:
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write scenes.json, print the headline."""
     parser = Parser(prog="scenes.py", description="the whole study of simulated scenes")
-    parser.add_argument("folder", type=path_argument, metavar="FOLDER", help="holds <rate>hz/thesis, .. as simulate wrote them")
+    parser.add_argument(
+        "folder", type=path_argument, metavar="FOLDER", help="holds <rate>hz/thesis, .. as simulate wrote them"
+    )
     parser.add_argument("--out", type=path_argument, default=Path("build/scenes"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)

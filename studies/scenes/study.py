@@ -54,7 +54,11 @@ def ways(
 ) -> dict[str, Candidate]:
     """Ours and the forests that must stand beside it."""
     ours = plan or TrainingPlan()
-    return {OURS: Candidate(ours, step_graph(ours)), RAW: Candidate(raw, raw_windows), CLOCK: Candidate(clock, clock_features)}
+    return {
+        OURS: Candidate(ours, step_graph(ours)),
+        RAW: Candidate(raw, raw_windows),
+        CLOCK: Candidate(clock, clock_features),
+    }
 
 
 @dataclass(frozen=True)

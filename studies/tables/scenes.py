@@ -174,7 +174,5 @@ def _span(interval: list[float]) -> str:
     return f"{interval[0]:.3f} to {interval[1]:.3f}"
 
 
-
-
 if __name__ == "__main__":
     sys.stdout.write(page(Path(sys.argv[1]), Path(sys.argv[2])))

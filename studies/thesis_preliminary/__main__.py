@@ -54,9 +54,7 @@ def run(scene: Path, seed: int, say: Say) -> dict[str, Any]:
 def read_scene(folder: Path) -> DataSet:
     """The simulated set. Raises DataNotFound with the command that makes it."""
     if not folder.is_dir():
-        raise DataNotFound(
-            "no scene to study", where=folder, next_step=f"holdfast simulate {CARD} --out {folder}"
-        )
+        raise DataNotFound("no scene to study", where=folder, next_step=f"holdfast simulate {CARD} --out {folder}")
     return load(folder, windows="natural")
 
 

@@ -92,8 +92,7 @@ def case_figures(data: DataSet, points: Points, case: Case, seed: int, *, leaky:
     scores: dict[str, list[tuple[float, float]]] = {name: [] for name in MAKE}
     for draw in draws:
         train, test = (
-            case.features(samples[draw.train], samples[rows]).reshape(len(rows), -1)
-            for rows in (draw.train, draw.test)
+            case.features(samples[draw.train], samples[rows]).reshape(len(rows), -1) for rows in (draw.train, draw.test)
         )
         truth = label[draw.test]
         for name, make in MAKE.items():
@@ -124,9 +123,7 @@ def repetitions(points: Points, case: Case, seed: int, *, leaky: bool = False) -
     for repetition in range(REPETITIONS):
         own = int(np.random.SeedSequence([seed, repetition]).generate_state(1)[0])
         rows = balanced(points.kind, case, own)
-        folds = (
-            leaky_folds(len(rows), FOLDS, seed=own) if leaky else grouped_folds(points.group[rows], FOLDS, seed=own)
-        )
+        folds = leaky_folds(len(rows), FOLDS, seed=own) if leaky else grouped_folds(points.group[rows], FOLDS, seed=own)
         train, test = folds[0]
         draws.append(Draw(rows[train], rows[test], own))
     return draws
