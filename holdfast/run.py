@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=path_argument, metavar="FILE", help="JSON lines into a new file too")
     parser.add_argument("--udp", metavar="HOST:PORT", help="JSON lines as datagrams too")
     parser.add_argument("--commands", metavar="HOST:PORT", help="listen for the user's opening and override")
-    parser.add_argument("--samples", type=path_argument, metavar="FILE", help="prepared samples into a new CSV, to replay")
+    parser.add_argument("--samples", type=path_argument, metavar="FILE", help="prepared samples into a CSV, to replay")
     parser.add_argument("--quiet", action="store_true", help="no JSON lines on stdout")
     parser.add_argument("--view", action="store_true", help="a picture of the stream in the terminal (needs rich)")
     parser.add_argument("--calibration", type=path_argument, metavar="FILE", help="field to force, made by calibrate")
