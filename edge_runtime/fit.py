@@ -22,8 +22,8 @@ def require_fit(card: ModelCard, *, n_channels: int, unit: str, rate_hz: float, 
         raise UnitError(
             f"values in {unit}, the model wants {card.unit}",
             where=where,
-            cause="calibrated and raw channels mixed, or no meta.json that names the unit",
-            next_step="use a model made for this unit, or train one",
+            cause="a hand without its calibration, or no meta.json that names the unit",
+            next_step="holdfast calibrate, then --calibration FILE; or use a model made for this unit",
         )
     if not abs(rate_hz / card.rate_hz - 1.0) <= RATE_TOLERANCE:
         raise RateError(

@@ -14,17 +14,18 @@ from edge_runtime.command import path_argument
 from edge_runtime.errors import DataError
 from edge_runtime.live import Source
 from edge_runtime.writing import require_writable
+from holdfast.live_options import add_live_options, force_of
 from holdfast.live_sources import open_live
-from holdfast.run import RunClock, force_of, say
+from holdfast.messages import say
+from holdfast.real_time import RunClock
 
 RATE_HZ = 100.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("--source", required=True, metavar="URL", help="a hand: usb://ft232h, i2c://1, virtual://ft232h")
+    add_live_options(parser)
     parser.add_argument("--out", type=path_argument, required=True, metavar="FILE", help="the bias, as JSON")
-    parser.add_argument("--calibration", type=path_argument, metavar="FILE", help="field to force, as in holdfast run")
     parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="for so long (default 2)")
     parser.add_argument("--anyway", action="store_true", help="write it although something is odd")
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from edge_runtime.command import path_argument, positive
 from edge_runtime.errors import DataError, LabelError, NotANumber, TimeError, UsageError
-from holdfast.watch import printed_mm
+from holdfast.camera_options import printed_mm
 
 if TYPE_CHECKING:
     from drivers.camera.onset import Motion, Slip
@@ -89,7 +89,7 @@ def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None)
         return watched(path, path, tag_mm, apart_mm)
     from drivers.camera.graph import watch
     from drivers.camera.sources import read_frames
-    from holdfast.run import say
+    from holdfast.messages import say
 
     frames = path if path.name.endswith(FRAMES) else path.with_suffix(FRAMES)
     with tempfile.TemporaryDirectory() as folder:

@@ -15,15 +15,16 @@ import sys
 from contextlib import ExitStack
 
 from edge_runtime.command import path_argument, positive, seed
+from holdfast.camera_options import add_camera_options
+from holdfast.live_options import add_live_options
 from holdfast.recorder.card import ACTIONS
-from holdfast.watch import EXPOSURE_MS, FPS, printed_mm
 
 RATE_HZ = 150.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("--source", required=True, metavar="URL", help="usb://ft232h, i2c://1, virtual://.., sim://..")
+    add_live_options(parser)
     parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="new, or recorded into before")
     parser.add_argument("--person", required=True, metavar="PSEUDONYM", help="letters, digits, dashes; never a name")
     parser.add_argument("--protocol", type=path_argument, metavar="CARD", help="what comes next: a card (TOML)")
@@ -39,19 +40,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trials", type=int, metavar="N", help="so many and no more")
     parser.add_argument("--at-once", action="store_true", help="begin every trial without waiting for a key")
     parser.add_argument("--camera", metavar="oak|scene|FILE", help="film every trial (docs/camera.md)")
-    parser.add_argument("--tag-mm", type=printed_mm, metavar="MM", help="oak: the printed side of the tags, measured")
-    parser.add_argument("--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}")
-    parser.add_argument("--exposure-ms", type=positive, default=EXPOSURE_MS, metavar="MS", help="oak: default 2")
+    add_camera_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, somebody stops it, or something breaks; then say what there is."""
     from edge_runtime.sinks import stream_sink
+    from holdfast.real_time import RunClock
     from holdfast.recorder.keys import listening
     from holdfast.recorder.recording import record
     from holdfast.recorder.session import show_nothing
     from holdfast.recorder.status import StatusLine, columns_of
-    from holdfast.run import RunClock, stop_signals
+    from holdfast.stopping import stop_signals
 
     status = StatusLine(stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds)
     show = status.show if columns_of(sys.stderr) else show_nothing

@@ -13,7 +13,7 @@ from drivers.scanning import as_layout, look_at
 from drivers.tmag5273 import PACKET_BYTES, RESULTS
 from edge_runtime.errors import DeviceNotFound
 from holdfast.live_sources import named_addresses, open_bus
-from holdfast.run import RunClock
+from holdfast.real_time import RunClock
 
 TIMED_SCANS = 20
 MODEL_RATES_HZ = (300.0, 150.0, 100.0, 50.0)

@@ -8,39 +8,24 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, positive
 from edge_runtime.errors import TagError, UsageError
+from holdfast.camera_options import add_camera_options, stored
 
 if TYPE_CHECKING:
     from drivers.camera.sources import Source
-
-FPS, EXPOSURE_MS = 60.0, 2.0
-SIDE_MM = (1.0, 200.0)
-"""No tag beside a hand is smaller or larger: what is, is no millimetre."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("--camera", required=True, metavar="oak|FILE", help="oak, a .frames.npz, or a recorded folder")
     parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="the trial's folder")
-    parser.add_argument("--tag-mm", type=printed_mm, metavar="MM", help="oak: the printed side of the tags, measured")
+    add_camera_options(parser)
     parser.add_argument("--apart-mm", type=positive, metavar="MM", help="between the tags' centres at first: a check")
-    parser.add_argument("--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}")
-    parser.add_argument("--exposure-ms", type=positive, default=EXPOSURE_MS, metavar="MS", help="oak: default 2")
     parser.add_argument("--seconds", type=positive, metavar="S", help="oak: stop after so long")
-
-
-def printed_mm(word: str) -> float:
-    """A tag's printed side from the command line, mm."""
-    side_mm = positive(word)
-    if not SIDE_MM[0] <= side_mm <= SIDE_MM[1]:
-        raise argparse.ArgumentTypeError(f"{word!r} mm is no tag's side: {SIDE_MM[0]:g} to {SIDE_MM[1]:g}")
-    return side_mm
 
 
 def run(args: argparse.Namespace) -> int:
@@ -50,8 +35,9 @@ def run(args: argparse.Namespace) -> int:
     """
     from drivers.camera.graph import watch
     from drivers.camera.sources import OAK, Lens, Oak
+    from holdfast.messages import say
     from holdfast.onset import doubt
-    from holdfast.run import say, stop_signals
+    from holdfast.stopping import stop_signals
 
     source: Source
     if args.camera == OAK:
@@ -75,12 +61,3 @@ def run(args: argparse.Namespace) -> int:
     if wrong is not None:
         say(f"warning: {wrong}")
     return 0
-
-
-def stored(path: Path, say: Callable[[str], None]) -> Source:
-    """Frames on disk or a recorded folder as a source. Raises a DataError or LibraryMissing."""
-    from drivers.camera.library import load_depthai
-    from drivers.camera.recording import read_recorded
-    from drivers.camera.sources import read_frames
-
-    return read_recorded(path, load_depthai(say)) if path.is_dir() else read_frames(path)

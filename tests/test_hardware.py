@@ -11,7 +11,7 @@ import pytest
 from drivers.scanning import look_at
 from edge_runtime.clock import MonotonicClock
 from holdfast.live_sources import open_bus, open_live
-from holdfast.run import RunClock
+from holdfast.real_time import RunClock
 
 pytestmark = pytest.mark.hardware
 URL = os.environ.get("HOLDFAST_HAND", "usb://ft232h")

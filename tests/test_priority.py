@@ -79,7 +79,7 @@ def test_a_user_without_the_right_reads_on_and_is_told_once():
     """A real process that may not: root that gave its rights up, or whoever runs the tests without them."""
     script = (
         "import os\n"
-        "from holdfast.run import first_in_line\n"
+        "from holdfast.real_time import first_in_line\n"
         "if os.geteuid() == 0:\n    os.setgid(65534); os.setuid(65534)\n"
         "with first_in_line(print) as yes:\n    print(yes)\n"
     )

@@ -50,8 +50,8 @@ from holdfast.recorder.folder import opened
 from holdfast.recorder.keys import KEYS, Keys
 from holdfast.recorder.recording import record as record_trials
 from holdfast.recorder.session import Session, SessionOptions
-from holdfast.run import stop_signals
 from holdfast.sources import open_source
+from holdfast.stopping import stop_signals
 from simulation import protocol as simulated
 from training.datasets import load, thesis
 

@@ -22,9 +22,9 @@ from drivers.camera.graph import watch
 from drivers.camera.sources import OAK, Frame, Lens, Oak, Source, Stored
 from edge_runtime.command import finish
 from edge_runtime.errors import UsageError
+from holdfast.camera_options import stored
 from holdfast.live_sources import scene_of
-from holdfast.run import say
-from holdfast.watch import stored
+from holdfast.messages import say
 
 SCENE = "scene"
 LONGEST_S = 36_000.0

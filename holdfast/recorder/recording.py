@@ -18,13 +18,14 @@ from drivers.live_hand import LiveHand
 from edge_runtime.errors import DataError, LabelError, UsageError
 from edge_runtime.live import Source
 from holdfast.bias import unloaded
+from holdfast.live_options import force_of
 from holdfast.live_sources import open_live, scene_of
+from holdfast.real_time import first_in_line
 from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import NOTHING, Protocol, Task, left, read_protocol, word
 from holdfast.recorder.folder import RECORDING, done, opened, require_ours, trials_of
 from holdfast.recorder.labels import MARKS
 from holdfast.recorder.session import Session, SessionOptions, Show, show_nothing
-from holdfast.run import first_in_line, force_of
 
 CHECK_S = 1.0
 KINDS = {"usb": "recorded", "i2c": "recorded", "virtual": "simulated", "sim": "simulated"}

@@ -1,0 +1,49 @@
+"""The options of every verb that reads a hand, declared once, and what their values become."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edge_runtime.command import path_argument
+from edge_runtime.errors import UnitError
+
+if TYPE_CHECKING:
+    from edge_runtime.contract import FloatArray
+    from edge_runtime.live import Source
+
+
+def add_live_options(parser: argparse.ArgumentParser) -> None:
+    """--source and --calibration."""
+    parser.add_argument(
+        "--source", required=True, metavar="URL", help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD"
+    )
+    parser.add_argument(
+        "--calibration", type=path_argument, metavar="FILE", help="field to force, made by holdfast calibrate"
+    )
+
+
+def force_of(path: Path | None) -> Callable[[FloatArray], FloatArray] | None:
+    """A calibration file as what it does, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from drivers.calibration import read_calibration
+
+    return read_calibration(path).apply
+
+
+def resting_of(path: Path | None, source: Source) -> FloatArray | None:
+    """A bias file [C] that fits the source, or None. Raises a DataError."""
+    if path is None:
+        return None
+    from drivers.calibration import read_bias
+
+    bias = read_bias(path)
+    if bias.unit != source.unit or len(bias.values) != source.n_channels:
+        raise UnitError(
+            f"{len(bias.values)} channels in {bias.unit}, the source has {source.n_channels} in {source.unit}",
+            where=path, cause="taken with another calibration or hand", next_step="holdfast bias again",
+        )  # fmt: skip
+    return bias.values

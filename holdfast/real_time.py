@@ -1,0 +1,26 @@
+"""Real time: the clock that a live verb runs by, and the priority of the thread that reads a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from edge_runtime.clock import MonotonicClock
+from edge_runtime.priority import real_time
+
+
+class RunClock(MonotonicClock):
+    """Real time, which a virtual hand's transfers spend by waiting."""
+
+    def spend(self, duration_ns: int) -> None:
+        """Let time pass."""
+        self.wait_until(self.now_ns() + duration_ns)
+
+
+@contextmanager
+def first_in_line(say: Callable[[str], None]) -> Iterator[bool]:
+    """Real-time priority, or one line that there is none."""
+    with real_time() as allowed:
+        if not allowed:
+            say("usual priority: other programs can delay a sample; holdfast doctor says how to allow real time")
+        yield allowed
