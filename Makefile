@@ -104,11 +104,11 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 
 hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how they went
 	$(BIN)/python -m pytest -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)
-	$(BIN)/python tests/hard_cases_page.py build/hard-cases.json > docs/hard-cases.md
+	$(BIN)/python tests/support/hard_cases_page.py build/hard-cases.json > docs/hard-cases.md
 
 safety: setup  ## run the tests of the hazards and write docs/safety.md from how they went
 	$(BIN)/python -m pytest -m "hazard and not soak" --hazards=build/hazards.json $(ARGS)
-	$(BIN)/python tests/safety_page.py build/hazards.json docs/safety.md
+	$(BIN)/python tests/support/safety_page.py build/hazards.json docs/safety.md
 
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)

@@ -12,7 +12,7 @@ Once acting it goes on when the alarm ends, because letting go then would drop t
   after its last sample; meanwhile nothing arms and nothing is counted.
 
 While the state is unknown nothing is counted and nothing is released. docs/safety.md has the invariants as a table;
-tests/test_decision_invariants.py searches every reachable state.
+tests/edge_runtime/test_decision_invariants.py searches every reachable state.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ from training.recording import Recording
 if TYPE_CHECKING:
     from conftest import Built
 
-DEFAULT_MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+DEFAULT_MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 TINY = np.finfo(np.float64).tiny
 RATE_HZ = 150.0
 CHUNK = 100_000

@@ -17,7 +17,7 @@ from simulation.effects import EFFECTS
 from studies.scenes.study import OURS
 from studies.tables.scenes import page
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 FRICTION = {"law": "regularised", "share": 0.5, "vibration": 0.0, "lets_go": False, "creep_m": 0.0324, "step_s": 1e-3,
             "cost_ns_per_s": 12300.0}  # fmt: skip

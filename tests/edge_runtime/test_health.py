@@ -16,7 +16,7 @@ from edge_runtime.contract import Prediction, Sample
 from edge_runtime.health import LEAST_SPAN, RING, LoadedStart, RateWatch, RepeatWatch
 from edge_runtime.monitor import GripMonitor, Model
 
-DEFAULT = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 ALL = np.ones(6, dtype=np.bool_)
 PERIOD_NS = 1e9 / 150
 

@@ -31,7 +31,7 @@ from export.forest import FOREST_KINDS
 from export.seal import model_card, seal
 from training.plan import RAW_BASELINE, SIZES
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 RELEASED = sorted((ROOT / "models").glob("*.onnx"))
 
 

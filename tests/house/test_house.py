@@ -19,7 +19,7 @@ from edge_runtime import errors
 if TYPE_CHECKING:
     from conftest import Built
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 # The table of "Rooms and who may call whom": a room, and the rooms it may import.
 MAY_IMPORT = {

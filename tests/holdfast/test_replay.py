@@ -27,7 +27,7 @@ from holdfast.cli import main
 if TYPE_CHECKING:
     from conftest import Built
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 TRIAL = "empty-bottle/pull/trial_1.csv"
 Line = dict[str, Any]
 

@@ -26,7 +26,7 @@ from training.fixture import write_fixture
 if TYPE_CHECKING:
     from conftest import Built
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SetUmask = Callable[[int], None]
 
 

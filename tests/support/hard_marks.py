@@ -16,7 +16,7 @@ import pytest
 
 @dataclass(frozen=True)
 class HardCase:
-    """A line of the catalogue (tests/hard_cases.py)."""
+    """A line of the catalogue (tests/support/hard_cases.py)."""
 
     area: str
     case: str

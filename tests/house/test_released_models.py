@@ -13,7 +13,7 @@ import pytest
 from edge_runtime.monitor import GripMonitor, Model
 from holdfast.sources import open_source
 
-PLACE = Path(__file__).resolve().parent.parent / "models"
+PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))
 MOST_BYTES = 8 * 2**20
 

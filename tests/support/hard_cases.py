@@ -6,11 +6,11 @@
     )
     def test_a_slip_on_an_offset_of_ten_thousand_is_seen(record_property): ...
 
-Hazards (tests/hazard_marks.py, `--hazards=FILE`) are written down in the same way, and tests/safety_page.py makes
-docs/safety.md of them.
+Hazards (hazard_marks.py, `--hazards=FILE`) are written down in the same way, and safety_page.py makes docs/safety.md
+of them.
 
 `pytest -m hard_case --hard-cases=FILE` writes area, case, both sentences, test, outcome and what the test recorded with
-`record_property` as JSON; tests/hard_cases_page.py makes docs/hard-cases.md of it. A test that shows what happens
+`record_property` as JSON; hard_cases_page.py makes docs/hard-cases.md of it. A test that shows what happens
 without a guard carries the same mark and `unguarded=True`.
 """
 

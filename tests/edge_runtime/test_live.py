@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from conftest import Built
 
 AREA = "Time and schedule"
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
 
 

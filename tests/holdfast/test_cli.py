@@ -30,7 +30,7 @@ from training.fixture import write_fixture
 if TYPE_CHECKING:
     from conftest import Built
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 TRIAL = "empty-bottle/pull/trial_1.csv"
 Run = Callable[..., tuple[int, str, str]]
 

@@ -9,7 +9,7 @@ import pytest
 from hard_cases import AREAS, told
 from hard_cases_page import page
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "hard-cases.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "hard-cases.md"
 
 
 def row(test: str, outcome: str = "passed", *, unguarded: bool = False, **measured: Any) -> dict[str, Any]:

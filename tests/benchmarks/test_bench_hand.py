@@ -11,7 +11,7 @@ from benchmarks.hand_page import page
 from drivers.bridges import BRIDGES
 from edge_runtime.live import STAGES
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
 
 

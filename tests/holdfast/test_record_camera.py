@@ -24,7 +24,7 @@ from edge_runtime.trial_file import read_trial
 from holdfast.cli import main
 from training.datasets import load
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 CARD = """
 [record]
 rate_hz = 150

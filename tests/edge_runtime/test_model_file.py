@@ -44,7 +44,7 @@ from training.fitting import VERSIONS_OF
 if TYPE_CHECKING:
     from conftest import Built
 
-PYPROJECT = Path(__file__).resolve().parent.parent / "pyproject.toml"
+PYPROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
 
 
 @cache

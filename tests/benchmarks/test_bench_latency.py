@@ -10,7 +10,7 @@ import pytest
 from benchmarks import latency as bench
 from benchmarks.latency import BARE, BUDGET, FLOOR, OWN, SKLEARN, STEP, THESIS, WALK, broken, latency, ratios
 
-MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 
 
 def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):

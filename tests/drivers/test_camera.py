@@ -35,7 +35,7 @@ from simulation.camera.apriltag import cells
 from simulation.camera.frames import AWAY_SIDES, CAMERA, GREY, HAND_TAG, OBJECT_TAG, Camera, Frames
 from training.timeline import read_truth
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"width_px": 320.0, "height_px": 240.0}
 FPS, N_FRAMES = 60.0, 90
 COVERED, TWICE = range(60, 66), range(70, 72)

@@ -27,7 +27,7 @@ from benchmarks.friction_peers import (
 )
 from benchmarks.mujoco_peer import VARIANTS, Scene, mjcf
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 holding = {

@@ -55,7 +55,7 @@ from holdfast.stopping import stop_signals
 from simulation import protocol as simulated
 from training.datasets import load, thesis
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 REST = "virtual://ft232h"
 AREA = "What comes from outside"
 SCENES = """

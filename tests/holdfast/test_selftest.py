@@ -24,7 +24,7 @@ from holdfast.cli import main
 if TYPE_CHECKING:
     from conftest import Built
 
-DEFAULT = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 EVERY = [
     "seal, card and golden rows", "one sample against a batch", "corrupted samples", "silence", "memory",
     "reset forgets", "votes", "unknown when it must be", "unbelievable samples", "a start under load", "decision",
