@@ -105,13 +105,16 @@ def _cost(out: Path) -> dict[str, Any]:
 
 
 def _hand(out: Path) -> dict[str, Any]:
-    from benchmarks.hand import delays, fault_table, latency, memory, scan_costs
+    from benchmarks.hand import fault_table, latency, memory, scan_costs
+    from benchmarks.hand_delays import delays
+    from edge_runtime.monitor import Model
 
+    act_samples = Model(MODEL).card.decision.act_samples
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
     compute_ms = 1e-3 * sum(live[0]["latency_us"][stage]["p50"] for stage in ("convert", "step", "decide", "emit"))
-    figures = {"scans": scans, "faults": fault_table(MODEL), "live": live, "delays": delays(scans, compute_ms)}
-    return figures | {"memory": memory(MODEL)}
+    figures = {"scans": scans, "faults": fault_table(MODEL, compute_ms), "live": live, "act_samples": act_samples}
+    return figures | {"delays": delays(scans, compute_ms, act_samples), "memory": memory(MODEL)}
 
 
 def _onset(out: Path) -> dict[str, Any]:
