@@ -46,11 +46,11 @@ DELAYS = """## From a change of the field to a closed hand
 Steps of the field at 64 moments of a period, through each driver, read with a CRC. "seen": median ms from the step
 until the answer to the first sample that shows it in every finger; it holds the chip's conversion, the wait for the
 next sample, the read and computing. "acted": until the answer asks the hand to act, median, 95th percentile and
-longest. The shipped model's card has act_samples = {act_samples}; every risky sample after the first costs a period
-more. "falls": how far an object in free fall falls in the longest of these times. That the model calls the first
-changed sample risky is assumed ([how long it takes](evaluation.md)). Then the hand closes: with the 0.37 s of the
-Michelangelo's full stroke the object has fallen {closed}. A hand that has the whole way to close is too late; one that
-already holds is not.
+longest. The shipped model's card has act_samples = {act_samples}; every risky sample after the first costs a
+period more. "falls": how far an object in free fall falls in the longest of these times. That the model calls the
+first changed sample risky is assumed ([how long it takes](evaluation.md)). Then the hand closes: with the 0.37 s of the
+Michelangelo's full stroke the object has fallen {closed}. A hand that has the whole way to close is too
+late; one that already holds is not.
 
 """
 LIVE = """## Where a sample's time goes
