@@ -335,13 +335,12 @@ def running(words: Sequence[str] = (), redirect: str = "", **told: Any) -> Itera
 
 
 @DEAD_LOG.mark
-@pytest.mark.parametrize("words", [(), ("--view", "--quiet")], ids=["lines", "view"])
-def test_a_run_on_a_terminal_that_is_not_drained_controls_on_and_ends_at_sigterm(terminal, words):
+def test_a_run_with_lines_and_view_on_a_terminal_that_is_not_drained_controls_on_and_ends_at_sigterm(terminal):
     os.set_blocking(terminal[1], False)
     while _fills(terminal[1]):
         pass
     os.set_blocking(terminal[1], True)
-    with running(words, stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]) as (process, answered):
+    with running(["--view"], stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]) as (process, answered):
         answered(30)
         process.send_signal(signal.SIGTERM)
         assert process.wait(LONG_S) == 0
@@ -400,12 +399,11 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
 
 
 @DEAD_LOG.mark
-@pytest.mark.parametrize(("dead", "code"), [(">&- 2>&-", 0), (">/dev/full 2>/dev/full", 5)], ids=["closed", "full"])
-def test_a_run_without_stdout_and_stderr_controls_on(dead, code):
-    with running(redirect=dead) as (process, answered):
+def test_a_run_whose_stdout_is_closed_from_the_start_and_whose_stderr_is_full_controls_on():
+    with running(redirect=">&- 2>/dev/full") as (process, answered):
         answered(30)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(LONG_S) == code
+        assert process.wait(LONG_S) == 5
 
 
 @pytest.mark.parametrize("dead", ["2>&-", "2>/dev/full", "2>&1 >/dev/full"])
