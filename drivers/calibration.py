@@ -26,7 +26,7 @@ from edge_runtime.errors import (
     TooFewGroups,
     UnitError,
 )
-from edge_runtime.reading import json_of, require_file
+from edge_runtime.reading import json_of, require_file, text_of
 from edge_runtime.writing import write_whole
 
 FORMAT = 1
@@ -431,7 +431,7 @@ class _File:
     def _content(self) -> Any:
         try:
             require_file(self._path)
-            return json_of(self._path.read_text(encoding="utf-8"))
+            return json_of(text_of(self._path))
         except FileNotFoundError:
             raise DataNotFound("no such file", where=self._path, next_step=NEXT[self._kind]) from None
         except OSError as error:

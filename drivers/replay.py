@@ -11,7 +11,7 @@ import numpy as np
 from edge_runtime.contract import UNITS, BoolArray, FloatArray, Sample, Unit
 from edge_runtime.errors import DataNotFound, UnitError
 from edge_runtime.preparation import Preparation
-from edge_runtime.reading import json_of, require_file
+from edge_runtime.reading import json_of, require_file, text_of
 from edge_runtime.trial_file import read_trial
 
 TACTILE = "tactile.csv"
@@ -59,7 +59,7 @@ def _unit(file: Path) -> Unit:
         meta = folder / META
         if meta.is_file():
             try:
-                unit = json_of(meta.read_text(encoding="utf-8")).get("unit")
+                unit = json_of(text_of(meta)).get("unit")
             except (ValueError, AttributeError):
                 raise UnitError("not a JSON object", where=meta, next_step='write {"unit": "N"}') from None
             if unit is not None and unit not in UNITS:

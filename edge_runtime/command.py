@@ -16,6 +16,7 @@ from typing import NoReturn, TextIO
 
 from edge_runtime.errors import HoldfastError, OutputError, UsageError
 from edge_runtime.log_sink import stream_sink
+from edge_runtime.visible import one_line, visible_lines
 
 
 class Parser(argparse.ArgumentParser):
@@ -47,6 +48,11 @@ def positive(word: str) -> float:
     if not 0.0 < number < float("inf"):
         raise argparse.ArgumentTypeError(f"{word!r} is not a number above 0")
     return number
+
+
+def show(text: str) -> None:
+    """Print lines that may hold names from outside: a file's, a column's, a device's."""
+    sys.stdout.write(f"{visible_lines(text)}\n")
 
 
 def run_script(
@@ -92,7 +98,8 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
         except OSError as error:
             if "--debug" in argv:
                 raise
-            beside(f"error: OutputError: {error}; next: choose another place, or see the whole with --debug")
+            what = one_line(str(error))
+            beside(f"error: OutputError: {what}; next: choose another place, or see the whole with --debug")
             return OutputError.exit_code
         finally:
             _forget_what_cannot_be_written(sys.stdout)
@@ -132,7 +139,7 @@ def _not_installed(error: ModuleNotFoundError) -> UsageError:
 
 
 def _one_line_to(beside: Callable[[str], object]) -> Callable[..., None]:
-    def show(
+    def tell(
         message: Warning | str,
         category: type[Warning],
         filename: str,
@@ -140,6 +147,6 @@ def _one_line_to(beside: Callable[[str], object]) -> Callable[..., None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        beside(f"warning: {category.__name__}: {message}")
+        beside(f"warning: {category.__name__}: {one_line(str(message))}")
 
-    return show
+    return tell

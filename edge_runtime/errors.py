@@ -7,6 +7,7 @@
     |   |-- EmptyRecording            no rows, or too few to work with
     |   |-- ColumnError               columns missing, unknown, doubled or out of order
     |   |-- NotANumber                text where a number belongs
+    |   |-- TooLarge                  larger than such a file can be, or says that it is
     |   |-- TimeError                 time stands still, runs backwards, or has gaps
     |   |-- RateError                 a rate that does not fit the model, or carries no band
     |   |-- UnitError                 a unit that does not fit the model
@@ -41,6 +42,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from edge_runtime.visible import one_line
+
 
 class HoldfastError(Exception):
     """Root of all errors raised on purpose: what happened, where, likely why, and what to do next."""
@@ -60,7 +63,7 @@ class HoldfastError(Exception):
             parts.append(f"likely cause: {self.cause}")
         if self.next_step:
             parts.append(f"next: {self.next_step}")
-        return " ".join("; ".join(parts).split())
+        return one_line("; ".join(parts))
 
 
 class UsageError(HoldfastError):
@@ -89,6 +92,10 @@ class ColumnError(DataError):
 
 class NotANumber(DataError):
     """Text where a number belongs."""
+
+
+class TooLarge(DataError):
+    """Input that is larger than such a file can be, or says that it is; refused before it is read."""
 
 
 class TimeError(DataError):

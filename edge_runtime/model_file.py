@@ -24,6 +24,8 @@ CARD_KEY = "holdfast.card"
 GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
 """2: the step takes its sample and state in rows of channels."""
+CARD_SUFFIX = ".json"
+"""The card beside a model file has its name with this."""
 DIGITS = 64
 MOST_BYTES = 512 << 20
 """The largest model for a hand (100 trees, full depth) has a tenth of it; onnxruntime reads 2 GiB."""
@@ -66,15 +68,19 @@ class ModelCard:
 def read_sealed(path: str | Path) -> bytes:
     """The bytes of a model file whose seal holds; NotAModel or BrokenSeal otherwise."""
     path = Path(path)
+    if path.suffix == CARD_SUFFIX:
+        model = path.with_suffix(".onnx")
+        raise NotAModel("a model's card to read, not the model", where=path, next_step=f"name the model: {model}")
     require_file(path)
     try:
+        size = path.stat().st_size
         with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
+            data = file.read(min(size, MOST_BYTES))
     except FileNotFoundError:
         raise DataNotFound("no such model file", where=path, next_step="export one: holdfast export DIR") from None
     except OSError as error:
         raise NotAModel(f"cannot be read ({error.strerror})", where=path, next_step="check the path") from None
-    if len(data) > MOST_BYTES:
+    if size > MOST_BYTES:
         raise NotAModel(
             f"larger than {MOST_BYTES >> 20} MiB, which no model is", where=path, cause="another file",
             next_step="check the path",

@@ -1,4 +1,4 @@
-"""Before anything from outside is read to its end: is it a file at all, and is its JSON ours to walk through."""
+"""Before anything from outside is read to its end: is it a file, how long is it, is its JSON fit to be read?"""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.errors import DataNotFound
+from edge_runtime.errors import DataNotFound, TooLarge
 
 MOST_LEVELS = 32
 """Nothing of ours nests deeper; a thousand brackets in a row end Python's own stack."""
@@ -31,8 +31,48 @@ def require_file(path: Path) -> None:
         )
 
 
+MOST_DOCUMENT_BYTES = 16 << 20
+"""Of a JSON or TOML file, or of the text of one: ours have a few thousand."""
+MOST_LINE_BYTES = 128 << 10
+"""Of a table's line; a hand of 64 sensors needs 5,000. Python's csv takes no longer cell either."""
+MOST_TABLE_BYTES = 4 << 30
+"""A table of six sensors would have to run for a day and a half."""
+CHUNK_BYTES = 64 << 10
+
+
+def text_of(path: Path) -> str:
+    """The text of a small file, UTF-8. Raises TooLarge, and what opening and decoding it raise."""
+    size = path.stat().st_size
+    if size > MOST_DOCUMENT_BYTES:
+        raise TooLarge(
+            f"more than {MOST_DOCUMENT_BYTES >> 20} MiB of text", where=path, cause="another file",
+            next_step="check the path",
+        )  # fmt: skip
+    with path.open("rb") as file:
+        return file.read(size).decode("utf-8")
+
+
+def require_lines(path: Path) -> None:
+    """Raise TooLarge where a table is too large to read, or has a line that is no line; what opening it raises."""
+    with path.open("rb") as file:
+        if path.stat().st_size > MOST_TABLE_BYTES:
+            raise TooLarge(f"more than {MOST_TABLE_BYTES >> 30} GiB", where=path, next_step="split the recording")
+        number, begun = 1, 0
+        while chunk := file.read(CHUNK_BYTES):
+            ends = [at for at in (chunk.find(b"\n"), chunk.find(b"\r")) if at >= 0]
+            if begun + min(ends, default=len(chunk)) > MOST_LINE_BYTES:
+                raise TooLarge(
+                    f"line {number} is longer than {MOST_LINE_BYTES} bytes", where=path,
+                    cause="another file, or line ends that were lost", next_step="copy it again",
+                )  # fmt: skip
+            begun = len(chunk) - 1 - max(chunk.rfind(b"\n"), chunk.rfind(b"\r")) if ends else begun + len(chunk)
+            number += chunk.count(b"\n")
+
+
 def json_of(text: str | bytes) -> Any:
-    """json.loads that has one error only: ValueError, also for what is nested too deep."""
+    """json.loads that has one error only: ValueError, also for what is nested too deep or too long."""
+    if len(text) > MOST_DOCUMENT_BYTES:
+        raise ValueError("too long")
     try:
         value = json.loads(text)
     except RecursionError:

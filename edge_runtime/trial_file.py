@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import math
 import warnings
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,8 @@ import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray, channel_names
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, TimeError
-from edge_runtime.reading import require_file
+from edge_runtime.reading import require_file, require_lines
+from edge_runtime.visible import listed
 
 TIME_COLUMN = "Time"
 RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
@@ -102,6 +104,7 @@ def _with_lost_rows(trial: Trial, place: IntArray) -> Trial:
 
 def _header(path: Path) -> list[str]:
     try:
+        require_lines(path)
         with path.open(newline="", encoding="utf-8-sig") as lines:
             header = next(csv.reader(lines), [])
     except FileNotFoundError:
@@ -126,19 +129,20 @@ def check_columns(header: list[str], path: Path) -> int:
     """Number of sensors, or a ColumnError that names the columns."""
     fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
     if header[0] != TIME_COLUMN:
-        raise ColumnError(f"the first column is {header[0]!r}, not {TIME_COLUMN!r}", where=path, next_step=fix)
-    doubled = sorted({name for name in header if header.count(name) > 1})
+        raise ColumnError(f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}", where=path, next_step=fix)
+    doubled = sorted(name for name, count in Counter(header).items() if count > 1)
     if doubled:
-        raise ColumnError(f"columns occur twice: {', '.join(doubled)}", where=path, next_step=fix)
+        raise ColumnError(f"columns occur twice: {listed(doubled)}", where=path, next_step=fix)
     n_sensors = max((int(name[1:]) for name in header if _is_channel(name)), default=0)
     expected = channel_names(n_sensors)
-    missing = [name for name in expected if name not in header] if n_sensors else ["X1", "Y1", "Z1", ".."]
+    there = set(header)
+    missing = [name for name in expected if name not in there] if n_sensors else ["X1", "Y1", "Z1", ".."]
     if missing:
-        raise ColumnError(f"columns missing: {', '.join(missing)}", where=path, next_step=fix)
+        raise ColumnError(f"columns missing: {listed(missing)}", where=path, next_step=fix)
     known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *(f"valid{k}" for k in range(1, n_sensors + 1))}
     unknown = [name for name in header if name not in known]
     if unknown:
-        raise ColumnError(f"unknown columns: {', '.join(unknown)}", where=path, next_step=f"remove them; {fix}")
+        raise ColumnError(f"unknown columns: {listed(unknown)}", where=path, next_step=f"remove them; {fix}")
     if tuple(header[1 : 1 + len(expected)]) != expected:
         raise ColumnError("channels are out of order", where=path, next_step=fix)
     return n_sensors
@@ -170,6 +174,14 @@ def _table(path: Path, header: list[str]) -> FloatArray:
 
 
 def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
+    unreadable = NotANumber("the table cannot be read", where=path, next_step="write plain decimal numbers")
+    try:
+        return _bad_cell(path, header) or unreadable
+    except csv.Error:
+        return unreadable
+
+
+def _bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError | None:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
         rows = csv.reader(lines)
         next(rows, None)
@@ -184,12 +196,12 @@ def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
             for name, cell in zip(header, row, strict=False):
                 if not _is_number(cell):
                     return NotANumber(
-                        f"line {number}, column {name}: {cell!r} is no number",
+                        f"line {number}, column {name}: {cell!r:.40} is no number",
                         where=path,
                         cause="text or an empty cell in the data",
                         next_step="write nan for a value that was lost",
                     )
-    return NotANumber("the table cannot be read", where=path, next_step="write plain decimal numbers")
+    return None
 
 
 def _is_number(cell: str) -> bool:
@@ -237,8 +249,9 @@ def _check_time(time_s: FloatArray, path: Path, *, gaps_told: bool = False) -> F
 
 def _valid(table: FloatArray, header: list[str], n_sensors: int) -> BoolArray:
     valid = np.ones((len(table), n_sensors), dtype=np.bool_)
+    column = {name: index for index, name in enumerate(header)}
     for k in range(n_sensors):
-        name = f"valid{k + 1}"
-        if name in header:
-            valid[:, k] = table[:, header.index(name)] != 0.0
+        index = column.get(f"valid{k + 1}")
+        if index is not None:
+            valid[:, k] = table[:, index] != 0.0
     return valid

@@ -19,7 +19,7 @@ from typing import Any
 
 from edge_runtime.contract import RISKY_SLIP, SITUATIONS
 from edge_runtime.errors import LabelError
-from edge_runtime.reading import json_of
+from edge_runtime.reading import json_of, text_of
 from evaluation.event_scores import EventMatch, Outcome, spread
 from training.objects import read_json
 from training.recording import Recording
@@ -91,7 +91,7 @@ def _beside(root: Path, trial_id: str) -> Path:
 def _lines(path: Path) -> list[dict[str, Any]]:
     """The whole lines of events.jsonl. Raises LabelError."""
     try:
-        lines = [json_of(line) for line in path.read_text(encoding="utf-8").split("\n")[:-1] if line.strip()]
+        lines = [json_of(line) for line in text_of(path).split("\n")[:-1] if line.strip()]
     except (OSError, ValueError) as error:
         raise LabelError(f"a line is no JSON ({type(error).__name__})", where=path, next_step="mend it") from None
     return [line for line in lines if isinstance(line, dict)]

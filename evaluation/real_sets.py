@@ -11,7 +11,7 @@ from typing import Any
 
 from edge_runtime.errors import DataNotFound, NotAModel
 from edge_runtime.monitor import Model
-from edge_runtime.reading import json_of
+from edge_runtime.reading import json_of, text_of
 from evaluation.evaluate import EvaluationRequest, evaluate_events
 from training.datasets import load
 from training.plan import TrainingPlan
@@ -30,7 +30,7 @@ def real_figures(folder: Path, seed: int = 0) -> dict[str, Any]:
     if not metrics.is_file() or not file.is_file():
         return {"next": NEXT}
     try:
-        told = json_of(metrics.read_text(encoding="utf-8"))
+        told = json_of(text_of(metrics))
         data, model = load(HUMAN), Model(file)
     except (OSError, ValueError, DataNotFound, NotAModel) as error:
         return {"next": NEXT, "why": str(error)}

@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 import skops.io
 
+from edge_runtime.archives import require_modest_archive
 from edge_runtime.decision import DecisionRules
-from edge_runtime.errors import ArtifactError, OutputError
+from edge_runtime.errors import ArtifactError, OutputError, TooLarge
 from edge_runtime.preparation import Preparation, preparation_from_json
+from edge_runtime.reading import json_of, text_of
 from edge_runtime.writing import remove, write_whole
 from export.features import feature_count
 from export.forest import FOREST_KINDS, Forest
@@ -93,6 +95,7 @@ def read_artifact(folder: str | Path) -> Artifact:
     index = _read_index(folder)
     try:
         heads = [_read_head(folder, name, entry) for name, entry in index["heads"].items()]
+        require_modest_archive(folder / ROWS)
         with np.load(folder / ROWS, allow_pickle=False) as arrays:
             rows = arrays["rows"]
         artifact = Artifact(
@@ -105,6 +108,8 @@ def read_artifact(folder: str | Path) -> Artifact:
         )
         _require_that_parts_fit(artifact)
         return artifact
+    except TooLarge as error:
+        raise ArtifactError(error.what, where=error.where, next_step="train again into an empty folder") from None
     except (AttributeError, KeyError, TypeError, ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
         raise ArtifactError(
             f"the artifact is damaged ({error})", where=folder, next_step="train again into an empty folder"
@@ -128,8 +133,8 @@ def _require_that_parts_fit(artifact: Artifact) -> None:
 
 def _read_index(folder: Path) -> Mapping[str, Any]:
     try:
-        index = json.loads((folder / INDEX).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        index = json_of(text_of(folder / INDEX))
+    except (OSError, ValueError, TooLarge):
         raise ArtifactError(
             f"no readable {INDEX}",
             where=folder,
@@ -150,6 +155,7 @@ def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
 
 def _load_forest(path: Path) -> Forest:
     try:
+        require_modest_archive(path)
         types = skops.io.get_untrusted_types(file=path)
         foreign = sorted(set(types) - set(ALLOWED_TYPES))
         if foreign:
@@ -160,7 +166,7 @@ def _load_forest(path: Path) -> Forest:
                 next_step="train again; never load such a file",
             )
         forest = skops.io.load(path, trusted=list(ALLOWED_TYPES))
-    except ArtifactError:
+    except (ArtifactError, TooLarge):
         raise
     except Exception as error:  # zipfile, json and skops errors have no common root
         raise ArtifactError(

@@ -14,7 +14,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import path_argument, run_script
+from edge_runtime.command import path_argument, run_script, show
 from edge_runtime.errors import OutputError
 
 
@@ -33,12 +33,12 @@ def run(args: argparse.Namespace) -> int:
     path, report = export_artifact(args.artifact, args.out)
     for name, head in report["heads"].items():
         plain = head["predict_disagreement"]
-        print(
+        show(
             f"{name}: {head['rows']} rows, {head['label_mismatches']} label mismatches against the reference; "
             f"plain predict differs on {plain['share_off_ties']:.4%} off ties ({plain['ties']} ties)"
         )
     print(f"alone equals batch on {report['single_rows']} rows and {report['stream_samples']} samples, bit for bit")
-    print(f"model: {path} ({report['bytes'] / 1e6:.1f} MB)")
+    show(f"model: {path} ({report['bytes'] / 1e6:.1f} MB)")
     return 0
 
 

@@ -9,6 +9,8 @@ from typing import Any
 
 import onnx
 
+from edge_runtime.errors import UsageError
+from edge_runtime.model_file import CARD_SUFFIX
 from edge_runtime.writing import require_writable, write_whole
 from export.artifact import read_artifact
 from export.builder import GraphBuilder
@@ -32,6 +34,11 @@ def export_artifact(folder: str | Path, out: str | Path | None = None) -> tuple[
     """Export an artifact folder, the card beside the file; returns the file's path and the verification report."""
     folder = Path(folder)
     path = Path(out or folder / MODEL_NAME)
+    if path.suffix == CARD_SUFFIX:
+        raise UsageError(
+            f"--out {path}: the model's card goes there, and would overwrite the model",
+            next_step=f"write --out {path.with_suffix('.onnx')}",
+        )
     artifact = read_artifact(folder)
     require_writable(path.parent)
     model = whole_graph(artifact.spec, artifact.heads)
@@ -39,7 +46,7 @@ def export_artifact(folder: str | Path, out: str | Path | None = None) -> tuple[
     card = model_card(artifact)
     data = seal(model, card, artifact.spec)
     write_whole(path, data)
-    write_whole(path.with_suffix(".json"), readable_card(card, path.name, data))
+    write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
     return path, {**report, "bytes": len(data)}
 
 

@@ -10,7 +10,7 @@ import argparse
 import numpy as np
 
 from drivers.calibration import bias_of, write_bias
-from edge_runtime.command import path_argument
+from edge_runtime.command import path_argument, show
 from edge_runtime.errors import DataError
 from edge_runtime.live import Source
 from edge_runtime.writing import require_writable
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
             "not a good bias, nothing is written", cause="the lines above", next_step="mend that, or add --anyway"
         )
     write_bias(args.out, bias)
-    print(f"{bias.n} rows, spread at most {bias.spread.max():.3g} {bias.unit}: {args.out}")
+    show(f"{bias.n} rows, spread at most {bias.spread.max():.3g} {bias.unit}: {args.out}")
     return 0
 
 

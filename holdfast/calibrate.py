@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from drivers.calibration import NORMAL_FLOOR, Calibration, fit, rmse_normal, rmse_shear, write_calibration
-from edge_runtime.command import path_argument, seed
+from edge_runtime.command import path_argument, seed, show
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
 from edge_runtime.errors import (
     ChannelError,
@@ -45,6 +45,8 @@ from edge_runtime.errors import (
     TooFewGroups,
     UnitError,
 )
+from edge_runtime.reading import require_lines
+from edge_runtime.visible import listed
 from edge_runtime.writing import require_writable, write_whole
 
 PUBLISHED_N = {"normal": 0.27, "shear": 0.12}
@@ -139,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
         calibration, judged = judge(study, args.path.name, args.date, args.seed)
         write_calibration(target, calibration)
         told.append(_as_json(study, judged, args.seed))
-        print("\n".join([*_told(study, judged, calibration), f"  written: {target}", ""]))
+        show("\n".join([*_told(study, judged, calibration), f"  written: {target}", ""]))
     if args.json:
         write_whole(args.json, json.dumps({"studies": told}, indent=1, allow_nan=False) + "\n")
     return 0
@@ -297,6 +299,7 @@ def _stiffness_per_mm(loads: FloatArray, depth_mm: FloatArray) -> float:
 def _table(path: Path) -> FloatArray:
     """A CSV file of numbers without a header."""
     try:
+        require_lines(path)
         table = np.loadtxt(path, delimiter=",", ndmin=2)
     except OSError:
         raise DataNotFound("no such file, or unreadable", where=path, next_step="copy the folder again") from None
@@ -363,7 +366,7 @@ def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
     if n_sensors == 0 or sorted(header) != sorted(wanted):
         odd = sorted(set(header) ^ set(wanted)) or ["some twice"]
         raise ColumnError(
-            f"columns missing, doubled or unknown: {', '.join(odd)}", where=path, next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz"
+            f"columns missing, doubled or unknown: {listed(odd)}", where=path, next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz"
         )
     try:
         with warnings.catch_warnings():
@@ -386,6 +389,7 @@ def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
 
 def _header(path: Path) -> list[str]:
     try:
+        require_lines(path)
         with path.open(newline="", encoding="utf-8-sig") as lines:
             return [name.strip() for name in next(csv.reader(lines), [])]
     except OSError as error:

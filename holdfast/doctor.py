@@ -14,6 +14,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from edge_runtime.command import show
+
 EXTRAS = {
     "live path": ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
     "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
@@ -44,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
             print(json.dumps(asdict(finding)))
         else:
             step = f"  -> {finding.next_step}" if finding.next_step else ""
-            print(f"{finding.status:<8}{finding.what:<28}{finding.found}{step}")
+            show(f"{finding.status:<8}{finding.what:<28}{finding.found}{step}")
     return 0
 
 

@@ -8,7 +8,7 @@ import sys
 from contextlib import nullcontext
 from typing import Any
 
-from edge_runtime.command import path_argument, positive, seed
+from edge_runtime.command import path_argument, positive, seed, show
 from edge_runtime.writing import require_writable, write_whole
 from evaluation import MOST_FALSE_PER_MIN
 
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         from evaluation.report import write_event_report
 
         write_event_report(args.report, evidence)
-    print("\n".join(in_words(figures)))
+    show("\n".join(in_words(figures)))
     return 0
 
 

@@ -31,6 +31,7 @@ from drivers.tmag5273 import Setup
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Source
+from holdfast.mistakes import require_meant
 from holdfast.sources import MOST_DIGITS, SIM, open_source, simulated_trial, taken_apart
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ def open_bus(url: str, clock: Any) -> Bus:
     """The bus behind a hand's URL, nothing brought up. Raises UsageError, and what the bridge raises."""
     told = _taken_apart(url)
     if told.scheme not in HANDS:
+        require_meant(url)
         raise UsageError(f"{url!r} is no hand", next_step=f"{'://.., '.join(HANDS)}://..")
     return _opener(told, clock)()
 

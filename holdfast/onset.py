@@ -17,8 +17,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_runtime.command import path_argument, positive
+from edge_runtime.command import path_argument, positive, show
 from edge_runtime.errors import DataError, LabelError, NotANumber, TimeError, UsageError
+from edge_runtime.reading import json_of, require_lines, text_of
 from holdfast.camera_options import printed_mm
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     trial = read(args.trial, args.tag_mm, args.apart_mm)
     trial = replace(trial, moved=trial.moved.between(args.from_s + trial.starts_s, args.until_s + trial.starts_s))
     require_above_shear(held, gross_mm)
-    print(write(trial, args.action, gross_mm, shear_known=bool(held)))
+    show(str(write(trial, args.action, gross_mm, shear_known=bool(held))))
     return 0
 
 
@@ -136,11 +137,12 @@ def doubt(folder: Path) -> LabelError | None:
 def _starts_s(folder: Path, moved: Motion) -> float:
     """The monotonic time of the trial's first tactile sample, s; of the first frame where nothing tactile is there."""
     try:
+        require_lines(folder / TACTILE)
         with (folder / TACTILE).open(newline="", encoding="utf-8-sig") as lines:
             starts_s = 1e-9 * int(next(csv.DictReader(lines))["host_ns"])
     except FileNotFoundError:
         return float(moved.t_s[0])
-    except (OSError, StopIteration, KeyError, ValueError, TypeError):
+    except (OSError, StopIteration, KeyError, ValueError, TypeError, csv.Error):
         raise NotANumber(
             "its first row has no host_ns, so nobody knows when it was in the camera's time", where=folder / TACTILE,
             cause="recorded on another machine, or without host stamps", next_step="record both on one machine",
@@ -217,8 +219,8 @@ def _write_events(folder: Path, intervals: list[dict[str, Any]], how: dict[str, 
 
     path = folder / EVENTS
     try:
-        there = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        kept = [line for line in there if line.strip() and json.loads(line).get("provenance") != PROVENANCE]
+        there = text_of(path).splitlines() if path.exists() else []
+        kept = [line for line in there if line.strip() and json_of(line).get("provenance") != PROVENANCE]
     except (OSError, ValueError, AttributeError) as error:
         raise LabelError(
             f"a line is no JSON object ({type(error).__name__})", where=path, next_step="mend it"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import path_argument
+from edge_runtime.command import path_argument, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,8 +27,8 @@ def run(args: argparse.Namespace) -> int:
     with alone(args.folder):
         for folder in all_trials(args.folder):
             try:
-                print(f"{folder}: {', '.join(repaired(folder)) or 'whole'}")
+                show(f"{folder}: {', '.join(repaired(folder)) or 'whole'}")
             except DataError as error:
-                print(f"{folder}: not mended: {error}")
+                show(f"{folder}: not mended: {error}")
                 code = error.exit_code
     return code

@@ -24,6 +24,7 @@ from edge_runtime.notify import service_watchdog
 from edge_runtime.sample_file import sample_file
 from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
+from edge_runtime.visible import visible
 from holdfast.live_options import add_live_options, force_of, resting_of
 from holdfast.live_sources import open_live
 from holdfast.real_time import RunClock, first_in_line
@@ -80,7 +81,8 @@ def _run_until_stopped(
         stopped = enter(stop_signals())
         view = enter(_view(model)) if args.view else None
 
-        def tell(line: str) -> None:
+        def tell(text: str) -> None:
+            line = visible(text)
             if view and view.drawing:
                 view.tell(line)
             else:

@@ -11,6 +11,7 @@ from drivers.layout import masks_of, muxes_of, read_layout
 from drivers.mux import joined
 from drivers.scanning import as_layout, look_at
 from drivers.tmag5273 import PACKET_BYTES, RESULTS
+from edge_runtime.command import show
 from edge_runtime.errors import DeviceNotFound
 from holdfast.live_sources import named_addresses, open_bus
 from holdfast.real_time import RunClock
@@ -48,13 +49,13 @@ def scan(url: str) -> None:
     clock = RunClock()
     bus = open_bus(url, clock)
     try:
-        print(url)
+        show(url)
         found = look_at(bus, lambda seconds: clock.spend(round(1e9 * seconds)), named_addresses(url))
         several = sum(one.what.startswith("mux") for one in found) > 1
         for one in found:
             behind = "" if one.channel is None else f"channel {one.channel}, "
             place = f"{f'mux {one.mux:#04x}, ' if behind and several else ''}{behind}{one.address:#04x}"
-            print(f"  {place:<{30 if several else 18}}{one.what:<28}{one.trouble}".rstrip())
+            show(f"  {place:<{30 if several else 18}}{one.what:<28}{one.trouble}".rstrip())
         if layout := as_layout(found):
             print(f"  {len(layout.split(','))} sensors: layout={layout} (put them in the order of the fingers)")
             print(f"  {rate_line(bus, layout)}")

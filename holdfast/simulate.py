@@ -13,7 +13,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from edge_runtime.command import path_argument, seed
+from edge_runtime.command import path_argument, seed, show
+from edge_runtime.visible import visible
 from simulation.card import read_card, shipped
 from simulation.folder import require_new, write_set
 from simulation.scene import Scene
@@ -33,13 +34,13 @@ def run(args: argparse.Namespace) -> int:
     require_new(args.out)
     scene = Scene(read_card(args.card, rate_hz=args.rate), args.seed)
     total = len(scene.trials(args.trials))
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     progress = Progress(*columns, console=Console(stderr=True), transient=True)
     with _nothing_left_of(args.out), progress:
-        bar = progress.add_task(scene.card.name, total=total)
+        bar = progress.add_task(visible(scene.card.name), total=total)
         files = write_set(scene, args.out, args.trials, lambda n: progress.update(bar, completed=n))
-    print(f"{scene.card.title}")
-    print(f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}")
+    show(scene.card.title)
+    show(f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}")
     return 0
 
 
@@ -55,7 +56,7 @@ def _nothing_left_of(out: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        sys.stderr.write(f"{out} is not written: nothing is left of it\n")
+        sys.stderr.write(f"{visible(str(out))} is not written: nothing is left of it\n")
         raise
     finally:
         for number, handler in before.items():

@@ -18,6 +18,7 @@ from drivers.replay import Replay, open_replay
 from edge_runtime.errors import DataNotFound, UsageError
 from edge_runtime.preparation import Preparation
 from edge_runtime.reading import require_file
+from holdfast.mistakes import require_meant
 
 if TYPE_CHECKING:
     from simulation.scene import Scene, SimulatedTrial
@@ -36,6 +37,7 @@ def open_source(url: str, *, channels: int | None = None, preparation: Preparati
             f"{url!r}: no such source", next_step=f"{REPLAY}PATH, {SIM}CARD; for holdfast run also usb://, i2c://, virtual://"
         )
     else:
+        require_meant(url)
         name = url.removeprefix(REPLAY)
         require_file(Path(name))
         if "#" in name and not Path(name).exists():

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, positive
+from edge_runtime.command import path_argument, positive, show
 from edge_runtime.errors import TagError, UsageError
 from holdfast.camera_options import add_camera_options, stored
 
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     with stop_signals() as stopped:
         watched = watch(source, args.out, say=say, stopped=stopped)
     print(f"{watched.frames} frames with tags read, {watched.in_video} in the video, {watched.lost} lost between them")
-    print(f"{args.out}; next: holdfast onset {args.out}")
+    show(f"{args.out}; next: holdfast onset {args.out}")
     wrong = doubt(args.out)
     if isinstance(wrong, TagError):
         raise wrong

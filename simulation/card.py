@@ -40,6 +40,7 @@ from typing import Any
 
 from edge_runtime.contract import UNITS, Unit
 from edge_runtime.errors import CardError
+from edge_runtime.reading import text_of
 from simulation.camera.frames import CAMERA
 from simulation.effects import EFFECTS, conversion_s
 from simulation.hand import HAND, Hand
@@ -127,7 +128,7 @@ def read_card(name: str, *, rate_hz: float | None = None) -> Card:
     """Read and check a card by name or path; rate_hz goes before the card's. Raises CardError."""
     path = find_card(name)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = text_of(path)
         raw = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         raise CardError("cannot be read as text", where=path, cause=type(error).__name__) from None

@@ -12,7 +12,7 @@ from typing import Any
 
 from edge_runtime.contract import LIGHT_BELOW_G
 from edge_runtime.errors import LabelError
-from edge_runtime.reading import json_of
+from edge_runtime.reading import json_of, text_of
 
 MASSES_G = {
     "soft-ball": 15.1,
@@ -66,7 +66,7 @@ def mass_g(folder: Path) -> float:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object from a file beside the recordings, empty without such a file. Raises LabelError."""
     try:
-        value = json_of(path.read_text(encoding="utf-8"))
+        value = json_of(text_of(path))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:

@@ -14,7 +14,7 @@ if not __package__:  # run as a script: the folder of the script is first on sys
 
 import argparse
 
-from edge_runtime.command import path_argument, run_script, seed
+from edge_runtime.command import path_argument, run_script, seed, show
 from edge_runtime.errors import DataError
 
 WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
@@ -57,16 +57,16 @@ def run(args: argparse.Namespace) -> int:
     sets = [load(folder, channels=args.channels, groups=args.groups, seed=args.seed, windows=args.windows)
             for folder in folders]
     for part in sets:
-        print(f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz")
-        print(windows_table(part))
+        show(f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz")
+        show(windows_table(part))
     data = join(sets)
     figures = train(data, args.out, plan, seed=args.seed, say=print).figures
     situations = figures["situations"]
     print(f"held out, grouped: macro F1 over four situations {situations['macro_f1']:.3f}")
     if "predict_250ms" in figures:
         print(f"held out, grouped: 0.25 s prediction AUC {figures['predict_250ms']['auc']:.3f}")
-    print(data.caveat)
-    print(f"artifact: {args.out}; next: python export/export.py {args.out}")
+    show(data.caveat)
+    show(f"artifact: {args.out}; next: python export/export.py {args.out}")
     return 0
 
 

@@ -29,6 +29,7 @@ import numpy.typing as npt
 from drivers.camera.sources import Frame, Lens, Stored, require_forward
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, OutputError
+from edge_runtime.reading import json_of, require_lines, text_of
 from edge_runtime.writing import write_whole
 
 VIDEO, STAMPS, TAGS, ABOUT = "camera.mkv", "camera.mcap", "tags.csv", "camera.json"
@@ -97,6 +98,7 @@ def read_tracks(folder: Path) -> Tracks:
     """tags.csv of a folder. Raises DataNotFound, ColumnError, NotANumber, EmptyRecording, TimeError."""
     path = folder / TAGS
     try:
+        require_lines(path)
         with path.open(newline="", encoding="utf-8") as lines:
             rows = list(csv.reader(lines))
     except FileNotFoundError:
@@ -136,7 +138,7 @@ def read_about(folder: Path) -> dict[str, Any]:
     """camera.json with the numbers that are needed. Raises DataNotFound, NotANumber."""
     path = folder / ABOUT
     try:
-        about = json.loads(path.read_text(encoding="utf-8"))
+        about = json_of(text_of(path))
         Lens.of(about, "")
         return dict(about)
     except FileNotFoundError:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.camera.library import opening
+from edge_runtime.archives import require_modest_archive
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, TimeError, TransferFailed
 
 Image = npt.NDArray[np.uint8]
@@ -202,6 +203,7 @@ def read_frames(path: Path) -> Stored:
     Raises DataNotFound, EmptyRecording, ColumnError, TimeError.
     """
     try:
+        require_modest_archive(path)
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             missing = [name for name in ("frames", "time_s", *LENS) if name not in file.files]
             if missing:

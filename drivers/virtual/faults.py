@@ -54,6 +54,11 @@ def read_fault(text: str) -> Fault:
     Fault(kind='nack', at_s=1.5, lasts_s=0.2, sensor=3)
     """
     found = FORM.fullmatch(text)
+    if found is None and FORM.fullmatch(text.replace(" ", "+")):
+        raise UsageError(
+            f"fault={text!r} has a space where a + belongs", cause="an unescaped + in a URL means a space",
+            next_step=f"write fault={text.replace(' ', '%2B')}",
+        )  # fmt: skip
     if found is None or found["kind"] not in KINDS:
         raise UsageError(f"{text!r} is no fault", next_step=f"kind:sensor@at+lasts, kind one of {', '.join(KINDS)}")
     if (found["kind"] in OF_A_SENSOR) != (found["sensor"] is not None):

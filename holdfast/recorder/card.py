@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import CardError, DataNotFound, UsageError
-from edge_runtime.reading import require_file
+from edge_runtime.reading import require_file, text_of
 
 ACTIONS = {"pass": "safe_slip", "put-down": "safe_slip", "pull": "risky_slip", "fall": "risky_slip", "hold": "grasp",
            "nothing": "nothing"}  # fmt: skip
@@ -102,7 +102,7 @@ def read_protocol(path: Path) -> Protocol:
     """Read and check a card. Raises CardError, DataNotFound."""
     try:
         require_file(path)
-        text = path.read_text(encoding="utf-8")
+        text = text_of(path)
         raw = tomllib.loads(text)
     except FileNotFoundError:
         raise DataNotFound("no such card", where=path, next_step="docs/recording.md shows one") from None

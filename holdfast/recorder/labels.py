@@ -17,7 +17,7 @@ import numpy as np
 from drivers.calibration import NORMAL_FLOOR
 from edge_runtime.contract import NORMAL_AXIS, FloatArray
 from edge_runtime.errors import LabelError
-from edge_runtime.reading import json_of
+from edge_runtime.reading import json_of, text_of
 from edge_runtime.trial_file import Trial, read_trial
 from edge_runtime.writing import write_whole
 from holdfast.recorder.card import ACTIONS, NOTHING
@@ -67,7 +67,7 @@ def is_complete(truth: dict[str, Any], action: str) -> bool:
 def read_meta(folder: Path) -> dict[str, Any]:
     """meta.json of a folder, empty without one. Raises LabelError."""
     try:
-        meta = json_of((folder / META).read_text(encoding="utf-8"))
+        meta = json_of(text_of(folder / META))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:
@@ -81,7 +81,7 @@ def read_events(folder: Path) -> list[Event]:
     """The lines of events.jsonl, a torn last one left out. Raises LabelError."""
     path = folder / EVENTS
     try:
-        *lines, last = path.read_text(encoding="utf-8").split("\n") if path.exists() else [""]
+        *lines, last = text_of(path).split("\n") if path.exists() else [""]
         events = [json_of(line) for line in [*lines, *_if_whole(last)] if line.strip()]
         if not all(isinstance(event, dict) for event in events):
             raise ValueError("no object")

@@ -17,6 +17,7 @@ from drivers.calibration import Bias, bias_of, read_calibration
 from drivers.live_hand import LiveHand
 from edge_runtime.errors import DataError, LabelError, UsageError
 from edge_runtime.live import Source
+from edge_runtime.visible import visible
 from holdfast.bias import unloaded
 from holdfast.live_options import force_of
 from holdfast.live_sources import open_live, scene_of
@@ -68,7 +69,7 @@ def record(
             kept = session.run(plan.tasks, stopped)
     finally:
         source.close()
-    print(f"{kept} trials kept in {args.out / person}; next: holdfast evaluate MODEL --data {args.out}")
+    print(visible(f"{kept} trials kept in {args.out / person}; next: holdfast evaluate MODEL --data {args.out}"))
     return 0
 
 

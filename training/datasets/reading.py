@@ -16,8 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.archives import require_modest_archive
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber
+from edge_runtime.reading import require_lines
+from edge_runtime.visible import listed
 
 Shape = tuple[int | None, ...]
 COPY_AGAIN = "copy the data set again from its source"
@@ -31,10 +34,11 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArra
     Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or NotANumber.
     """
     try:
+        require_modest_archive(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             missing = sorted(set(shapes) - set(archive.files))
             if missing:
-                raise ColumnError(f"arrays missing: {', '.join(missing)}", where=path, next_step=COPY_AGAIN)
+                raise ColumnError(f"arrays missing: {listed(missing)}", where=path, next_step=COPY_AGAIN)
             arrays = {name: archive[name] for name in shapes}
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
@@ -76,7 +80,7 @@ class Table:
         """Raise ColumnError unless all these columns are there."""
         missing = [name for name in names if name not in self.columns]
         if missing:
-            raise ColumnError(f"columns missing: {', '.join(missing)}", where=self.path, next_step=COPY_AGAIN)
+            raise ColumnError(f"columns missing: {listed(missing)}", where=self.path, next_step=COPY_AGAIN)
 
     def numbers(self, name: str, *, finite: bool = True) -> FloatArray:
         """One column as float64. Raises ColumnError, or NotANumber with its line (nan too, if `finite`)."""
@@ -85,7 +89,7 @@ class Table:
         bad = [k for k, value in enumerate(values) if value is None or (finite and not np.isfinite(value))]
         if bad:
             raise NotANumber(
-                f"line {bad[0] + 2}, column {name}: {cells[bad[0]]!r} is no number", where=self.path,
+                f"line {bad[0] + 2}, column {name}: {cells[bad[0]]!r:.40} is no number", where=self.path,
                 cause="text or an empty cell in the data", next_step="correct or remove that line",
             )  # fmt: skip
         return values.astype(np.float64)
@@ -105,6 +109,7 @@ class Table:
 def read_table(path: Path) -> Table:
     """A csv file with a header. Raises DataNotFound, NotANumber, EmptyRecording or ColumnError."""
     try:
+        require_lines(path)
         with path.open(newline="", encoding="utf-8-sig") as lines:
             rows = [row for row in csv.reader(lines) if row]
     except FileNotFoundError:

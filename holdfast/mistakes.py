@@ -1,0 +1,54 @@
+"""What a source was meant to be where it is neither a URL nor a file that exists."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from edge_runtime.errors import UsageError
+
+SCHEMES = ("usb", "i2c", "virtual", "sim", "replay")
+_NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
+
+
+def require_meant(word: str) -> None:
+    """Raise UsageError that says what to write, where a source without `://` is no file but the name of something."""
+    if "://" in word or _exists(word):
+        return
+    meant = _meant(word)
+    if meant:
+        raise UsageError(f"{word!r} is no file, and no source without its scheme", next_step=f"write {meant}")
+
+
+def _exists(word: str) -> bool:
+    try:
+        return Path(word).exists()
+    except (OSError, ValueError):
+        return False
+
+
+def _meant(word: str) -> str:
+    """What to write instead; empty where nothing comes to mind."""
+    scheme, colon, name = word.partition(":")
+    if colon and scheme in SCHEMES:
+        return f"{scheme}://{name.lstrip('/')}"
+    if native := _NATIVE.fullmatch(word):
+        return f"i2c://{native[1]}"
+    return _bridge(word) or _card(word)
+
+
+def _bridge(word: str) -> str:
+    from drivers.bridges import BRIDGES
+
+    name, _, options = word.partition("?")
+    if name not in BRIDGES:
+        return ""
+    told = f"?{options}" if options else ""
+    return f"usb://{name}{told} for the bridge itself, virtual://{name}{told} for an emulated one"
+
+
+def _card(word: str) -> str:
+    from simulation.card import shipped
+
+    name, _, _ = word.partition("?")
+    return f"sim://{word}" if name in shipped() else ""

@@ -1,0 +1,438 @@
+"""Huge, hostile and mistaken input: a typed error of one line, before memory or time is spent on it."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import tracemalloc
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+import skops.io
+from hazard_marks import HUGE_INPUT, MISTAKEN_ARGUMENT, TERMINAL_ESCAPES
+from hypothesis import given
+from hypothesis import strategies as st
+from small_model import artifact, sealed_bytes, spec
+
+from drivers.calibration import read_bias, read_calibration
+from drivers.camera.recording import read_about, read_tracks
+from drivers.camera.sources import read_frames
+from drivers.replay import open_replay
+from drivers.virtual.clock import VirtualClock
+from drivers.virtual.faults import read_fault
+from edge_runtime import archives, reading
+from edge_runtime.command import finish
+from edge_runtime.errors import (
+    ArtifactError,
+    ColumnError,
+    DataError,
+    HoldfastError,
+    NotAModel,
+    NotANumber,
+    TooLarge,
+    UsageError,
+)
+from edge_runtime.model_file import read_sealed
+from edge_runtime.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES
+from edge_runtime.trial_file import check_columns, read_trial
+from edge_runtime.visible import LONGEST_LINE, one_line, visible
+from export.artifact import read_artifact, write_artifact
+from export.exporting import export_artifact
+from holdfast.calibrate import read_studies
+from holdfast.cli import main
+from holdfast.live_sources import open_bus, open_live
+from holdfast.onset import _starts_s
+from holdfast.recorder.card import read_protocol
+from holdfast.recorder.labels import read_events, read_meta
+from holdfast.sources import open_source
+from simulation.card import read_card
+from training.datasets.reading import read_arrays, read_table
+from training.objects import read_json
+
+MB = 1 << 20
+
+
+@contextmanager
+def little_memory(most_bytes: int) -> Iterator[None]:
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < most_bytes
+    finally:
+        tracemalloc.stop()
+
+
+def sparse(path: Path, size: int) -> Path:
+    """A file of so many zero bytes that takes no room on the disk."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        file.truncate(size)
+    return path
+
+
+TABLES: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "a trial": ("trial_1.csv", read_trial),
+    "a trial that is replayed": ("tactile.csv", lambda path: open_replay(path.parent)),
+    "loads to calibrate by": ("loads.csv", read_studies),
+    "tags of a camera": ("tags.csv", lambda path: read_tracks(path.parent)),
+    "a table of a data set": ("trials.csv", read_table),
+    "the host's time of a trial": ("tactile.csv", lambda path: _starts_s(path.parent, None)),  # type: ignore[arg-type]
+}
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("kind", TABLES)
+def test_a_line_of_100_mb_is_refused_and_not_kept(tmp_path: Path, kind: str) -> None:
+    name, read = TABLES[kind]
+    path = sparse(tmp_path / name, 100 * MB)
+    with little_memory(2 * MB), pytest.raises(TooLarge, match="line 1 is longer"):
+        read(path)
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("kind", TABLES)
+@pytest.mark.parametrize("at", ["header", "row"])
+def test_a_cell_that_csv_does_not_take_is_a_typed_error(tmp_path: Path, kind: str, at: str) -> None:
+    name, read = TABLES[kind]
+    cell, path = "1" * 131_073, tmp_path / name
+    path.write_text(f"{cell}\n0\n" if at == "header" else f"Time,X1,Y1,Z1\n0,1,2,3\n0.1,{cell},2,3\n", encoding="ascii")
+    with pytest.raises(DataError):
+        read(path)
+
+
+@HUGE_INPUT.mark
+def test_a_quoted_cell_over_many_lines_is_a_typed_error(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text('Time,X1,Y1,Z1\n0,1,2,3\n0.1,"' + "1\n" * 70_000 + '",2,3\n', encoding="ascii")
+    with pytest.raises(NotANumber):
+        read_trial(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@given(lengths=st.lists(st.integers(0, 300), max_size=40), chunk=st.integers(1, 400))
+def test_lines_are_measured_alike_wherever_the_file_is_cut(
+    tmp_path_factory: pytest.TempPathFactory, end: str, lengths: list[int], chunk: int
+) -> None:
+    """With limits of its own: 200 bytes a line, read so many at a time."""
+    path = tmp_path_factory.getbasetemp() / "lines.csv"
+    path.write_bytes(end.join("1" * length for length in lengths).encode())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reading, "MOST_LINE_BYTES", 200)
+        patch.setattr(reading, "CHUNK_BYTES", min(chunk, 200))
+        if max(lengths, default=0) > 200:
+            with pytest.raises(TooLarge):
+                reading.require_lines(path)
+        else:
+            reading.require_lines(path)
+
+
+class Counted(str):
+    """A column's name that counts how often it is compared."""
+
+    compared = 0
+
+    def __eq__(self, other: object) -> bool:
+        Counted.compared += 1
+        return str.__eq__(self, other)
+
+    __hash__ = str.__hash__
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("name", ["A{}", "X{}", "same", "valid{}"])
+def test_a_hundred_thousand_columns_are_looked_at_once_each(name: str) -> None:
+    """Counted in comparisons, which were 10^10: the check of the columns takes no longer than reading them."""
+    header = [Counted(one) for one in ("Time", *(name.format(k) for k in range(100_000)))]
+    Counted.compared = 0
+    with pytest.raises(ColumnError) as caught:
+        check_columns(header, Path("t.csv"))
+    assert Counted.compared < 20 * len(header)
+    assert len(str(caught.value)) < 1000
+
+
+@HUGE_INPUT.mark
+def test_so_is_a_file_of_them(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("Time," + ",".join(f"A{k}" for k in range(100_000)) + "\n", encoding="ascii")
+    with pytest.raises(TooLarge):
+        read_trial(tmp_path / "t.csv")
+
+
+# -- archives
+
+ARRAYS: dict[str, Callable[[Path], object]] = {
+    "frames": read_frames,
+    "a data set": lambda path: read_arrays(path, {"frames": (None,)}),
+}
+
+
+def npy(shape: str, data: bytes = b"") -> bytes:
+    """An array whose header says what it likes."""
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    head += b" " * (-(len(head) + 11) % 64) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + data
+
+
+def packed(path: Path, **members: bytes) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(f"{name}.npy", data)
+    return path
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("kind", ARRAYS)
+@pytest.mark.parametrize("shape", ["(1000000000,)", "(2**62,)", "(1000000000000000000000000,)", "(-1,)", "(2, 99999)"])
+def test_an_array_that_claims_more_than_it_has_is_refused_by_its_header(tmp_path: Path, kind: str, shape: str) -> None:
+    path = packed(tmp_path / "a.npz", frames=npy(shape, bytes(16)), time_s=npy("(2,)", bytes(16)))
+    with little_memory(2 * MB), pytest.raises(DataError):
+        ARRAYS[kind](path)
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("kind", ARRAYS)
+def test_an_archive_that_inflates_a_thousandfold_is_refused_unread(tmp_path: Path, kind: str) -> None:
+    path = packed(tmp_path / "a.npz", frames=npy("(4194304,)", bytes(32 * MB)))
+    with little_memory(2 * MB), pytest.raises(TooLarge, match="times its size"):
+        ARRAYS[kind](path)
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("kind", ARRAYS)
+def test_an_archive_that_says_it_has_8_gb_is_refused_unread(tmp_path: Path, kind: str) -> None:
+    path = packed(tmp_path / "a.npz", frames=npy("(2,)", bytes(16)))
+    data = bytearray(path.read_bytes())
+    at = data.rfind(b"PK\x01\x02")
+    data[at + 24 : at + 28] = struct.pack("<I", 2**32 - 2)
+    data[at + 20 : at + 24] = struct.pack("<I", 2**31)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("more.npy", b"x")
+    path.write_bytes(bytes(data))
+    with pytest.MonkeyPatch.context() as patch, little_memory(2 * MB):
+        patch.setattr(archives, "MOST_BYTES", 2**32 - 3)
+        with pytest.raises(TooLarge, match=r"4\.3 GB"):
+            ARRAYS[kind](path)
+
+
+@HUGE_INPUT.mark
+def test_a_list_of_a_million_members_is_not_read(tmp_path: Path) -> None:
+    path = packed(tmp_path / "a.npz", frames=npy("(2,)", bytes(16)))
+    data = path.read_bytes()
+    entry, end = data[data.rfind(b"PK\x01\x02") : data.rfind(b"PK\x05\x06")], data[data.rfind(b"PK\x05\x06") :]
+    many = entry * 30_000
+    told = end[:8] + struct.pack("<HHI", 30_000, 30_000, len(many)) + end[16:]
+    path.write_bytes(data[: data.rfind(b"PK\x01\x02")] + many + told)
+    with little_memory(2 * MB), pytest.raises(TooLarge, match="list of members"):
+        read_frames(path)
+
+
+@HUGE_INPUT.mark
+def test_an_array_without_an_archive_is_not_read_at_all(tmp_path: Path) -> None:
+    (tmp_path / "a.npz").write_bytes(npy("(1000000000,)"))
+    with little_memory(2 * MB), pytest.raises(DataError):
+        read_frames(tmp_path / "a.npz")
+
+
+def written(folder: Path) -> Path:
+    write_artifact(folder, artifact(spec()))
+    return folder
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("name", ["rows.npz", "situation.skops"])
+def test_an_artifact_whose_parts_would_fill_the_memory_is_refused_unread(tmp_path: Path, name: str) -> None:
+    folder = written(tmp_path / "artifact")
+    packed(folder / name, rows=npy("(4194304,)", bytes(32 * MB)))
+    with little_memory(4 * MB), pytest.raises(ArtifactError, match="times its size"):
+        read_artifact(folder)
+
+
+def test_an_archive_of_ours_is_read_as_before(tmp_path: Path) -> None:
+    folder = written(tmp_path / "artifact")
+    assert len(read_artifact(folder).heads) == 2
+    archives.require_modest_archive(folder / "situation.skops")
+    assert skops.io.get_untrusted_types(file=folder / "situation.skops") == ["sklearn.tree._tree.Tree"]
+    np.savez_compressed(tmp_path / "z.npz", a=np.zeros((100, 1000)), b=np.arange(3))
+    archives.require_modest_archive(tmp_path / "z.npz")
+
+
+# -- documents
+
+DOCUMENTS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "a calibration": ("c.json", read_calibration),
+    "a bias": ("b.json", read_bias),
+    "a truth beside a trial": ("t.json", read_json),
+    "a trial's meta": ("meta.json", lambda path: read_meta(path.parent)),
+    "a trial's events": ("events.jsonl", lambda path: read_events(path.parent)),
+    "a camera's numbers": ("camera.json", lambda path: read_about(path.parent)),
+    "a scene's card": ("card.toml", lambda path: read_card(str(path))),
+    "a protocol": ("protocol.toml", read_protocol),
+    "an artifact's index": ("artifact.json", lambda path: read_artifact(path.parent)),
+}
+
+
+@HUGE_INPUT.mark
+@pytest.mark.parametrize("kind", DOCUMENTS)
+def test_a_document_of_a_gigabyte_is_refused_unread(tmp_path: Path, kind: str) -> None:
+    name, read = DOCUMENTS[kind]
+    path = sparse(tmp_path / name, 1 << 30)
+    with little_memory(3 * MOST_DOCUMENT_BYTES), pytest.raises((TooLarge, ArtifactError)):
+        read(path)
+
+
+@HUGE_INPUT.mark
+def test_a_model_file_of_a_terabyte_is_refused_unread(tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch, little_memory(3 * MB):
+        patch.setattr("edge_runtime.model_file.MOST_BYTES", MB)
+        with pytest.raises(NotAModel, match="larger than 1 MiB"):
+            read_sealed(sparse(tmp_path / "m.onnx", 1 << 40))
+
+
+# -- what reaches a terminal
+
+ESCAPES = "\x1b[2J\x1b]0;title\x07\x9b31m\u202egpj.exe\u2066\u200b\x7f\r\b"
+
+
+def harmless(text: str) -> bool:
+    return all(line.isprintable() for line in text.split("\n"))
+
+
+@TERMINAL_ESCAPES.mark
+@given(text=st.text(st.characters()))
+def test_whatever_a_message_says_it_is_one_printable_line(text: str) -> None:
+    error = HoldfastError(text, where=text, cause=text, next_step=text)
+    assert str(error).isprintable()
+    assert len(str(error)) <= LONGEST_LINE + 4
+    assert visible(text).isprintable()
+    assert one_line("plain words, µT and 日本") == "plain words, µT and 日本"
+
+
+@TERMINAL_ESCAPES.mark
+@pytest.mark.parametrize(
+    "words", [["replay", "{}", "x.csv"], ["replay", "{model}", "{}"], ["{}"], ["simulate", "{}", "--out", "{}"],
+              ["run", "{model}", "--source", "{}"], ["train", "--data", "{}", "--out", "y"], ["export", "{}"],
+              ["calibrate", "{}", "--out", "x"], ["repair", "{}"], ["evaluate", "{model}", "--data", "{}"],
+              ["scan", "{}"]],
+    ids=lambda words: words[0],
+)  # fmt: skip
+def test_no_escape_in_an_argument_reaches_the_terminal(words: list[str], tmp_path: Path, capfd, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.onnx").write_bytes(sealed_bytes())
+    assert main([word.replace("{}", ESCAPES).replace("{model}", "m.onnx") for word in words]) != 0
+    out, err = capfd.readouterr()
+    assert harmless(out)
+    assert harmless(err)
+
+
+@TERMINAL_ESCAPES.mark
+def test_no_escape_in_a_column_a_file_or_a_cell_reaches_the_terminal(tmp_path: Path, capfd) -> None:
+    names = (f"Time,X1,Y1,Z1,{ESCAPES}", f"{ESCAPES},X1", f"Time,X1,Y1,Z1\n0,{ESCAPES},1,1\n1,1,1,1")
+    for head in names:
+        path = tmp_path / "trial\x1b[2J_1.csv"
+        path.write_text(f"{head}\n", encoding="utf-8", newline="")
+        with pytest.raises(DataError) as caught:
+            read_trial(path)
+        assert str(caught.value).isprintable()
+
+
+@TERMINAL_ESCAPES.mark
+def test_no_escape_in_a_scenes_title_or_in_a_trials_folder_reaches_the_terminal(tmp_path: Path, capfd) -> None:
+    card = '[record]\nrate_hz=50\n[[trials]]\nobjects=["soft-ball"]\naction="pull"\ncount=1\n'
+    path = tmp_path / "card\x1b[2J.toml"
+    path.write_text(f"title={json.dumps(ESCAPES.replace(chr(127), ''))}\n{card}", encoding="utf-8")
+    code = main(["simulate", str(path), "--out", str(tmp_path / "out\x1b[2J")])
+    trial = tmp_path / "person\x1b[31m" / "trial_1"
+    trial.mkdir(parents=True)
+    (trial / "meta.json").write_text('{"state": "kept"}', encoding="utf-8")
+    (trial / "tactile.csv").write_text("Time,X1,Y1,Z1\n0,1,2,3\n", encoding="utf-8")
+    main(["repair", str(tmp_path / "person\x1b[31m")])
+    out, err = capfd.readouterr()
+    assert harmless(out), out
+    assert harmless(err), err
+    assert code == 0, err
+    assert "\\x1b[2J" in out
+    assert "\\x1b[31m" in out
+
+
+@TERMINAL_ESCAPES.mark
+def test_no_escape_in_a_warning_or_an_error_of_the_system_reaches_the_terminal(capfd, monkeypatch) -> None:
+    def warned(_: object) -> int:
+        warnings.warn(ESCAPES, UserWarning, stacklevel=1)
+        raise OSError(f"no {ESCAPES}")
+
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert finish(warned, []) == 5
+    assert harmless(capfd.readouterr().err)
+
+
+# -- arguments that mean something else
+
+
+@MISTAKEN_ARGUMENT.mark
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [("ft232h", "usb://ft232h"), ("ft232h", "virtual://ft232h"), ("mcp2221?number=1", "usb://mcp2221?number=1"),
+     ("/dev/i2c-1", "i2c://1"), ("i2c-7", "i2c://7"), ("apple", "sim://apple"), ("thesis?trial=3", "sim://thesis?trial=3"),
+     ("sim:apple", "sim://apple"), ("replay:/x.csv", "replay://x.csv"), ("usb:/ft232h", "usb://ft232h")],
+)  # fmt: skip
+def test_a_source_without_its_scheme_is_told_what_to_write(word: str, meant: str, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError) as caught:
+        open_source(word)
+    assert f"write {meant}" in str(caught.value) or f", {meant}" in str(caught.value)
+
+
+@MISTAKEN_ARGUMENT.mark
+def test_so_it_is_for_a_live_source_and_for_a_scan(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    clock = VirtualClock()
+    with pytest.raises(UsageError, match="write usb://ft232h for the bridge itself"):
+        open_live("ft232h", clock=clock, say=print)
+    with pytest.raises(UsageError, match="write usb://ft232h for the bridge itself"):
+        open_bus("ft232h", clock)
+
+
+def test_a_file_with_the_name_of_a_bridge_is_a_file(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ft232h").write_text("Time,X1,Y1,Z1\n0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", encoding="ascii")
+    assert open_source("ft232h").values.shape == (3, 3)
+
+
+@MISTAKEN_ARGUMENT.mark
+def test_an_unescaped_plus_in_a_fault_is_told_to_be_escaped() -> None:
+    url = "virtual://ft232h?fault=nack:3@1.5+0.2"
+    with pytest.raises(UsageError) as caught:
+        open_live(url, clock=VirtualClock(), say=print)
+    assert "write fault=nack:3@1.5%2B0.2" in str(caught.value)
+    open_live(url.replace("+", "%2B"), clock=VirtualClock(), say=print).close()
+    with pytest.raises(UsageError, match="is no fault"):
+        read_fault("nack 3")
+
+
+@MISTAKEN_ARGUMENT.mark
+def test_a_models_card_is_told_from_the_model(tmp_path: Path) -> None:
+    card = tmp_path / "m.json"
+    for there in (False, True):
+        if there:
+            card.write_text("{}", encoding="ascii")
+        with pytest.raises(NotAModel) as caught:
+            read_sealed(card)
+        assert f"name the model: {tmp_path / 'm.onnx'}" in str(caught.value)
+
+
+@MISTAKEN_ARGUMENT.mark
+def test_an_export_to_a_json_file_would_be_overwritten_by_its_card_and_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as caught:
+        export_artifact(tmp_path, tmp_path / "m.json")
+    assert f"write --out {tmp_path / 'm.onnx'}" in str(caught.value)
+    assert os.listdir(tmp_path) == []
+
+
+def test_the_longest_line_holds_more_than_any_hand_of_ours_needs() -> None:
+    assert MOST_LINE_BYTES > 3 * 64 * 25
