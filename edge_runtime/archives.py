@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from pathlib import Path
 from typing import IO
 
@@ -15,6 +16,10 @@ import numpy as np
 
 from edge_runtime.errors import TooLarge
 
+NOT_AN_ARCHIVE = (
+    OSError, ValueError, EOFError, TypeError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What zipfile, zlib and numpy raise for files cut short, damaged, encrypted, pickled, or no archive at all."""
 MOST_BYTES = 4 << 30
 """Of all members together: two minutes of a camera, forty times the largest public set."""
 MOST_RATIO, SMALL_BYTES = 500, 16 << 20
@@ -29,7 +34,7 @@ _LOCATOR_64_BYTES = 20
 def require_modest_archive(path: Path) -> None:
     """Raise TooLarge where an archive would unpack to too much, or its arrays claim more than there is.
 
-    Raises what zipfile and numpy raise for what is no archive of arrays: OSError, BadZipFile, ValueError, EOFError.
+    Raises one of NOT_AN_ARCHIVE for what is none.
     """
     _require_short_directory(path)
     with zipfile.ZipFile(path) as archive:
@@ -39,6 +44,8 @@ def require_modest_archive(path: Path) -> None:
             raise _too_large(f"it would unpack to {unpacked / 1e9:.1f} GB", path)
         if unpacked > SMALL_BYTES and unpacked > MOST_RATIO * packed:
             raise _too_large(f"it would unpack to {unpacked // max(packed, 1)} times its size", path)
+        if not {one.compress_type for one in members} <= {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+            raise ValueError("a compression that numpy and skops do not write")
         for member in members:
             if member.filename.endswith(".npy"):
                 with archive.open(member) as opened:

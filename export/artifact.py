@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 import skops.io
 
-from edge_runtime.archives import require_modest_archive
+from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
 from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import ArtifactError, OutputError, TooLarge
 from edge_runtime.preparation import Preparation, preparation_from_json
@@ -110,7 +109,7 @@ def read_artifact(folder: str | Path) -> Artifact:
         return artifact
     except TooLarge as error:
         raise ArtifactError(error.what, where=error.where, next_step="train again into an empty folder") from None
-    except (AttributeError, KeyError, TypeError, ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
+    except (KeyError, *NOT_AN_ARCHIVE) as error:
         raise ArtifactError(
             f"the artifact is damaged ({error})", where=folder, next_step="train again into an empty folder"
         ) from None

@@ -150,7 +150,7 @@ def test_a_hundred_thousand_columns_are_looked_at_once_each(name: str) -> None:
     header = [Counted(one) for one in ("Time", *(name.format(k) for k in range(100_000)))]
     Counted.compared = 0
     with pytest.raises(ColumnError) as caught:
-        check_columns(header, Path("t.csv"))
+        check_columns(list[str](header), Path("t.csv"))
     assert Counted.compared < 20 * len(header)
     assert len(str(caught.value)) < 1000
 
@@ -235,6 +235,15 @@ def test_an_array_without_an_archive_is_not_read_at_all(tmp_path: Path) -> None:
     (tmp_path / "a.npz").write_bytes(npy("(1000000000,)"))
     with little_memory(2 * MB), pytest.raises(DataError):
         read_frames(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("kind", ARRAYS)
+@pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_an_archive_in_another_compression_is_refused(tmp_path: Path, kind: str, compression: int) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", compression) as archive:
+        archive.writestr("frames.npy", npy("(2,)", bytes(16)))
+    with pytest.raises(DataError):
+        ARRAYS[kind](tmp_path / "a.npz")
 
 
 def written(folder: Path) -> Path:

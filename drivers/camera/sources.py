@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-import zipfile
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.camera.library import opening
-from edge_runtime.archives import require_modest_archive
+from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, TimeError, TransferFailed
 
 Image = npt.NDArray[np.uint8]
@@ -212,7 +211,7 @@ def read_frames(path: Path) -> Stored:
             lens = Lens.of(file, "trial")
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step="check the path") from None
-    except (OSError, ValueError, EOFError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+    except NOT_AN_ARCHIVE as error:
         raise EmptyRecording(
             f"cannot be read as frames ({type(error).__name__})", where=path,
             cause="an interrupted copy, or another file", next_step="copy it again, or simulate it again",

@@ -7,6 +7,7 @@ Nothing else, no warning either, comes out; nothing hangs, nothing eats the memo
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import socket
@@ -24,6 +25,7 @@ import usb.core
 
 from drivers.bus import Bus, Reply
 from drivers.calibration import read_bias, read_calibration
+from drivers.camera.sources import LENS, read_frames
 from drivers.finger_state import FingerState
 from drivers.ft232h import Ft232h
 from drivers.hand import Hand
@@ -41,27 +43,35 @@ from drivers.virtual.hand import VirtualHand
 from drivers.virtual.mcp2221 import VirtualMcp2221
 from drivers.virtual.tiny_usb import VirtualTinyUsb
 from drivers.virtual.usb_backend import Device, VirtualBackend
+from edge_runtime.answer_ranges import require_in_range
 from edge_runtime.commands import command_port
 from edge_runtime.contract import RISKY_SLIP
 from edge_runtime.decision import DecisionState, decide, period_us
-from edge_runtime.errors import HoldfastError
-from edge_runtime.golden import golden_from_json
+from edge_runtime.errors import HoldfastError, NotAModel
+from edge_runtime.golden import golden_answers, golden_from_json
+from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.live import Command
 from edge_runtime.mending import Mended
-from edge_runtime.model_file import CARD_KEY, SEAL_KEY, read_card, read_sealed
+from edge_runtime.model import read_model
+from edge_runtime.model_file import CARD_KEY, SEAL_KEY, ModelCard, read_card, read_sealed
+from edge_runtime.onnx_bytes import read_onnx
 from edge_runtime.tactile_file import mend
 from edge_runtime.tare import Tare
 from edge_runtime.trial_file import read_trial
 from holdfast.calibrate import read_studies
 from holdfast.live_sources import open_live
+from holdfast.mistakes import require_meant
 from holdfast.recorder.card import read_protocol
 from holdfast.recorder.labels import relabel
 from simulation import card as scene_card
 from simulation.scene import Scene
+from training.datasets.reading import read_arrays, read_table
 from training.objects import mass_g as told_mass_g
 from training.timeline import read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
+SMALL_MODEL = Path(__file__).resolve().parent / "small.onnx"
+"""Of two sensors and two trees: tests/small_model.py, sealed_bytes(). Written anew where the format changes."""
 MODEL_CARD = ROOT / "models" / "holdfast-150hz.json"
 READS = 6
 LEFT_ALONE = 580
@@ -202,6 +212,89 @@ def loads(data: bytes) -> None:
 def model(data: bytes) -> None:
     """A model file's own bytes, up to the seal."""
     read_sealed(written("model.onnx", data))
+
+
+def onnx_bytes(data: bytes) -> None:
+    """A model file's graph, read from its bytes; every number of its arrays is within the bytes."""
+    try:
+        told = read_onnx(data)
+    except ValueError as error:
+        raise NotAModel(str(error)) from None
+    assert sum(one.nbytes for one in told.constants.values()) <= len(data)
+
+
+def resealed_model(data: bytes) -> None:
+    """A small model with some bytes exchanged, sealed again: what is accepted answers, and within its ranges.
+
+    Five bytes an exchange: where (three), what to do (one), and a byte.
+    """
+    altered = _sealed_again(_exchanged(bytearray(SMALL_MODEL.read_bytes()), data[:200]))
+    card, _ = read_model(altered, "m.onnx")
+    try:
+        session = open_session(altered)
+    except Exception as error:  # as Model does
+        raise NotAModel("cannot be opened") from error
+    require_in_range(golden_answers(session, card.n_channels, card.unit, card.settle_samples), card, "m.onnx")
+    _answers(session, card)
+
+
+def _exchanged(model: bytearray, script: bytes) -> bytearray:
+    for at in range(0, len(script) - 4, 5):
+        place, how, byte = int.from_bytes(script[at : at + 3], "little"), script[at + 3] % 4, script[at + 4]
+        place %= len(model)
+        if how == 0:
+            model[place] = byte
+        elif how == 1:
+            model[place] ^= 1 << byte % 8
+        elif how == 2:
+            del model[place]
+        else:
+            model.insert(place, byte)
+    return model
+
+
+def _sealed_again(model: bytearray) -> bytes:
+    at = model.rfind(b"holdfast.sha256\x12\x40") + 17
+    if at < 17 or at + 64 > len(model):
+        raise NotAModel("no seal")
+    model[at : at + 64] = b"0" * 64
+    model[at : at + 64] = hashlib.sha256(model).hexdigest().encode()
+    return bytes(model)
+
+
+def _answers(session: Any, card: ModelCard) -> None:
+    """Twenty samples of every kind, and what the monitor reads from each answer."""
+    graph, rng = StepGraph(session), np.random.default_rng(0)
+    scale = 10.0 ** rng.integers(-3, 12, size=(20, 1))
+    for values in rng.normal(size=(20, card.n_channels)) * scale:
+        np.copyto(graph.sample[0], np.where(rng.random(card.n_channels) < 0.1, np.nan, values))
+        np.copyto(graph.valid[0], rng.random(card.n_channels // 3) < 0.9)
+        out = graph.step()
+        assert 0 <= out["situation"][0] < 4
+        assert out["votes"][0].sum() > 0.0
+        assert {name: out[name].shape[1:] for name in ("p_situation", "settled", "unknown", *card.heads)} == {
+            "p_situation": (4,), "settled": (), "unknown": (), **dict.fromkeys(card.heads, ())
+        }  # fmt: skip
+
+
+def arrays(data: bytes) -> None:
+    """An archive of arrays: frames, and a data set's."""
+    path = written("a.npz", data)
+    with np.errstate(all="ignore"):
+        refused(Target(lambda _: read_arrays(path, {"frames": (None, None, None)}), ()), b"")
+        read_frames(path)
+
+
+def table(data: bytes) -> None:
+    """A table that may have long lines."""
+    read_table(written("trials.csv", data))
+
+
+def message(data: bytes) -> None:
+    """What a message says of what came from outside; it is one printable line."""
+    text = text_of(data)
+    assert str(HoldfastError(text, where=text)).isprintable()
+    require_meant(text)
 
 
 def sealed_card(data: bytes) -> None:
@@ -414,6 +507,41 @@ def sealed() -> bytes:
     return head + hashlib.sha256(head + b"0" * 64).hexdigest().encode()
 
 
+def small_onnx() -> bytes:
+    """A graph of one operator, a constant and a tree's columns, by the wire format alone."""
+    tree = [
+        part(1, b"nodes_treeids") + b"\x40\x00\x40\x81\x01\xa0\x01\x07",
+        part(1, b"nodes_values") + b"\x3d\0\0\0\0\x3d\0\0\x80\x3f\xa0\x01\x06",
+        part(1, b"nodes_modes") + part(9, b"LEAF") + part(9, b"BRANCH_LEQ") + b"\xa0\x01\x08",
+        part(1, b"n_targets") + b"\x18\x02\xa0\x01\x02",
+        part(1, b"post_transform") + part(4, b"NONE") + b"\xa0\x01\x03",
+    ]
+    node = part(1, b"x") + part(2, b"y") + part(4, b"Trees") + b"".join(part(5, one) for one in tree) + part(7, b"ml")
+    tensor = b"\x08\x02\x10\x0b" + part(8, b"c0") + part(9, bytes(16))
+    shape = part(1, part(2, b"B")) + part(1, b"\x08\x12")
+    value = part(1, b"x") + part(2, part(1, b"\x08\x0b" + part(2, shape)))
+    graph = part(1, node) + part(2, b"g") + part(5, tensor) + part(11, value) + part(12, value)
+    opset, entry = part(8, part(1, b"ml") + b"\x10\x03"), part(14, part(1, b"key") + part(2, b"value"))
+    return b"\x08\x0a" + part(2, b"holdfast") + part(7, graph) + opset + entry
+
+
+def part(number: int, data: bytes) -> bytes:
+    """A field of protobuf: its number, its length, itself."""
+    length, size = bytearray(), len(data)
+    while size > 127:
+        length.append(size & 127 | 128)
+        size >>= 7
+    return bytes([number << 3 | 2, *length, size]) + data
+
+
+def packed(**shapes: tuple[int, ...]) -> bytes:
+    """An archive of arrays of ones, and stamps that go up."""
+    file = io.BytesIO()
+    arrays: dict[str, Any] = {name: np.ones(shape, np.uint8) for name, shape in shapes.items()}
+    np.savez_compressed(file, time_s=np.arange(2.0), **arrays)
+    return file.getvalue()
+
+
 def small_card() -> bytes:
     """The default model's card without what only people read."""
     told = json.loads(MODEL_CARD.read_text("utf-8"))
@@ -452,6 +580,11 @@ TARGETS = {
     "loads": Target(loads, (LOADS,)),
     "model": Target(model, (sealed(), b"\x08\x08holdfast", b"holdfast.sha256\x12\x40" + b"0" * 64)),
     "sealed_card": Target(sealed_card, (small_card(),)),
+    "onnx_bytes": Target(onnx_bytes, (small_onnx(), small_onnx()[:-9], small_onnx() + b"\x08\x0a")),
+    "resealed_model": Target(resealed_model, (b"", b"\x00\x10\x00\x00A", b"\x000\x00\x03A\x80\x02\x00\x01\x03"), 300),
+    "arrays": Target(arrays, (packed(frames=(2, 3, 4), **dict.fromkeys(LENS, ())), packed(frames=(2, 3, 4)), b"PK")),
+    "table": Target(table, (b"a,b\n1,2\n3,4\n", b'"a\nb",c\r\n1,2\r\n')),
+    "message": Target(message, (b"plain", b"\x1b[2J\xc2\x9b31m", b"ft232h", b"i2c-1?x", b"sim:apple")),
     "golden": Target(golden, (GOLDEN,)),
     "fault": Target(fault, (b"nack:3@1.5+0.2", b"unplug@2+1")),
     "layout": Target(layout, (b"mux", b"1:35,22,0:35>50", b"moved@71", b"71/0:35,77/1:35>50")),

@@ -6,8 +6,6 @@ Nothing here knows a data set; every fault is a typed error that names the file 
 from __future__ import annotations
 
 import csv
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.archives import require_modest_archive
+from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber
 from edge_runtime.reading import require_lines
@@ -24,8 +22,6 @@ from edge_runtime.visible import listed
 
 Shape = tuple[int | None, ...]
 COPY_AGAIN = "copy the data set again from its source"
-NOT_AN_ARCHIVE = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
-"""What numpy raises for files cut short, damaged, pickled, or no archive at all."""
 
 
 def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArray[Any]]:
