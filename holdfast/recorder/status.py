@@ -13,6 +13,7 @@ from typing import TextIO
 import numpy as np
 
 from edge_runtime.live import Measured
+from edge_runtime.visible import visible_lines
 from holdfast.recorder.trial import Trial
 
 REDRAW_NS = 250_000_000
@@ -37,7 +38,7 @@ class StatusLine:
 
     def say(self, line: str) -> None:
         """A line that stays, instead of the status that is drawn."""
-        if self._write(line):
+        if self._write(visible_lines(line)):
             self._drawn = False
 
     def show(self, trial: Trial, measured: Measured, now_ns: int) -> None:
