@@ -16,6 +16,8 @@ EVALUATED := thesis:thesis:900:1000 thesis-texture:build/evaluate/thesis-texture
 # the same, for make wall
 WALL := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
     author:thesis:300:1000 p1:p1:450:1003 p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
+# Tests run in a process a core; one that has nothing left takes over from another.
+ACROSS := -n auto --dist worksteal
 ROOMS  := $(wildcard edge_runtime drivers export training evaluation studies simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
@@ -41,7 +43,7 @@ demo: setup  ## simulate, train, export, watch trials go by that the model never
 	$(BIN)/python -m holdfast.demo
 
 test: setup  ## run the tests
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest $(ACROSS) $(ARGS)
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m studies.real --out build/real $(ARGS)
@@ -103,11 +105,11 @@ docs: setup  ## write the tables of README and docs from build/real, build/bench
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json > docs/camera.md
 
 hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how they went
-	$(BIN)/python -m pytest -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)
+	$(BIN)/python -m pytest $(ACROSS) -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)
 	$(BIN)/python tests/support/hard_cases_page.py build/hard-cases.json > docs/hard-cases.md
 
 safety: setup  ## run the tests of the hazards and write docs/safety.md from how they went
-	$(BIN)/python -m pytest -m "hazard and not soak" --hazards=build/hazards.json $(ARGS)
+	$(BIN)/python -m pytest $(ACROSS) -m "hazard and not soak" --hazards=build/hazards.json $(ARGS)
 	$(BIN)/python tests/support/safety_page.py build/hazards.json docs/safety.md
 
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import pytest
 from hard_cases import (  # noqa: F401  hooks: pytest finds them here by their names
     pytest_addoption,
+    pytest_collection_finish,
     pytest_configure,
     pytest_runtest_makereport,
-    pytest_sessionfinish,
 )
 from hypothesis import settings
 

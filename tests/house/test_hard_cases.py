@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import execnet
+import numpy as np
 import pytest
-from hard_cases import AREAS, told
+from hard_cases import AREAS, PLACE, Catalogue, pytest_runtest_makereport, told
 from hard_cases_page import page
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "hard-cases.md"
@@ -31,6 +35,33 @@ def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measur
     assert "- passed 1 times, failed 1 times: it is clean (off 3e-15)\n" in written
     assert "- passed: without: it drifts\n" in written
     assert "Elsewhere: it drifts. Here: it does not." in written
+
+
+def reported(request: pytest.FixtureRequest, place: int, measured: object) -> Any:
+    """The report of a marked test as a worker of xdist sends it: bytes, and read again."""
+    report = pytest.TestReport(f"tests/test_x.py::{place}", ("", 0, ""), {}, "passed", None, "call",
+                               user_properties=[("off", measured)])  # fmt: skip
+    mark = pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark
+    item: Any = SimpleNamespace(stash={PLACE: place}, get_closest_marker={"hard_case": mark}.get)
+    made = pytest_runtest_makereport(item)
+    next(made)
+    with pytest.raises(StopIteration):
+        made.send(report)
+    hook = request.config.hook
+    sent = execnet.dumps(hook.pytest_report_to_serializable(config=request.config, report=report))
+    return hook.pytest_report_from_serializable(config=request.config, data=execnet.loads(sent))
+
+
+def test_what_workers_report_is_written_in_the_order_of_the_tests(request, tmp_path):
+    paths = {"--hard-cases": tmp_path / "new" / "cases.json", "--hazards": None}
+    catalogue = Catalogue(SimpleNamespace(getoption=paths.get))
+    for place in (2, 0, 1):
+        catalogue.pytest_runtest_logreport(reported(request, place, np.float64(place)))
+    catalogue.pytest_sessionfinish()
+    rows = json.loads((tmp_path / "new" / "cases.json").read_text())
+    assert [row["test"] for row in rows] == [f"tests/test_x.py::{k}" for k in range(3)]
+    assert rows[1] == {"area": AREAS[0], "case": "a", "elsewhere": "b", "here": "c", "unguarded": False,
+                       "test": "tests/test_x.py::1", "outcome": "passed", "measured": {"off": 1.0}}  # fmt: skip
 
 
 def test_every_hard_case_of_this_run_is_on_the_page(request):

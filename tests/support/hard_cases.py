@@ -21,11 +21,13 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 AREAS = ("Filter and features", "Forest and ONNX", "Calibration and metrics", "Simulation", "Time and schedule",
          "What comes from outside")  # fmt: skip
-RESULTS = pytest.StashKey[dict[str, list[dict[str, Any]]]]()
+Row = dict[str, Any]
+PLACE = pytest.StashKey[int]()
 OPTIONS = {"hard_case": "--hard-cases", "hazard": "--hazards"}
 """Marks whose tests are written down, and the option that names the file."""
 
@@ -37,31 +39,57 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Nothing has run yet."""
-    nothing: dict[str, list[dict[str, Any]]] = {mark: [] for mark in OPTIONS}
-    config.stash[RESULTS] = nothing
+    """Collect in the process that runs pytest; its xdist workers only report to it."""
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Catalogue(config), "catalogue")
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Number the tests, so that the files do not depend on which worker was first."""
+    for place, item in enumerate(session.items):
+        item.stash[PLACE] = place
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Note down every marked test that was run, or was skipped."""
+    """Attach what its marks say to the report of a test that was run, or was skipped."""
     report = yield
-    for name, tell in (("hard_case", told), ("hazard", hazard)):
-        mark = item.get_closest_marker(name)
-        if mark is not None and (report.when == "call" or report.skipped):
-            item.config.stash[RESULTS][name].append(tell(mark) | {
-                "test": item.nodeid, "outcome": report.outcome, "measured": dict(report.user_properties),
-            })  # fmt: skip
+    if report.when == "call" or report.skipped:
+        marks = {"hard_case": told, "hazard": hazard}
+        found = [(name, item.get_closest_marker(name)) for name in marks]
+        # An attribute of a report survives the way from an xdist worker.
+        report.catalogued = {name: marks[name](mark) for name, mark in found if mark is not None}  # type: ignore[attr-defined]
+        report.place = item.stash[PLACE]  # type: ignore[attr-defined]
+        report.user_properties = [(name, plain(value)) for name, value in report.user_properties]
     return report
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the files that were asked for."""
-    for mark, option in OPTIONS.items():
-        path = session.config.getoption(option)
-        if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(session.config.stash[RESULTS][mark], indent=1) + "\n", encoding="utf-8")
+class Catalogue:
+    """Gathers the reports of marked tests, whichever process ran them, and writes the files that were asked for."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.paths: dict[str, Path | None] = {mark: config.getoption(option) for mark, option in OPTIONS.items()}
+        self.rows: dict[str, dict[int, Row]] = {mark: {} for mark in OPTIONS}
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note one test down."""
+        for mark, said in getattr(report, "catalogued", {}).items():
+            self.rows[mark][report.place] = said | {  # type: ignore[attr-defined]
+                "test": report.nodeid, "outcome": report.outcome, "measured": dict(report.user_properties),
+            }  # fmt: skip
+
+    def pytest_sessionfinish(self) -> None:
+        """Write the tests in the order in which they were collected."""
+        for mark, path in self.paths.items():
+            if path is not None:
+                rows = [row for _, row in sorted(self.rows[mark].items())]
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+def plain(value: object) -> object:
+    """A number of numpy's as one of Python's: only those travel between processes."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def hazard(mark: pytest.Mark) -> dict[str, Any]:
