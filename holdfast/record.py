@@ -32,9 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--action", choices=ACTIONS, help="without a card: what is done with it")
     parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the card's order (default 0)")
     parser.add_argument("--rate", type=positive, default=RATE_HZ, metavar="HZ", help=f"of a hand (default {RATE_HZ:g})")
-    parser.add_argument(
-        "--calibration", type=path_argument, metavar="FILE", help="field to force, of holdfast calibrate"
-    )
     parser.add_argument("--anyway", action="store_true", help="record although the bias is not good")
     parser.add_argument("--seconds", type=positive, metavar="S", help="keep a trial after so long")
     parser.add_argument("--trials", type=int, metavar="N", help="so many and no more")
