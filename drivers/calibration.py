@@ -27,6 +27,7 @@ from edge_runtime.errors import (
     UnitError,
 )
 from edge_runtime.reading import json_of, require_file, text_of
+from edge_runtime.trial_layout import NORMAL_FLOOR
 from edge_runtime.writing import write_whole
 
 FORMAT = 1
@@ -37,8 +38,6 @@ NEXT = {
 }
 MIN_FIT_ROWS = 10
 MIN_BIAS_ROWS = 30
-NORMAL_FLOOR: Mapping[Unit, float] = {"N": 0.3, "uT": 100.0}
-"""Above the noise of a resting normal channel; a resting normal field below minus that is a magnet upside down."""
 QUIET: Mapping[Unit, float] = {"N": 0.12, "uT": 40.0}
 """The spread of an untouched channel stays below this: the TMAG5273's noise is 22 uT in x and y, 11 uT in z."""
 

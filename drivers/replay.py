@@ -13,8 +13,8 @@ from edge_runtime.errors import DataNotFound, UnitError
 from edge_runtime.preparation import Preparation
 from edge_runtime.reading import json_of, require_file, text_of
 from edge_runtime.trial_file import read_trial
+from edge_runtime.trial_layout import TACTILE
 
-TACTILE = "tactile.csv"
 META = "meta.json"
 DEFAULT_UNIT: Unit = "N"
 META_LEVELS = 3

@@ -15,13 +15,13 @@ import numpy as np
 from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.graph import open_session
+from edge_runtime.trial_layout import NORMAL_FLOOR
 from evaluation.alarms import Answers, act_requests
 from evaluation.event_scores import CONFIDENCES, match_alarms
 from evaluation.model_outputs import everywhere, risky_permille
 from evaluation.simple_baselines import shear_jump
 from export.detectors import detector_names
 from export.exporting import whole_graph
-from export.features import NORMAL_FLOOR
 from export.heads import Head
 from export.spec import DetectorSpec, StepSpec
 from export.step_graph import cone_graph, detector_graph

@@ -19,14 +19,12 @@ from typing import Any
 
 from edge_runtime.contract import RISKY_SLIP, SITUATIONS
 from edge_runtime.errors import LabelError
-from edge_runtime.reading import json_of, text_of
+from edge_runtime.trial_layout import EVENTS, ONSET_SUFFIX, TACTILE, read_events, truth_path
 from evaluation.event_scores import EventMatch, Outcome, spread
 from training.objects import read_json
 from training.recording import Recording
-from training.timeline import truth_path
 
 CAMERA, KEY, SCENE, RISKY = "camera", "key", "scene", SITUATIONS[RISKY_SLIP]
-EVENTS, TACTILE, ONSET = "events.jsonl", "tactile.csv", ".onset.json"
 LATE_S = 0.05
 """A camera's start belongs to the event it falls into, or so much before or after it."""
 
@@ -49,9 +47,9 @@ def seen_beside(root: Path, recordings: Sequence[Recording]) -> list[tuple[Seen,
 
 def _seen(root: Path, trial_id: str) -> tuple[Seen, ...]:
     csv = _beside(root, trial_id)
-    where = csv.with_name(EVENTS) if csv.name == TACTILE else csv.with_suffix(ONSET)
+    where = csv.with_name(EVENTS) if csv.name == TACTILE else csv.with_suffix(ONSET_SUFFIX)
     if csv.name == TACTILE:
-        told = _lines(where) if where.is_file() else []
+        told = read_events(where) if where.is_file() else []
         marks = [(str(one.get("mark")), one.get("t_s")) for one in told if one.get("provenance") == SCENE]
     else:
         phases = read_json(where).get("phases", [])
@@ -86,15 +84,6 @@ def _beside(root: Path, trial_id: str) -> Path:
     """The CSV of a trial: tactile.csv in its folder, which may be the root itself, or trial_n.csv."""
     folders = (root, root / trial_id)
     return next((one / TACTILE for one in folders if (one / TACTILE).is_file()), root / f"{trial_id}.csv")
-
-
-def _lines(path: Path) -> list[dict[str, Any]]:
-    """The whole lines of events.jsonl. Raises LabelError."""
-    try:
-        lines = [json_of(line) for line in text_of(path).split("\n")[:-1] if line.strip()]
-    except (OSError, ValueError) as error:
-        raise LabelError(f"a line is no JSON ({type(error).__name__})", where=path, next_step="mend it") from None
-    return [line for line in lines if isinstance(line, dict)]
 
 
 def _is_risky(interval: dict[str, Any]) -> bool:

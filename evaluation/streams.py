@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
+from edge_runtime.trial_layout import truth_path
 from evaluation.scores import labels_at
 from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
 from export.spec import StepSpec
@@ -19,7 +20,7 @@ from training.featurise import FloatRows, features_everywhere, spec_for
 from training.objects import read_json
 from training.plan import TrainingPlan
 from training.recording import DataSet, Recording
-from training.timeline import Phase, read_truth, truth_path
+from training.timeline import Phase, read_truth
 
 SHOWN = {"pull": RISKY_SLIP, "fall": RISKY_SLIP, "pass": SAFE_SLIP}
 EVENTS = ("load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP
+from edge_runtime.trial_layout import truth_path
 from training.objects import read_json
 from training.recording import Recording
-from training.timeline import Phase, RiskyEvent, truth_path
+from training.timeline import Phase, RiskyEvent
 
 DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
 SAME_MOMENT_S = 0.02

@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from edge_runtime.contract import FloatArray, Unit
+from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
+from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.builder import GraphBuilder
 from export.guard import Guarded
 from export.spec import HISTORY_S, WINDOW_S, StepSpec
@@ -27,8 +28,6 @@ LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 SPANS_S = (0.10, 0.25, 0.50)
 SCALED_LAGS = (1, 3, 5)
 """Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
-NORMAL_FLOOR: dict[Unit, float] = {"N": 0.3, "uT": 100.0, "count": 300.0}
-"""Least summed normal a ratio is taken over: in the air a ratio of noise to noise says nothing."""
 
 
 @dataclass(frozen=True)

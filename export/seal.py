@@ -12,9 +12,9 @@ from edge_runtime.contract import channel_names
 from edge_runtime.golden import golden_answers, golden_to_json
 from edge_runtime.graph import open_session
 from edge_runtime.model_file import CARD_KEY, DIGITS, FORMAT, GOLDEN_KEY, SEAL_KEY
+from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.artifact import Artifact
 from export.detectors import detector_names
-from export.features import NORMAL_FLOOR
 from export.forest import vote_bits
 from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 

@@ -19,19 +19,25 @@ from typing import TYPE_CHECKING, Any
 
 from edge_runtime.command import path_argument, positive, show
 from edge_runtime.errors import DataError, LabelError, NotANumber, TimeError, UsageError
-from edge_runtime.reading import json_of, require_lines, text_of
+from edge_runtime.reading import require_lines
+from edge_runtime.trial_layout import (
+    EVENTS,
+    FRAMES_SUFFIX,
+    ONSET_SUFFIX,
+    RISKY_ACTIONS,
+    TACTILE,
+    TRUTH,
+    VOLUNTARY_ACTIONS,
+    read_events,
+)
 from holdfast.camera_options import printed_mm
 
 if TYPE_CHECKING:
     from drivers.camera.onset import Motion, Slip
 
 OBJECT_TAG, HAND_TAG = 0, 1
-RISKY = ("pull", "fall", "hold")
-SAFE = ("pass", "put-down")
+RISKY = (*RISKY_ACTIONS, "hold")
 PROVENANCE, BY = "camera", "holdfast onset"
-FRAMES, EVENTS, TACTILE, LABELS = ".frames.npz", "events.jsonl", "tactile.csv", ".onset.json"
-TRUTH = "tactile.truth.json"
-"""Of a trial of holdfast record: made of its events, so it is made anew."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "trial", type=path_argument, metavar="TRIAL", help="a watched folder, or trial_n.csv with its frames"
     )
-    parser.add_argument("--action", choices=(*RISKY, *SAFE), help="default: the name of the trial's folder")
+    actions = (*RISKY, *VOLUNTARY_ACTIONS)
+    parser.add_argument("--action", choices=actions, help="default: the name of the trial's folder")
     held = "trials that were loaded and held: gross slip begins above their elastic shear"
     parser.add_argument("--no-slip", type=path_argument, nargs="+", default=[], metavar="TRIAL", help=held)
     number, ever = positive, float("inf")
@@ -92,10 +99,11 @@ def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None)
     from drivers.camera.sources import read_frames
     from holdfast.messages import say
 
-    frames = path if path.name.endswith(FRAMES) else path.with_suffix(FRAMES)
+    frames = path if path.name.endswith(FRAMES_SUFFIX) else path.with_suffix(FRAMES_SUFFIX)
     with tempfile.TemporaryDirectory() as folder:
         watch(read_frames(frames), Path(folder), say=say)
-        return watched(Path(folder), frames.with_name(frames.name.removesuffix(FRAMES) + ".csv"), tag_mm, apart_mm)
+        trial = frames.with_name(frames.name.removesuffix(FRAMES_SUFFIX) + ".csv")
+        return watched(Path(folder), trial, tag_mm, apart_mm)
 
 
 def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None) -> Trial:
@@ -183,10 +191,10 @@ def write(trial: Trial, action: str | None, gross_mm: float, *, shear_known: boo
 
 def _label(action: str | None, path: Path) -> str:
     action = action or path.parent.name
-    if action not in (*RISKY, *SAFE):
+    if action not in (*RISKY, *VOLUNTARY_ACTIONS):
         raise UsageError(
             f"{path}: nobody knows what a slip means in {action!r}", cause="the folder is not named after an action",
-            next_step=f"--action {'|'.join((*RISKY, *SAFE))}",
+            next_step=f"--action {'|'.join((*RISKY, *VOLUNTARY_ACTIONS))}",
         )  # fmt: skip
     return "risky_slip" if action in RISKY else "safe_slip"
 
@@ -210,7 +218,7 @@ def _write_beside(trial: Path, intervals: list[dict[str, Any]], how: dict[str, A
     """trial_n.onset.json: phases as in trial_n.truth.json, which is somebody else's and stays as it is."""
     from edge_runtime.writing import write_whole
 
-    return write_whole(trial.with_suffix(LABELS), json.dumps({"phases": intervals, **how}, indent=1) + "\n")
+    return write_whole(trial.with_suffix(ONSET_SUFFIX), json.dumps({"phases": intervals, **how}, indent=1) + "\n")
 
 
 def _write_events(folder: Path, intervals: list[dict[str, Any]], how: dict[str, Any]) -> Path:
@@ -218,13 +226,7 @@ def _write_events(folder: Path, intervals: list[dict[str, Any]], how: dict[str, 
     from edge_runtime.writing import write_whole
 
     path = folder / EVENTS
-    try:
-        there = text_of(path).splitlines() if path.exists() else []
-        kept = [line for line in there if line.strip() and json_of(line).get("provenance") != PROVENANCE]
-    except (OSError, ValueError, AttributeError) as error:
-        raise LabelError(
-            f"a line is no JSON object ({type(error).__name__})", where=path, next_step="mend it"
-        ) from None
+    kept = [json.dumps(event) for event in read_events(path) if event.get("provenance") != PROVENANCE]
     lines = [*kept, *(json.dumps(one | how) for one in intervals)]
     written = write_whole(path, "".join(f"{line}\n" for line in lines))
     if (folder / TRUTH).exists():

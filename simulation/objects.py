@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from edge_runtime.trial_layout import MASSES_G
 from simulation.values import Parameter
 
 OBJECT_KEYS = {
@@ -49,23 +50,23 @@ def thing(name: str, told: Mapping[str, Any]) -> Thing:
     return Thing(name, **{key: float(told.get(key, p.default)) for key, p in OBJECT_KEYS.items()})
 
 
-def _ball(name: str, mass_g: float, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0) -> Thing:
-    return Thing(name, mass_g, diameter_mm / 2, (tall_mm or diameter_mm) / 2, 0.0, friction, 0.8, stiffness)
+def _ball(name: str, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0) -> Thing:
+    return Thing(name, MASSES_G[name], diameter_mm / 2, (tall_mm or diameter_mm) / 2, 0.0, friction, 0.8, stiffness)
 
 
-def _bottle(name: str, mass_g: float, stiffness: float) -> Thing:
-    return Thing(name, mass_g, 31.5, 0.0, 100.0, 0.6, 0.8, stiffness)
+def _bottle(name: str, stiffness: float) -> Thing:
+    return Thing(name, MASSES_G[name], 31.5, 0.0, 100.0, 0.6, 0.8, stiffness)
 
 
 OBJECTS = {
     thing.name: thing
     for thing in (
-        _ball("soft-ball", 15.1, 69.0, 0.8, 1.5e3),
-        _bottle("empty-bottle", 21.2, 3e3),
-        _ball("basket-ball", 83.1, 60.0, 0.8, 5e3),
-        _ball("hard-ball", 197.9, 60.0, 0.6, 1e5),
-        _bottle("full-bottle", 517.3, 2e4),
-        _ball("apple", 20.3, 66.5, 0.5, 2e4, tall_mm=86.5),
+        _ball("soft-ball", 69.0, 0.8, 1.5e3),
+        _bottle("empty-bottle", 3e3),
+        _ball("basket-ball", 60.0, 0.8, 5e3),
+        _ball("hard-ball", 60.0, 0.6, 1e5),
+        _bottle("full-bottle", 2e4),
+        _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
     )
 }
 OBJECT_FIELDS = tuple(field.name for field in fields(Thing) if field.name != "name")

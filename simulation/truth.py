@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, SITUATIONS, BoolArray, FloatArray
+from edge_runtime.trial_layout import RISKY_ACTIONS
 from simulation.protocol import Trial
 from simulation.run import Motion
 from simulation.script import Times
@@ -22,7 +23,6 @@ LOAD_N = 0.1
 GROSS_SLIP_M = 2e-3
 TRANSFERRED = 0.95
 PROVENANCE = "scene"
-RISKY_ACTIONS = ("pull", "fall")
 Mark = tuple[float, int]
 
 

@@ -13,15 +13,8 @@ from typing import Any
 from edge_runtime.contract import LIGHT_BELOW_G
 from edge_runtime.errors import LabelError
 from edge_runtime.reading import json_of, text_of
+from edge_runtime.trial_layout import MASSES_G
 
-MASSES_G = {
-    "soft-ball": 15.1,
-    "empty-bottle": 21.2,
-    "basket-ball": 83.1,
-    "hard-ball": 197.9,
-    "full-bottle": 517.3,
-    "apple": 20.3,
-}
 ALIASES = {"colabottle": "full-bottle"}
 
 

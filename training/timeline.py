@@ -15,22 +15,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from edge_runtime.contract import (
     GRASP,
     NORMAL_AXIS,
     NOTHING,
     RISKY_SLIP,
-    SAFE_SLIP,
     SITUATIONS,
     FloatArray,
 )
 from edge_runtime.errors import LabelError
 from edge_runtime.trial_file import Trial
+from edge_runtime.trial_layout import SITUATION_OF_ACTION, contact_rows, truth_path
 from training.objects import read_json
 
-ACTIONS = {"pass": SAFE_SLIP, "pull": RISKY_SLIP, "fall": RISKY_SLIP, "put-down": SAFE_SLIP}
 UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth beside a trial."""
 ACTION_S = 7.0
@@ -86,10 +84,10 @@ def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -
             cause="a trial that did not follow the script",
             next_step="remove it, or write its phases to trial_<n>.truth.json",
         )
-    marks = [(0, NOTHING), (onset, GRASP), (acts, ACTIONS[action])]
+    marks = [(0, NOTHING), (onset, GRASP), (acts, SITUATION_OF_ACTION[action])]
     if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
         again, release = np.searchsorted(t_s, [HOLD_AGAIN_S, RELEASE_S])
-        marks += [(int(again), GRASP), (int(release), ACTIONS[action])]
+        marks += [(int(again), GRASP), (int(release), SITUATION_OF_ACTION[action])]
     return _phases([mark for mark in marks if mark[0] < empty] + [(empty, NOTHING)], len(t_s))
 
 
@@ -99,20 +97,15 @@ def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
     Closed: the normal forces, summed and averaged over 0.1 s, exceed a tenth of their 95th percentile.
     """
     load = np.abs(np.nan_to_num(samples[:, NORMAL_AXIS::3])).sum(axis=1)
-    smooth = uniform_filter1d(load, max(1, round(CONTACT_SMOOTH_S / float(np.median(np.diff(t_s))))))
-    closed = np.flatnonzero(smooth >= CONTACT_SHARE * np.quantile(smooth, 0.95))
-    return int(closed[0]), int(closed[-1]) + 1
+    rows = contact_rows(load, 1.0 / float(np.median(np.diff(t_s))))
+    assert rows is not None  # no load is less than none
+    return rows
 
 
 def _phases(marks: list[tuple[int, int]], n_rows: int) -> tuple[Phase, ...]:
     stops = [first for first, _ in marks[1:]] + [n_rows]
     pairs = zip(marks, stops, strict=True)
     return tuple(Phase(first, stop, situation) for (first, situation), stop in pairs if first < stop)
-
-
-def truth_path(trial: Path) -> Path:
-    """`trial_3.csv` -> `trial_3.truth.json`."""
-    return trial.with_suffix(".truth.json")
 
 
 def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:

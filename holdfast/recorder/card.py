@@ -13,7 +13,7 @@
     count = 2
 
     [objects.my-cup]
-    mass_g = 212             # of an object that training/objects.py does not know
+    mass_g = 212             # of an object that the table does not know
 
 Every person gets an order of their own, drawn from the seed and the pseudonym, the same whenever it is asked for.
 """
@@ -31,10 +31,9 @@ from typing import Any
 
 from edge_runtime.errors import CardError, DataNotFound, UsageError
 from edge_runtime.reading import require_file, text_of
+from edge_runtime.trial_layout import SITUATION_OF_ACTION
 
-ACTIONS = {"pass": "safe_slip", "put-down": "safe_slip", "pull": "risky_slip", "fall": "risky_slip", "hold": "grasp",
-           "nothing": "nothing"}  # fmt: skip
-"""What an action makes of the grip, from load onset to the empty hand."""
+ACTIONS = tuple(SITUATION_OF_ACTION)
 NOTHING, DISCARDED = "nothing", "discarded"
 WORD = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
 LONGEST_WORD = 24

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import DataNotFound, OutputError, UnitError, UsageError
+from edge_runtime.trial_layout import META, TACTILE
 from edge_runtime.writing import require_writable, write_whole
 from holdfast.recorder.card import DISCARDED, NOTHING, Task
-from holdfast.recorder.labels import META, TACTILE, read_meta
+from holdfast.recorder.labels import read_meta
 
 FORMAT = 1
 KEPT, RECORDING, INTERRUPTED, REDONE, VOID = "kept", "recording", "interrupted", "redone", "void"

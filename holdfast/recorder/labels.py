@@ -14,20 +14,27 @@ from typing import Any
 
 import numpy as np
 
-from drivers.calibration import NORMAL_FLOOR
-from edge_runtime.contract import NORMAL_AXIS, FloatArray
+from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, FloatArray
 from edge_runtime.errors import LabelError
 from edge_runtime.reading import json_of, text_of
 from edge_runtime.trial_file import Trial, read_trial
+from edge_runtime.trial_layout import (
+    CONTACT_SMOOTH_S,
+    EVENTS,
+    META,
+    NORMAL_FLOOR,
+    SITUATION_OF_ACTION,
+    TACTILE,
+    TRUTH,
+    contact_rows,
+    read_events,
+)
 from edge_runtime.writing import write_whole
-from holdfast.recorder.card import ACTIONS, NOTHING
 
-META, EVENTS, TACTILE, TRUTH = "meta.json", "events.jsonl", "tactile.csv", "tactile.truth.json"
+NOTHING = SITUATIONS[0]
 PROVENANCES = ("scene", "camera", "key", "rule")
 MARKS = ("contact", "load_onset", "incipient_slip", "gross_slip", "contact_lost")
 BIAS_ROWS = 5
-CONTACT_SHARE, CONTACT_SMOOTH_S = 0.1, 0.1
-"""As in training/timeline.py, with a floor: a hand that met nothing has no contact."""
 Event = dict[str, Any]
 
 
@@ -47,7 +54,7 @@ def truth_in(folder: Path) -> dict[str, Any]:
     """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
     trial, meta = read_trial(folder / TACTILE), read_meta(folder)
     try:
-        return truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder))
+        return truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder / EVENTS))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise LabelError(
             f"an event without its times ({error!r:.60})", where=folder / EVENTS, next_step="mend that line"
@@ -75,30 +82,6 @@ def read_meta(folder: Path) -> dict[str, Any]:
             f"cannot be read ({type(error).__name__})", where=folder / META, next_step="mend or remove it"
         ) from None
     return meta if isinstance(meta, dict) else {}
-
-
-def read_events(folder: Path) -> list[Event]:
-    """The lines of events.jsonl, a torn last one left out. Raises LabelError."""
-    path = folder / EVENTS
-    try:
-        *lines, last = text_of(path).split("\n") if path.exists() else [""]
-        events = [json_of(line) for line in [*lines, *_if_whole(last)] if line.strip()]
-        if not all(isinstance(event, dict) for event in events):
-            raise ValueError("no object")
-        return events
-    except (OSError, ValueError) as error:
-        raise LabelError(
-            f"a line is no JSON object ({type(error).__name__})", where=path, next_step="mend it"
-        ) from None
-
-
-def _if_whole(line: str) -> list[str]:
-    """A last line without its newline, if it is whole: of a JSON object nothing but all of it is one."""
-    try:
-        json_of(line)
-    except ValueError:
-        return []
-    return [line]
 
 
 def truth_of(action: str, trial: Trial, unit: str, events: list[Event]) -> dict[str, Any]:
@@ -138,7 +121,7 @@ def _phases(action: str, end_s: float, known: dict[str, tuple[float, str]]) -> l
         phases.append(_interval(closed_s, empty_s, "grasp", by_closed))
     elif slip is not None and closed_s < slip[0] < empty_s:
         phases.append(_interval(closed_s, slip[0], "grasp", by_closed))
-        phases.append(_interval(slip[0], empty_s, ACTIONS[action], slip[1]))
+        phases.append(_interval(slip[0], empty_s, SITUATIONS[SITUATION_OF_ACTION[action]], slip[1]))
     return [*phases, _interval(empty_s, end_s, "nothing", by_empty)]
 
 
@@ -148,15 +131,10 @@ def _interval(t0_s: float, t1_s: float, label: str, provenance: str) -> dict[str
 
 def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
     """When the hand closed on something, and when it was empty again; None where it never did."""
-    load = _load(trial)
-    rows = max(1, round(CONTACT_SMOOTH_S * trial.rate_hz))
-    smooth = np.convolve(load, np.full(rows, 1.0 / rows), mode="same")
-    high = float(np.quantile(smooth, 0.95))
-    if high < NORMAL_FLOOR.get(unit, 0.0):  # type: ignore[call-overload]
+    rows = contact_rows(_load(trial), trial.rate_hz, NORMAL_FLOOR.get(unit, 0.0))  # type: ignore[call-overload]
+    if rows is None:
         return None, None
-    closed = np.flatnonzero(smooth >= CONTACT_SHARE * high)
-    stop = int(closed[-1]) + 1
-    return float(trial.t_s[closed[0]]), float(trial.t_s[min(stop, len(trial.t_s) - 1)])
+    return float(trial.t_s[rows[0]]), float(trial.t_s[min(rows[1], len(trial.t_s) - 1)])
 
 
 def _load(trial: Trial) -> FloatArray:

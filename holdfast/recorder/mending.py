@@ -10,9 +10,10 @@ from edge_runtime.errors import EmptyRecording
 from edge_runtime.mending import Mended, mend_lines
 from edge_runtime.reading import json_of
 from edge_runtime.tactile_file import mend
+from edge_runtime.trial_layout import EVENTS, META, TACTILE
 from edge_runtime.writing import write_whole
 from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING, VOID
-from holdfast.recorder.labels import EVENTS, META, TACTILE, read_meta
+from holdfast.recorder.labels import read_meta
 
 
 def repaired(folder: Path) -> list[str]:

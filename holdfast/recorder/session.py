@@ -19,12 +19,13 @@ from drivers.paced import Paced
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import EmptyRecording, TimeError
 from edge_runtime.live import ANOTHER_CLOCK_NS, Measured, Source, Stamps
+from edge_runtime.trial_layout import META
 from edge_runtime.writing import write_whole
 from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import Task
 from holdfast.recorder.folder import INTERRUPTED, KEPT, REDONE, discard, new_trial
 from holdfast.recorder.keys import HELP_READY, HELP_TRIAL, Keys
-from holdfast.recorder.labels import MARKS, META, read_meta
+from holdfast.recorder.labels import MARKS, read_meta
 from holdfast.recorder.quality import Quality, in_words
 from holdfast.recorder.trial import Trial
 

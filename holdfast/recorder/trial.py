@@ -11,9 +11,10 @@ from typing import Any
 from edge_runtime.errors import DataError, HoldfastError, OutputError
 from edge_runtime.live import Measured
 from edge_runtime.tactile_file import TactileFile
+from edge_runtime.trial_layout import EVENTS, META, TACTILE
 from edge_runtime.writing import write_whole
 from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
-from holdfast.recorder.labels import EVENTS, META, TACTILE, is_complete, truth_in, write_truth
+from holdfast.recorder.labels import is_complete, truth_in, write_truth
 from holdfast.recorder.quality import Quality
 
 

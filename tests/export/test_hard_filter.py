@@ -37,9 +37,9 @@ from edge_runtime.decision import DecisionRules, DecisionState, decide
 from edge_runtime.graph import StepGraph, open_session, run_recording
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.preparation import Preparation
+from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.bank import BANDS_HZ, LOW_PASS_HZ, sections
 from export.detectors import detector_names
-from export.features import NORMAL_FLOOR
 from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 from export.step_graph import feature_graph
 from training.critical_points import offline_critical_points

@@ -19,8 +19,8 @@ from edge_runtime.errors import ColumnError, DataError, EmptyRecording, OutputEr
 from edge_runtime.mending import mend_lines
 from edge_runtime.tactile_file import TactileFile, mend
 from edge_runtime.trial_file import read_trial
+from edge_runtime.trial_layout import read_events
 from holdfast.cli import main
-from holdfast.recorder.labels import read_events
 from holdfast.recorder.mending import repaired
 
 ROWS = 200
@@ -167,7 +167,7 @@ def test_a_file_whose_rows_are_whole_loses_nothing(tmp_path, recorded, change, s
     assert mend(folder / "tactile.csv").rows == len(read_trial(folder / "tactile.csv").t_s) == ROWS
     assert (after.pop("meta.json") == before.pop("meta.json")) is (state == "kept")
     assert after == before
-    assert read_events(folder) == [json.loads(EVENT)]
+    assert read_events(folder / "events.jsonl") == [json.loads(EVENT)]
 
 
 @DAMAGED_FILE.mark

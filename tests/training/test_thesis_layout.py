@@ -21,11 +21,12 @@ from edge_runtime.errors import (
     UnitError,
 )
 from edge_runtime.trial_file import Trial, read_trial
+from edge_runtime.trial_layout import truth_path
 from training.datasets import thesis
 from training.fixture import KIND, UPSIDE_DOWN, write_fixture
 from training.objects import mass_g, object_name
 from training.recording import DataSet
-from training.timeline import contact, read_truth, scripted, truth_path
+from training.timeline import contact, read_truth, scripted
 
 
 @pytest.fixture(scope="module")

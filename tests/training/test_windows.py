@@ -13,10 +13,11 @@ from sklearn.model_selection import GroupKFold
 
 from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from edge_runtime.errors import ClassMissing
+from edge_runtime.trial_layout import MASSES_G
 from export.spec import StepSpec, window_samples
 from training.datasets import thesis
 from training.fixture import write_fixture
-from training.objects import MASSES_G, is_heavy
+from training.objects import is_heavy
 from training.recording import DataSet, Recording
 from training.timeline import Phase, whole
 from training.windows import (

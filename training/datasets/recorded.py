@@ -15,13 +15,14 @@ from typing import Any
 
 from edge_runtime.errors import DataNotFound, LabelError, UnitError
 from edge_runtime.trial_file import Trial
+from edge_runtime.trial_layout import META, TACTILE, truth_path
 from training.datasets import thesis
 from training.objects import object_name, read_json
 from training.recording import DataSet, Recording
-from training.timeline import Phase, RiskyEvent, read_events, read_truth, truth_path
+from training.timeline import Phase, RiskyEvent, read_events, read_truth
 from training.windows import Choice, TimedTrial
 
-TACTILE, META, KEPT = "tactile.csv", "meta.json", "kept"
+KEPT = "kept"
 EMPTY_HAND = "nothing"
 TO_THE_MOMENT = ("scene", "camera")
 CAVEAT = (

@@ -22,23 +22,12 @@ from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
 from edge_runtime.errors import ChannelError, DataNotFound, LabelError, RateError, UnitError
 from edge_runtime.preparation import Preparation
 from edge_runtime.trial_file import Trial, read_trial
+from edge_runtime.trial_layout import NORMAL_FLOOR, SITUATION_OF_ACTION, truth_path
 from export.bank import bands_for
-from export.features import NORMAL_FLOOR
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
-from training.timeline import (
-    ACTIONS,
-    UNSCRIPTED,
-    Phase,
-    RiskyEvent,
-    events_of,
-    read_events,
-    read_truth,
-    scripted,
-    truth_path,
-    whole,
-)
+from training.timeline import UNSCRIPTED, Phase, RiskyEvent, events_of, read_events, read_truth, scripted, whole
 from training.windows import (
     Choice,
     TimedTrial,
@@ -52,7 +41,7 @@ from training.windows import (
 )
 
 EMPTY_HAND = "nothing"
-FOLDERS = (*ACTIONS, *UNSCRIPTED)
+FOLDERS = (*SITUATION_OF_ACTION, *UNSCRIPTED)
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 Phased = Callable[[Trial, Recording], tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]]
 CAVEAT = (
