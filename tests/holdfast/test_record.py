@@ -634,7 +634,7 @@ def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
     elsewhere="half a line at the end, which no reader takes, or the recorder goes on without a word",
     here="one error; the rows before stay whole, the half line is taken back, the trial says interrupted or recording",
 )  # fmt: skip
-@pytest.mark.parametrize("limit", [40_000, 3_000])
+@pytest.mark.parametrize("limit", [40_000, 5_000])
 def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit):
     words = ("--source", REST, "--out", tmp_path, "--person", "p01", "--object", "cup", "--action", "pull")
     run = start(
