@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NORMAL_AXIS, UNITS, BoolArray, FloatArray, Unit, channel_names
 from edge_runtime.errors import (
     ChannelError,
@@ -27,7 +28,6 @@ from edge_runtime.errors import (
     UnitError,
 )
 from edge_runtime.reading import json_of, require_file, text_of
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from edge_runtime.writing import write_whole
 
 FORMAT = 1

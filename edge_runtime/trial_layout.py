@@ -1,9 +1,11 @@
-"""How a trial lies on disk, and what its words mean: file names, actions, objects, and when a hand touches something.
+"""How a trial lies on disk, and what its words mean: file names, actions, objects, events.
 
 One owner for what recording, simulation, training and evaluation share::
 
     <object>/<action>/trial_<n>.csv          samples; beside it trial_<n>.truth.json, .onset.json, .frames.npz
     <object>/<action>/trial_<n>/             of the recorder: tactile.csv, events.jsonl, meta.json, tactile.truth.json
+
+It imports no numpy, so that the command line can name actions at once.
 """
 
 from __future__ import annotations
@@ -12,9 +14,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray, Unit
 from edge_runtime.errors import LabelError
 from edge_runtime.reading import json_of, text_of
 
@@ -23,42 +22,18 @@ TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".fram
 TRUTH = "tactile" + TRUTH_SUFFIX
 
 SITUATION_OF_ACTION = MappingProxyType({
-    "pass": SAFE_SLIP, "put-down": SAFE_SLIP, "pull": RISKY_SLIP, "fall": RISKY_SLIP, "hold": GRASP,
-    "nothing": NOTHING,
+    "pass": "safe_slip", "put-down": "safe_slip", "pull": "risky_slip", "fall": "risky_slip", "hold": "grasp",
+    "nothing": "nothing",
 })  # fmt: skip
-"""What an action makes of the grip, from load onset to the empty hand."""
-VOLUNTARY_ACTIONS = tuple(name for name, situation in SITUATION_OF_ACTION.items() if situation == SAFE_SLIP)
-RISKY_ACTIONS = tuple(name for name, situation in SITUATION_OF_ACTION.items() if situation == RISKY_SLIP)
+"""What an action makes of the grip, from load onset to the empty hand: a word of contract.SITUATIONS."""
+VOLUNTARY_ACTIONS = tuple(name for name, situation in SITUATION_OF_ACTION.items() if situation == "safe_slip")
+RISKY_ACTIONS = tuple(name for name, situation in SITUATION_OF_ACTION.items() if situation == "risky_slip")
 
 MASSES_G = MappingProxyType({
     "soft-ball": 15.1, "empty-bottle": 21.2, "basket-ball": 83.1, "hard-ball": 197.9, "full-bottle": 517.3,
     "apple": 20.3,
 })  # fmt: skip
 """The thesis' objects and its test object, g."""
-
-NORMAL_FLOOR: MappingProxyType[Unit, float] = MappingProxyType({"N": 0.3, "uT": 100.0, "count": 300.0})
-"""A finger whose normal reading is smaller touches nothing, in the stream's unit: above the noise of a resting channel.
-
-No ratio is taken over less, and a resting normal below minus that is a magnet upside down."""
-
-CONTACT_SHARE, CONTACT_SMOOTH_S = 0.1, 0.1
-"""A hand is closed on something while its normal forces exceed this share of their own 95th percentile."""
-
-
-def contact_rows(load: FloatArray, rate_hz: float, least: float = 0.0) -> tuple[int, int] | None:
-    """First row with the hand closed on something, and first row after the last such; None where it met nothing.
-
-    load [T]: sum of the fingers' normal forces, bias taken off; it is averaged over 0.1 s. least: a hand whose load
-    never exceeds it has met nothing.
-    """
-    rows = max(1, round(CONTACT_SMOOTH_S * rate_hz))
-    padded = np.pad(load, (rows // 2, (rows - 1) // 2), mode="symmetric")
-    smooth = np.convolve(padded, np.full(rows, 1.0 / rows), mode="valid")
-    high = float(np.quantile(smooth, 0.95))
-    if high < least:
-        return None
-    closed = np.flatnonzero(smooth >= CONTACT_SHARE * high)
-    return int(closed[0]), int(closed[-1]) + 1
 
 
 def truth_path(trial: Path) -> Path:

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.graph import open_session
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from evaluation.alarms import Answers, act_requests
 from evaluation.event_scores import CONFIDENCES, match_alarms
 from evaluation.model_outputs import everywhere, risky_permille

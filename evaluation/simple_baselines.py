@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.spec import window_samples
 from training.datasets.human_slip_labels import contact_force_n, frames_since_contact
 from training.featurise import FloatRows, features_of, spec_for

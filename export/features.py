@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.builder import GraphBuilder
 from export.guard import Guarded
 from export.spec import HISTORY_S, WINDOW_S, StepSpec

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 
-from edge_runtime.trial_layout import NORMAL_FLOOR
+from edge_runtime.contact import NORMAL_FLOOR
 from export.features import GROUPS, LAGS_S, feature_count
 from export.spec import StepSpec
 from export.step_graph import feature_graph

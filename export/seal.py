@@ -8,11 +8,11 @@ from typing import Any
 
 import onnx
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import channel_names
 from edge_runtime.golden import golden_answers, golden_to_json
 from edge_runtime.graph import open_session
 from edge_runtime.model_file import CARD_KEY, DIGITS, FORMAT, GOLDEN_KEY, SEAL_KEY
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.artifact import Artifact
 from export.detectors import detector_names
 from export.forest import vote_bits

@@ -35,6 +35,7 @@ import numpy as np
 
 from drivers.calibration import Calibration, fit, rmse_normal, rmse_shear, write_calibration
 from edge_runtime.command import path_argument, seed, show
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
 from edge_runtime.errors import (
     ChannelError,
@@ -46,7 +47,6 @@ from edge_runtime.errors import (
     UnitError,
 )
 from edge_runtime.reading import require_lines
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from edge_runtime.visible import listed
 from edge_runtime.writing import require_writable, write_whole
 

@@ -22,8 +22,9 @@ from edge_runtime.contract import (
     channel_names,
 )
 from edge_runtime.trial_file import TIME_COLUMN
-from edge_runtime.trial_layout import MASSES_G, SITUATION_OF_ACTION, truth_path
+from edge_runtime.trial_layout import MASSES_G, truth_path
 from training.objects import is_heavy
+from training.timeline import situation_of
 
 KIND = "generated fixture"
 FIXTURE_OBJECTS = ("soft-ball", "empty-bottle", "basket-ball", "hard-ball", "full-bottle")
@@ -126,7 +127,7 @@ def _trial(name: str, action: str, rng: np.random.Generator, rate_hz: float) -> 
     if in_steps:
         _set_down(scene, act_s, quickly=action == "put-down")
         _hand_over(scene, scene.some(10.0, 10.4), pull_n=0.1)
-    elif SITUATION_OF_ACTION[action] == RISKY_SLIP:
+    elif situation_of(action) == RISKY_SLIP:
         _lose(scene, act_s, weight_n if action == "fall" else scene.some(0.5, 1.5))
     else:
         _hand_over(scene, act_s, pull_n=scene.some(0.2, 0.8))
@@ -144,7 +145,7 @@ def _grasp(scene: _Scene, weight_n: float, *, held_by_other: bool) -> None:
 def _hand_over(scene: _Scene, start_s: float, pull_n: float) -> None:
     """Slow: the other hand takes over, then this one opens."""
     taking_s = scene.some(0.2, 0.9)
-    scene.marks.append((start_s, SITUATION_OF_ACTION["pass"]))
+    scene.marks.append((start_s, situation_of("pass")))
     scene.load_n += pull_n * scene.ramp(start_s, taking_s)
     scene.shake(start_s + 0.5 * taking_s, 0.2, scene.some(0.05, 0.2))
     scene.empty(start_s + taking_s, scene.some(0.2, 0.6))
@@ -153,7 +154,7 @@ def _hand_over(scene: _Scene, start_s: float, pull_n: float) -> None:
 def _set_down(scene: _Scene, start_s: float, *, quickly: bool) -> None:
     """Something else carries the object from now on; the hand holds it a little longer."""
     lasts_s = scene.some(0.1, 0.3) if quickly else scene.some(0.5, 1.0)
-    scene.marks += [(start_s, SITUATION_OF_ACTION["put-down"]), (start_s + lasts_s + 0.3, GRASP)]
+    scene.marks += [(start_s, situation_of("put-down")), (start_s + lasts_s + 0.3, GRASP)]
     scene.load_n *= 1.0 - 0.9 * scene.ramp(start_s, lasts_s)
     scene.shake(start_s, 0.1, scene.some(0.15, 0.5) if quickly else scene.some(0.05, 0.2))
 

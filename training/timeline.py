@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from edge_runtime.contact import contact_rows
 from edge_runtime.contract import (
     GRASP,
     NORMAL_AXIS,
@@ -26,7 +27,7 @@ from edge_runtime.contract import (
 )
 from edge_runtime.errors import LabelError
 from edge_runtime.trial_file import Trial
-from edge_runtime.trial_layout import SITUATION_OF_ACTION, contact_rows, truth_path
+from edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
 from training.objects import read_json
 
 UNSCRIPTED = ("hold", "daily")
@@ -84,11 +85,16 @@ def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -
             cause="a trial that did not follow the script",
             next_step="remove it, or write its phases to trial_<n>.truth.json",
         )
-    marks = [(0, NOTHING), (onset, GRASP), (acts, SITUATION_OF_ACTION[action])]
+    marks = [(0, NOTHING), (onset, GRASP), (acts, situation_of(action))]
     if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
         again, release = np.searchsorted(t_s, [HOLD_AGAIN_S, RELEASE_S])
-        marks += [(int(again), GRASP), (int(release), SITUATION_OF_ACTION[action])]
+        marks += [(int(again), GRASP), (int(release), situation_of(action))]
     return _phases([mark for mark in marks if mark[0] < empty] + [(empty, NOTHING)], len(t_s))
+
+
+def situation_of(action: str) -> int:
+    """What an action makes of the grip, as an index of SITUATIONS."""
+    return SITUATIONS.index(SITUATION_OF_ACTION[action])
 
 
 def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:

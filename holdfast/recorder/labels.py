@@ -14,21 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from edge_runtime.contact import CONTACT_SMOOTH_S, NORMAL_FLOOR, contact_rows
 from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, FloatArray
 from edge_runtime.errors import LabelError
 from edge_runtime.reading import json_of, text_of
 from edge_runtime.trial_file import Trial, read_trial
-from edge_runtime.trial_layout import (
-    CONTACT_SMOOTH_S,
-    EVENTS,
-    META,
-    NORMAL_FLOOR,
-    SITUATION_OF_ACTION,
-    TACTILE,
-    TRUTH,
-    contact_rows,
-    read_events,
-)
+from edge_runtime.trial_layout import EVENTS, META, SITUATION_OF_ACTION, TACTILE, TRUTH, read_events
 from edge_runtime.writing import write_whole
 
 NOTHING = SITUATIONS[0]
@@ -121,7 +112,7 @@ def _phases(action: str, end_s: float, known: dict[str, tuple[float, str]]) -> l
         phases.append(_interval(closed_s, empty_s, "grasp", by_closed))
     elif slip is not None and closed_s < slip[0] < empty_s:
         phases.append(_interval(closed_s, slip[0], "grasp", by_closed))
-        phases.append(_interval(slip[0], empty_s, SITUATIONS[SITUATION_OF_ACTION[action]], slip[1]))
+        phases.append(_interval(slip[0], empty_s, SITUATION_OF_ACTION[action], slip[1]))
     return [*phases, _interval(empty_s, end_s, "nothing", by_empty)]
 
 

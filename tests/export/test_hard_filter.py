@@ -32,12 +32,12 @@ from hard_marks import (
 from scipy.signal import sosfilt
 from test_bank import bank_model, bank_outputs, by_scipy, forces, spec_at
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import RISKY_SLIP, FloatArray, Prediction, Sample, Unit
 from edge_runtime.decision import DecisionRules, DecisionState, decide
 from edge_runtime.graph import StepGraph, open_session, run_recording
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.preparation import Preparation
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.bank import BANDS_HZ, LOW_PASS_HZ, sections
 from export.detectors import detector_names
 from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec

@@ -16,11 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import sosfilt
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import BoolArray, FloatArray, Unit
 from edge_runtime.errors import UsageError
 from edge_runtime.graph import BATCH, Outputs, StepGraph, open_session, run_recording, run_recordings
 from edge_runtime.monitor import Model
-from edge_runtime.trial_layout import NORMAL_FLOOR
 from export.bank import sections
 from export.features import GROUPS, LAGS_S, SPANS_S, feature_count
 from export.spec import StepSpec

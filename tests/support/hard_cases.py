@@ -74,7 +74,7 @@ class Catalogue:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Note one test down."""
         for mark, said in getattr(report, "catalogued", {}).items():
-            self.rows[mark][report.place] = said | {  # type: ignore[attr-defined]
+            self.rows[mark][report.place] = said | {
                 "test": report.nodeid, "outcome": report.outcome, "measured": dict(report.user_properties),
             }  # fmt: skip
 

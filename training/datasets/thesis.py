@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
 from edge_runtime.errors import ChannelError, DataNotFound, LabelError, RateError, UnitError
 from edge_runtime.preparation import Preparation
 from edge_runtime.trial_file import Trial, read_trial
-from edge_runtime.trial_layout import NORMAL_FLOOR, SITUATION_OF_ACTION, truth_path
+from edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
 from export.bank import bands_for
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
