@@ -13,13 +13,13 @@ import json
 import os
 import select
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from drivers.camera.graph import watch
 from drivers.camera.sources import OAK, Frame, Lens, Oak, Source, Stored
+from drivers.virtual.clock import Clock, WallClock
 from edge_runtime.command import finish
 from edge_runtime.errors import UsageError
 from holdfast.camera_options import stored
@@ -28,6 +28,7 @@ from holdfast.messages import say
 
 SCENE = "scene"
 LONGEST_S = 36_000.0
+POLL_NS = 10_000_000
 NICE = 5
 """The hand goes first: it loses what it does not read in time, the camera's queues wait."""
 
@@ -39,7 +40,7 @@ def main(argv: Sequence[str]) -> int:
     if told["camera"] == OAK:
         watch(oak(told), Path(told["out"]), say=say, stopped=asked)
     elif told["camera"] == SCENE:
-        watch(scene(told["source"], told["began_ns"]), Path(told["out"]), say=say)
+        watch(scene(told["source"], told["began_ns"], WallClock(), asked), Path(told["out"]), say=say)
     else:
         watch(stored(Path(told["camera"]), say), Path(told["out"]), say=say)
     return 0
@@ -55,15 +56,15 @@ def oak(told: dict[str, Any]) -> Oak:
     return Oak(Lens(told["fps"], told["exposure_ms"], told["tag_mm"], clock="monotonic"))
 
 
-def scene(url: str, began_ns: int) -> Source:
-    """The scene of a virtual hand, filmed as it goes by; began_ns: of CLOCK_MONOTONIC. Raises UsageError."""
+def scene(url: str, began_ns: int, clock: Clock, asked: Callable[[], bool]) -> Source:
+    """The scene of a virtual hand, filmed as it goes by; began_ns: by the clock. Raises UsageError."""
     camera = camera_of(url)
     found = scene_of(url)
     assert found is not None
     made, told = found
     shoot = made.shooting(told, camera)
     lens = Lens(camera.fps, camera.exposure_ms, camera.tag_mm, clock="monotonic")
-    return Stored(f"{SCENE} {url}", lens, _live(shoot, camera.fps, began_ns))
+    return Stored(f"{SCENE} {url}", lens, _live(shoot, camera.fps, began_ns, clock, asked))
 
 
 def camera_of(url: str) -> Any:
@@ -77,16 +78,19 @@ def camera_of(url: str) -> Any:
     return found[0].camera
 
 
-def _live(shoot: Callable[[float], Any], fps: float, began_ns: int) -> Iterator[Frame]:
-    """Frames from now on, none before its time, until somebody asks to stop; the last one is of that moment."""
-    first = max(1, int((time.monotonic_ns() - began_ns) * 1e-9 * fps))
-    until_s = LONGEST_S
+def _live(
+    shoot: Callable[[float], Any], fps: float, began_ns: int, clock: Clock, asked: Callable[[], bool]
+) -> Iterator[Frame]:
+    """Frames from now on, none before its time, until it is asked to end; the last one is of that moment."""
+    first = max(1, int((clock.now_ns() - began_ns) * 1e-9 * fps))
+    until_ns = began_ns + round(1e9 * LONGEST_S)
     for k in range(first, first + round(LONGEST_S * fps)):
         end_s = k / fps
-        while (now_s := 1e-9 * (time.monotonic_ns() - began_ns)) < end_s and not asked():
-            time.sleep(min(0.01, end_s - now_s))
-        until_s = min(until_s, now_s) if asked() else until_s
-        if end_s > until_s:
+        end_ns = began_ns + round(1e9 * end_s)
+        while (now_ns := clock.now_ns()) < end_ns and not asked():
+            clock.spend(min(POLL_NS, end_ns - now_ns))
+        until_ns = min(until_ns, now_ns) if asked() else until_ns
+        if end_ns > until_ns:
             return
         yield Frame(k - first, 1e-9 * began_ns + end_s, shoot(end_s))
 

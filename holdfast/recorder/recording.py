@@ -26,11 +26,12 @@ from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import NOTHING, Protocol, Task, left, read_protocol, word
 from holdfast.recorder.folder import RECORDING, done, opened, require_ours, trials_of
 from holdfast.recorder.labels import MARKS
-from holdfast.recorder.session import Session, SessionOptions, Show, show_nothing
+from holdfast.recorder.session import HostClock, Session, SessionOptions, Show, show_nothing
 
 CHECK_S = 1.0
 KINDS = {"usb": "recorded", "i2c": "recorded", "virtual": "simulated", "sim": "simulated"}
 ENDLESS = 100_000
+CameraOf = Callable[[dict[str, Any]], Beside]
 Checked = tuple[Bias, tuple[str, ...], bool]
 """A bias, what is odd about it, and whether it is good."""
 
@@ -46,9 +47,12 @@ class Plan:
 
 def record(
     args: argparse.Namespace, clock: Any, keys: Any, say: Callable[[str], None], stopped: Any,
-    show: Show = show_nothing,
+    show: Show = show_nothing, *, host_ns: HostClock = time.monotonic_ns, camera: CameraOf = Beside,
 ) -> int:  # fmt: skip
-    """The verb on any clock and keys. Raises what can go wrong, as a HoldfastError."""
+    """The verb on any clock and keys. Raises what can go wrong, as a HoldfastError.
+
+    host_ns: the clock of a camera's stamps, to which the samples' are carried over. camera: films as it is told.
+    """
     person = word(args.person, "pseudonym")
     require_ours(args.out)
     plan = planned(args, person)
@@ -64,7 +68,8 @@ def record(
             session = Session(
                 SessionOptions(args.out, person, rate_hz, args.seconds, args.at_once, masses), source, clock, keys, say,
                 bias=bias.values, about=about(args, source, (bias, warnings, good), plan, rate_hz, real_time=real_time),
-                camera=camera_of(args, source, clock), truth=truth_of(args.source, source), show=show,
+                camera=camera_of(args, source, host_ns() - clock.now_ns(), camera), host_ns=host_ns,
+                truth=truth_of(args.source, source), show=show,
             )  # fmt: skip
             kept = session.run(plan.tasks, stopped)
     finally:
@@ -117,14 +122,13 @@ def require_camera(args: argparse.Namespace) -> None:
         raise UsageError(f"--camera {args.camera!r}: no such file", next_step="oak, scene, or a .frames.npz")
 
 
-def camera_of(args: argparse.Namespace, source: Source, clock: Any) -> Beside | None:
-    """What films beside, if anything."""
+def camera_of(args: argparse.Namespace, source: Source, after_ns: int, camera: CameraOf) -> Beside | None:
+    """What films beside, if anything. after_ns: what the camera's clock is ahead of the source's."""
     if args.camera is None:
         return None
     told = {name: getattr(args, name) for name in ("camera", "source", "tag_mm", "fps", "exposure_ms")}
     began_ns = getattr(source, "began_ns", None)
-    after_ns = time.monotonic_ns() - clock.now_ns()
-    return Beside({**told, "began_ns": None if began_ns is None else began_ns + after_ns})
+    return camera({**told, "began_ns": None if began_ns is None else began_ns + after_ns})
 
 
 def truth_of(url: str, source: Source) -> Callable[[int, int], list[dict[str, Any]]] | None:

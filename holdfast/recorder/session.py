@@ -51,6 +51,8 @@ def show_nothing(trial: Trial, measured: Measured, now_ns: int) -> None:
     """Where there is no terminal to show a trial on."""
 
 
+HostClock = Callable[[], int]
+"""CLOCK_MONOTONIC, ns, by which a camera's frames are stamped too."""
 Show = Callable[[Trial, Measured, int], None]
 
 
@@ -64,9 +66,11 @@ class Session:
         self, asked: SessionOptions, source: Source, clock: Any, keys: Keys, say: Callable[[str], None], *,
         bias: FloatArray, about: dict[str, Any], camera: Beside | None = None,
         truth: Callable[[int, int], list[dict[str, Any]]] | None = None, show: Show = show_nothing,
+        host_ns: HostClock = time.monotonic_ns,
     ) -> None:  # fmt: skip
         self.asked, self.source, self.clock, self.keys, self.say = asked, source, clock, keys, say
         self.bias, self.about, self.camera, self.truth, self.show = bias, about, camera, truth, show
+        self.host_ns = host_ns
         self.period_ns = 1e9 / asked.rate_hz
         self.kept = 0
         self._last: tuple[Path, Task] | None = None
@@ -146,7 +150,7 @@ class Session:
             "started_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **self.about,
         }  # fmt: skip
         quality = Quality(self.bias, self.period_ns, self.source.unit)
-        return Trial(folder, self.source.n_channels, about, quality, time.monotonic_ns() - self.clock.now_ns())
+        return Trial(folder, self.source.n_channels, about, quality, self.host_ns() - self.clock.now_ns())
 
     def _samples(self, trial: Trial, stopped: Callable[[], bool]) -> str:
         stamps, start_ns, turn = Stamps(self.period_ns), self.clock.now_ns(), 0
