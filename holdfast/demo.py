@@ -109,8 +109,8 @@ def _outcome(picture: StreamPicture) -> str:
     after_s = acts_s[acts_s >= onset_s]
     if not len(after_s):
         return f"{slipped}; the slip is MISSED{early}"
-    wait_ms = 1e3 * (after_s[0] - onset_s)
-    return f"{slipped}; the hand acts after {wait_ms:.0f} ms (a sample is {1e3 / rate_hz:.0f} ms){early}"
+    wait_ms, late = 1e3 * (after_s[0] - onset_s), "" if after_s[0] <= gross_s else "LATE, "
+    return f"{slipped}; the hand acts {late}after {wait_ms:.0f} ms (a sample is {1e3 / rate_hz:.0f} ms){early}"
 
 
 def main(argv: Sequence[str]) -> int:
