@@ -21,11 +21,12 @@ ACROSS := -n auto --dist worksteal
 ROOMS  := $(wildcard edge_runtime drivers export training evaluation studies simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
-# and uv trusts the certificates that pip trusts, the machine's own.
+# and uv trusts the certificates that pip trusts, the machine's own. Compiled modules are kept beside their sources:
+# without them every process compiles numpy, scipy and scikit-learn anew, and the tests start a hundred processes.
 export UV_PYTHON_DOWNLOADS := never
 export UV_NO_CONFIG        := 1
 export UV_SYSTEM_CERTS     := 1
-unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME
+unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:

@@ -11,6 +11,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,6 @@ from simulation.effect import stream
 from simulation.effects import EFFECTS
 from simulation.scene import Scene
 
-LANES = 200
-PAIRS = 3
 RATE_HZ = 150.0
 CARD = """
 [record]
@@ -34,30 +33,42 @@ count = {half}
 """
 
 
-def scene_with(*names: str, lanes: int = LANES) -> Scene:
+@dataclass(frozen=True)
+class Effort:
+    """What is run for a price: trials at once, times, and the card, which leaves room for rate, half and effects."""
+
+    lanes: int = 200
+    pairs: int = 3
+    card: str = CARD
+
+
+USUAL = Effort()
+
+
+def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
     """The pull on two balls, with these effects and what they need."""
     needed = {need for name in names for need in EFFECTS[name].needs}
     told = "\n".join(f"[effects.{name}]" for name in EFFECTS if name in needed | set(names))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "price.toml"
-        path.write_text(CARD.format(rate=RATE_HZ, half=lanes // 2, effects=told), encoding="utf-8")
+        path.write_text(effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=told), encoding="utf-8")
         return Scene(read_card(str(path)), 0)
 
 
-def prices(*, lanes: int = LANES, pairs: int = PAIRS) -> list[dict[str, Any]]:
+def prices(effort: Effort = USUAL) -> list[dict[str, Any]]:
     """One row an effect: name, stage, ns_per_sample it adds, and that over the core's own; the core first."""
-    empty = scene_with(lanes=lanes)
-    core = min(_run_ns(empty) for _ in range(pairs))
+    empty = scene_with(effort=effort)
+    core = min(_run_ns(empty) for _ in range(effort.pairs))
     rows = [{"effect": "(core alone)", "stage": "core", "ns_per_sample": core, "over_core": 1.0}]
     for name, effect in EFFECTS.items():
-        price = PRICED[effect.stage](name, lanes, pairs)
+        price = PRICED[effect.stage](name, effort)
         rows.append({"effect": name, "stage": effect.stage, "ns_per_sample": price, "over_core": price / core})
     return rows
 
 
-def empty_list_over_core(*, lanes: int = LANES, pairs: int = 5) -> float:
+def empty_list_over_core(*, pairs: int = 5) -> float:
     """CPU time with `[effects]` empty over CPU time of a card without the section; both in turns."""
-    without, with_empty = scene_with(lanes=lanes), scene_with(lanes=lanes)
+    without, with_empty = scene_with(), scene_with()
     ratios = [_run_ns(with_empty) / _run_ns(without) for _ in range(pairs)]
     return statistics.median(ratios)
 
@@ -70,17 +81,17 @@ def _run_ns(scene: Scene) -> float:
     return spent / sum(len(one.signal.t_s) for one in told)
 
 
-def _loop_price(name: str, lanes: int, pairs: int) -> float:
-    plain, more = scene_with(lanes=lanes), scene_with(name, lanes=lanes)
-    return statistics.median(_run_ns(more) - _run_ns(plain) for _ in range(pairs))
+def _loop_price(name: str, effort: Effort) -> float:
+    plain, more = scene_with(effort=effort), scene_with(name, effort=effort)
+    return statistics.median(_run_ns(more) - _run_ns(plain) for _ in range(effort.pairs))
 
 
-def _sensor_price(name: str, lanes: int, pairs: int) -> float:
-    scene = scene_with(*EFFECTS[name].needs, lanes=lanes)
+def _sensor_price(name: str, effort: Effort) -> float:
+    scene = scene_with(*EFFECTS[name].needs, effort=effort)
     drawn = EFFECTS[name].draw({}, stream(0, 0, name))
     signals = [one.signal for one in scene.run_together(scene.trials())]
     spent = []
-    for _ in range(pairs):
+    for _ in range(effort.pairs):
         started = time.process_time_ns()
         for signal in signals:
             EFFECTS[name].make(signal, drawn, stream(0, 1, name))
@@ -88,14 +99,15 @@ def _sensor_price(name: str, lanes: int, pairs: int) -> float:
     return statistics.median(spent) / sum(len(signal.t_s) for signal in signals)
 
 
-def _camera_price(name: str, lanes: int, pairs: int) -> float:
-    scene, camera = scene_with(lanes=2), Camera(**{name: p.default for name, p in CAMERA.items()})
+def _camera_price(name: str, effort: Effort) -> float:
+    scene = scene_with(effort=replace(effort, lanes=2))
+    camera = Camera(**{name: p.default for name, p in CAMERA.items()})
     (told,) = scene.run_together(scene.trials()[:1])
     started = time.process_time_ns()
     scene.film(told, camera)
     return (time.process_time_ns() - started) / len(told.signal.t_s)
 
 
-PRICED: dict[str, Callable[[str, int, int], float]] = {
+PRICED: dict[str, Callable[[str, Effort], float]] = {
     "physics": _loop_price, "sensor": _sensor_price, "camera": _camera_price,
 }  # fmt: skip

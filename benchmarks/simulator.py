@@ -54,7 +54,8 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[dict[str, Any]]:
     for name in ("thesis", "p1", "p2"):
         scene = Scene(read_card(name), seed)
         by_action: dict[str, list[float]] = {}
-        for told in scene.run(scene.trials(trials)):
+        losses = [trial for trial in scene.trials(trials) if trial.action in ("pull", "fall")]
+        for told in scene.run(losses):
             truth = told.truth
             if truth.gross_slip_s is not None and truth.load_onset_s is not None:
                 by_action.setdefault(told.trial.action, []).append(1e3 * (truth.gross_slip_s - truth.load_onset_s))

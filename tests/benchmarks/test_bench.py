@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from benchmarks.effects import prices
+from benchmarks.effects import CARD, Effort, prices
 from benchmarks.hold_and_pull import measure, rows
 from benchmarks.mujoco_peer import Scene
 from benchmarks.pictures import PICTURES
@@ -21,6 +21,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 FRICTION = {"law": "regularised", "share": 0.5, "vibration": 0.0, "lets_go": False, "creep_m": 0.0324, "step_s": 1e-3,
             "cost_ns_per_s": 12300.0}  # fmt: skip
+
+
+COARSE, BRIEF = "[physics]\nstep_s = 0.003\n", '"pull"\nclose_at_s = 0.1\nhold_s = 0.8\ntail_s = 0.1'
+"""A card's step and a pull in short."""
 
 
 def study() -> dict[str, Any]:
@@ -71,13 +75,13 @@ def test_rows_of_the_peer_stand_beside_ours(tmp_path):
     run = {"variant": "default", "step_s": 1e-3, "cpu_s_per_s": 8e-3, "held_s": 11.5, "creep_m": None,
            "pulls": [{"slip_s": 0.101}, {"slip_s": None}]}  # fmt: skip
     (tmp_path / "mujoco.json").write_text(json.dumps({"versions": {"mujoco": "4.0.0"}, "runs": [run]}), "utf-8")
-    peer = rows(tmp_path, Scene(hold_s=1.0, settled_s=0.5, pull_s=0.01))[-1]
+    peer = rows(tmp_path, Scene(hold_s=0.02, settled_s=0.01, pull_s=0.01))[-1]
     assert (peer["solver"], peer["held_s"], peer["slip_8n_ms"]) == ("MuJoCo 4.0.0, default", 11.5, 101.0)
     assert peer["creep_mm"] is None
 
 
 def test_every_effect_has_a_price_beside_the_core_s():
-    rows = prices(lanes=2, pairs=1)
+    rows = prices(Effort(lanes=2, pairs=1, card=COARSE + CARD.replace('"pull"', BRIEF)))
     assert {row["effect"] for row in rows} == {"(core alone)", *EFFECTS}
     assert rows[0]["ns_per_sample"] > 0
 

@@ -6,9 +6,11 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
 from sklearn.naive_bayes import GaussianNB
 
 from edge_runtime.errors import ClassMissing, DataNotFound
@@ -232,6 +234,23 @@ def test_classes_are_equal_and_so_are_the_kinds_within_one():
         balanced(kind[kind != 2], BY_NAME["1"], 0)
 
 
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The learners themselves, with a few trees each."""
+    few = {"n_estimators": 10, "max_iter": 10}
+
+    def small(make: Callable[[int], Any]) -> Callable[[int], Any]:
+        def made(seed: int) -> Any:
+            learner = make(seed)
+            trees = isinstance(learner, (RandomForestClassifier, HistGradientBoostingClassifier))
+            return learner.set_params(**{k: n for k, n in few.items() if trees and k in learner.get_params()})
+
+        return made
+
+    monkeypatch.setattr(learners, "MAKE", {name: small(make) for name, make in MAKE.items()})
+
+
+@pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", ["1", "4"])
 def test_the_same_seed_gives_the_same_figures_and_another_others(data, points, name):
     first, again, other = (case_figures(data, points, BY_NAME[name], seed) for seed in (0, 0, 1))
@@ -240,6 +259,7 @@ def test_the_same_seed_gives_the_same_figures_and_another_others(data, points, n
     assert set(first["learners"]) == set(LEARNERS) == set(MAKE)
 
 
+@pytest.mark.usefixtures("quick")
 def test_labels_drawn_by_lot_are_answered_by_chance(data, points):
     """No way round the split: where there is nothing to learn, nothing is learned."""
     lots = np.random.default_rng(0).permutation(points.kind)
