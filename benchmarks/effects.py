@@ -12,12 +12,13 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from simulation.camera.frames import CAMERA, Camera
 from simulation.card import read_card
-from simulation.effect import stream
+from simulation.effect import Signal, stream
 from simulation.effects import EFFECTS
 from simulation.scene import Scene
 
@@ -86,10 +87,16 @@ def _loop_price(name: str, effort: Effort) -> float:
     return statistics.median(_run_ns(more) - _run_ns(plain) for _ in range(effort.pairs))
 
 
+@lru_cache(maxsize=1)
+def _signals(needs: tuple[str, ...], effort: Effort) -> list[Signal]:
+    """What a sensor effect is called on; most need the same."""
+    scene = scene_with(*needs, effort=effort)
+    return [one.signal for one in scene.run_together(scene.trials())]
+
+
 def _sensor_price(name: str, effort: Effort) -> float:
-    scene = scene_with(*EFFECTS[name].needs, effort=effort)
     drawn = EFFECTS[name].draw({}, stream(0, 0, name))
-    signals = [one.signal for one in scene.run_together(scene.trials())]
+    signals = _signals(tuple(EFFECTS[name].needs), effort)
     spent = []
     for _ in range(effort.pairs):
         started = time.process_time_ns()

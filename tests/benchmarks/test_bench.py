@@ -23,7 +23,8 @@ FRICTION = {"law": "regularised", "share": 0.5, "vibration": 0.0, "lets_go": Fal
             "cost_ns_per_s": 12300.0}  # fmt: skip
 
 
-COARSE, BRIEF = "[physics]\nstep_s = 0.001\n", '"pull"\nclose_at_s = 0.1\nhold_s = 0.8\ntail_s = 0.2'
+COARSE = "[physics]\nstep_s = 0.001\n"
+BRIEF = '"pull"\nclose_at_s = 0.1\nclosing_s = 0.1\nhold_s = 0.8\nmove_s = 0.3\ntail_s = 0.2'
 """A card's step and a pull in short."""
 
 
