@@ -5,11 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 
-from edge_runtime.fit import require_fit
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.output import to_json_line
-from holdfast.sources import open_source
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
@@ -21,6 +16,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay the whole trial to stdout."""
+    from edge_runtime.fit import require_fit
+    from edge_runtime.monitor import GripMonitor, Model
+    from edge_runtime.output import to_json_line
+    from holdfast.sources import open_source
+
     model = Model(args.model)
     card = model.card
     source = open_source(args.trial, channels=card.n_channels, preparation=card.preparation)

@@ -6,8 +6,6 @@ import argparse
 import json
 from dataclasses import asdict
 
-from edge_runtime.self_checks import self_checks
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
@@ -17,6 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print every check as it is done; 1 where one failed."""
+    from edge_runtime.self_checks import self_checks
+
     failed = 0
     for one in self_checks(args.model):
         failed += not one.ok

@@ -10,14 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
 from edge_runtime.command import path_argument, seed, show
 from edge_runtime.visible import visible
-from simulation.card import read_card, shipped
-from simulation.folder import require_new, write_set
-from simulation.scene import Scene
+from simulation.shipped import shipped
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate and write; the same card and seed write the same bytes. Interrupted, it leaves no folder."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from simulation.card import read_card
+    from simulation.folder import require_new, write_set
+    from simulation.scene import Scene
+
     require_new(args.out)
     scene = Scene(read_card(args.card, rate_hz=args.rate), args.seed)
     total = len(scene.trials(args.trials))

@@ -46,10 +46,9 @@ from simulation.effects import EFFECTS, conversion_s
 from simulation.hand import HAND, Hand
 from simulation.objects import OBJECT_KEYS, OBJECTS, Thing, thing
 from simulation.protocol import ACTIONS, COMMON, least_grip_n
+from simulation.shipped import CARDS, STYLES, shipped
 from simulation.values import Parameter
 
-CARDS = Path(__file__).resolve().parent / "cards"
-STYLES = CARDS / "styles.toml"
 LONGEST_STEP_S = {"texture": 1e-3}
 CONSTANTS = {"averaging": "averages", "brush": "count"}
 """What all trials of a card have in common, so that they can be stepped together."""
@@ -97,11 +96,6 @@ class Card:
     def sha256(self) -> str:
         """Of the card's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
-
-
-def shipped() -> list[str]:
-    """Names of the cards that come with the package."""
-    return sorted(path.stem for path in CARDS.glob("*.toml") if path != STYLES)
 
 
 def find_card(name: str) -> Path:

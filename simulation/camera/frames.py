@@ -14,8 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
-from scipy.special import ndtr
 
 from edge_runtime.contract import FloatArray
 from simulation.camera.apriltag import SIDE_CELLS, cells
@@ -77,6 +75,8 @@ class Camera:
         self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray, rng: np.random.Generator
     ) -> Callable[[float], Frames]:
         """What takes one frame [H, W] of a trial, given when its exposure ends, s; after the trial all stands still."""
+        from scipy.interpolate import CubicSpline  # here: half of the start of a card that has no camera
+
         places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
 
         def shoot(end_s: float) -> Frames:
@@ -123,6 +123,8 @@ class Camera:
 
     def _seen(self, centre_px: float, size_px: float) -> tuple[slice, FloatArray]:
         """The n pixels a tag reaches along one axis, and [n, 10] the share of each that every cell fills."""
+        from scipy.special import ndtr
+
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
         edges_px = centre_px + cell_px * (np.arange(SIDE_CELLS + 3) - 0.5 * (SIDE_CELLS + 2))
         reach_px = edges_px[[0, -1]] + FAR_BLURS * self.blur_px * np.array([-1.0, 1.0])

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from evaluation.page import markdown
-from simulation.card import CARDS, read_card, shipped
+from simulation.card import read_card
 from simulation.effect import Effect
 from simulation.effects import EFFECTS
+from simulation.shipped import CARDS, shipped
 from studies.scenes.study import OURS
 
 INTRO = """# Scenes

@@ -12,8 +12,8 @@ from benchmarks.mujoco_peer import Scene
 from benchmarks.pictures import PICTURES
 from benchmarks.simulator import plausibility
 from holdfast.bench import MEASURES
-from simulation.card import shipped
 from simulation.effects import EFFECTS
+from simulation.shipped import shipped
 from studies.scenes.study import OURS
 from studies.tables.scenes import page
 

@@ -90,7 +90,7 @@ def loaded_by(*words: str) -> tuple[str, set[str]]:
     return done.stdout, {name.split(".")[0] for name in json.loads(done.stderr)}
 
 
-OFTEN = ("train", "export", "evaluate", "record", "watch", "onset", "repair")
+OFTEN = ("simulate", "train", "export", "evaluate", "record", "watch", "onset", "repair", "replay", "selftest")
 
 
 @pytest.mark.parametrize("words", [("--help",), ("--version",), *((verb, "--help") for verb in OFTEN)])

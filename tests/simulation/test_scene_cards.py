@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from edge_runtime.errors import CardError
-from simulation.card import CARDS, STYLES, read_card, shipped
+from simulation.card import read_card
 from simulation.effects import EFFECTS
 from simulation.protocol import least_grip_n
 from simulation.scene import Scene, apportion
+from simulation.shipped import CARDS, STYLES, shipped
 
 PROTOCOLS = {"thesis", "apple", "p1", "p2", "perturbed-hold", "daily", "broad"}
 PLAIN = """
