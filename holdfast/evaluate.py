@@ -33,8 +33,8 @@ def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
     from edge_runtime.monitor import Model
     from evaluation.evaluate import EvaluationRequest, evaluate_events
-    from evaluation.progress import stages
     from evaluation.real_sets import real_figures
+    from training.progress import stages
 
     for out in (args.json, args.report):
         if out is not None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.command import path_argument, seed, show
-from edge_runtime.visible import visible
 from simulation.shipped import shipped
 
 
@@ -26,21 +25,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate and write; the same card and seed write the same bytes. Interrupted, it leaves no folder."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
     from simulation.card import read_card
     from simulation.folder import require_new, write_set
     from simulation.scene import Scene
+    from training.progress import counted
 
     require_new(args.out)
     scene = Scene(read_card(args.card, rate_hz=args.rate), args.seed)
     total = len(scene.trials(args.trials))
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    progress = Progress(*columns, console=Console(stderr=True), transient=True)
-    with _nothing_left_of(args.out), progress:
-        bar = progress.add_task(visible(scene.card.name), total=total)
-        files = write_set(scene, args.out, args.trials, lambda n: progress.update(bar, completed=n))
+    with _nothing_left_of(args.out), counted(f"simulating {total} trials of {scene.card.name}", total) as done:
+        files = write_set(scene, args.out, args.trials, done)
     show(scene.card.title)
     show(f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}")
     return 0

@@ -24,14 +24,17 @@ marching", 1998). Friction by return mapping: Simo & Hughes, "Computational inel
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.contract import FloatArray
 from simulation.effect import NO_EFFECTS, PhysicsEffects
 
+IntArray = npt.NDArray[np.int64]
 TINY = 1e-300
 RHO_TOLERANCE = 2e-3
 MAX_SWEEPS = 60
@@ -167,7 +170,7 @@ def step(
     effects: PhysicsEffects = NO_EFFECTS,
 ) -> None:
     """Move every lane by its own dt_s [B], to the time t_s [B]; changes the state in place."""
-    old = replace(state)
+    old = copy(state)
     load_n, drag = _loads(body, old, inputs, dt_s)
     held_n = load_n + body.mass_kg * body.gravity_m_s2
     for shake in effects.shakes:
@@ -202,7 +205,9 @@ def kinetic_j(body: Body, state: State) -> FloatArray:
 def brush_j(body: Body, state: State) -> FloatArray:
     """[B] energy in the brushes."""
     y, z = state.stretch_m
-    energy: FloatArray = 0.5 * np.einsum("eib,eib->b", body.brush_n_per_m, y * y + z * z)
+    squares = y * y
+    squares += z * z
+    energy: FloatArray = 0.5 * np.einsum("eib,eib->b", body.brush_n_per_m, squares)
     return energy
 
 
@@ -266,8 +271,10 @@ def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
 
 def recess_m(body: Body, offset: FloatArray) -> FloatArray:
     """[6, B] how far the surface lies behind its apex at an offset [2, 6, B]."""
-    curve: FloatArray = 0.5 * body.curvature_per_m[:, None] * offset * offset
-    return curve[0] + curve[1]
+    curve = 0.5 * body.curvature_per_m[:, None] * offset
+    curve *= offset
+    recess: FloatArray = curve[0] + curve[1]
+    return recess
 
 
 def _loads(body: Body, state: State, inputs: Inputs, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -348,12 +355,16 @@ def _stretch_limit(
     body: Body, state: State, normal_n: FloatArray, dt_s: FloatArray, effects: PhysicsEffects
 ) -> FloatArray:
     """[E, 6, B] how far friction lets each element stretch."""
-    speed = state.slip_m_s / body.stribeck_m_s
-    friction = body.kinetic + (body.static - body.kinetic) / (1.0 + speed * speed)
+    friction = state.slip_m_s / body.stribeck_m_s  # its speed at first; in place, as is all that is large and often
+    friction *= friction
+    friction += 1.0
+    np.divide(body.static - body.kinetic, friction, out=friction)
+    friction += body.kinetic
     for texture in effects.textures:
-        friction = friction * texture.scale(state.slip_m_s * dt_s)
-    limit: FloatArray = friction * (body.pressure * normal_n) / body.brush_n_per_m
-    return limit
+        friction *= texture.scale(state.slip_m_s * dt_s)
+    friction *= body.pressure * normal_n
+    friction /= body.brush_n_per_m
+    return friction
 
 
 def _sideways(
@@ -365,7 +376,8 @@ def _sideways(
     velocity, rho, trial, length = _sweep(
         drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s
     )
-    open_ = np.flatnonzero(np.abs(rho - state.rho).max(axis=(0, 1)) > RHO_TOLERANCE)
+    change = rho - state.rho
+    open_ = two_at_least(np.flatnonzero(np.abs(change, out=change).max(axis=(0, 1)) > RHO_TOLERANCE))
     for _ in range(MAX_SWEEPS):
         if not open_.size:
             break
@@ -377,9 +389,17 @@ def _sideways(
         rho[..., open_] = after
         open_ = open_[np.abs(after - before).max(axis=(0, 1)) > RHO_TOLERANCE]
     state.rho = rho
-    state.stretch_m = rho * trial
-    state.slip_m_s = (1.0 - rho) * length / dt_s
+    trial *= rho
+    state.stretch_m = trial
+    length *= 1.0 - rho
+    length /= dt_s
+    state.slip_m_s = length
     return velocity
+
+
+def two_at_least(lanes: IntArray) -> IntArray:
+    """A single lane twice: numpy sums one lane in another order than many, and a trial must not depend on its batch."""
+    return np.repeat(lanes, 2) if len(lanes) == 1 else lanes
 
 
 def _sweep(
@@ -397,5 +417,9 @@ def _sweep(
     pull = (spring * stretch).sum(axis=(1, 2))
     velocity = (drive - dt_s * pull) / (mass + dt_s * dt_s * stiffness)
     trial = stretch + (velocity * dt_s)[:, None, None]
-    length = np.sqrt(trial[0] * trial[0] + trial[1] * trial[1])
-    return velocity, np.minimum(1.0, limit / np.maximum(length, TINY)), trial, length
+    length = trial[0] * trial[0]
+    length += trial[1] * trial[1]
+    np.sqrt(length, out=length)
+    held = np.maximum(length, TINY)
+    np.divide(limit, held, out=held)
+    return velocity, np.minimum(1.0, held, out=held), trial, length

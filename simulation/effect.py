@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from copy import copy
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -104,6 +105,32 @@ class PhysicsEffects:
     textures: tuple[Texture, ...] = ()
     lags: tuple[Lag, ...] = ()
     turns: tuple[Turn, ...] = ()
+
+    def without_lanes(self, count: int, lanes: int) -> PhysicsEffects:
+        """The effects of a batch without the first so many of its lanes."""
+        kinds = (getattr(self, one.name) for one in fields(self))
+        return PhysicsEffects(*(tuple(without_lanes(effect, count, lanes) for effect in kind) for kind in kinds))
+
+
+Batched = TypeVar("Batched")
+
+
+def without_lanes(whole: Batched, count: int, lanes: int) -> Batched:
+    """A copy of an object that is told about a batch, without the first so many of its lanes.
+
+    Every array of it whose last axis is as long as the batch, also one in a list, has the lanes there.
+    """
+    part = copy(whole)
+    for name, value in vars(whole).items():
+        setattr(part, name, _cut(value, count, lanes))
+    return part
+
+
+def _cut(value: Any, count: int, lanes: int) -> Any:
+    if isinstance(value, list):
+        return [_cut(one, count, lanes) for one in value]
+    batched = isinstance(value, np.ndarray) and value.ndim > 0 and value.shape[-1] == lanes
+    return value[..., count:].copy(order="K") if batched else value
 
 
 NO_EFFECTS = PhysicsEffects()

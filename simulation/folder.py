@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from simulation.camera.frames import Camera
 from simulation.card import Card
 from simulation.effect import Signal
 from simulation.effects import EFFECTS
+from simulation.run import Done
 from simulation.scene import BATCH, Scene, SimulatedTrial
 from simulation.table import csv_bytes
 
@@ -36,13 +37,15 @@ STREAM = "daily"
 THING_TOLD = ("mass_g", "friction", "kinetic_share", "stiffness_n_per_m")
 """Of the object, in the truth: with the draws, what decides whether a grip holds (friction before its factor)."""
 DECIMALS = {"N": 4, "uT": 1, "count": 0}
-Done = Callable[[int], None]
+SIMULATED_SHARE = 0.8
+"""Of the time of a trial; the rest is for writing it."""
 
 
 def write_set(scene: Scene, out: Path, total: int | None = None, done: Done = lambda n: None) -> int:
     """Simulate a card's trials into a new folder; returns how many files of samples. Raises OutputError.
 
-    The folder gets its name when all of it is written: a run that is interrupted leaves none.
+    done: told now and then how many trials' worth of the work is done. The folder gets its name when all of it is
+    written: a run that is interrupted leaves none.
     """
     require_new(out)
     with whole_folder(out) as unfinished:
@@ -59,10 +62,29 @@ def _fill(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
     if card.join > 1:
         return _write_streams(scene, out, trials, done)
     names = _names(trials)
-    for n, told in enumerate(scene.run(trials), 1):
+    work = _Work(done)
+    for told in scene.run(trials, work.simulated):
         write_recording(out / names[told.trial.number], scene, [told])
-        done(n)
+        work.written(1)
     return len(trials)
+
+
+class _Work:
+    """How many trials' worth is done: those simulated count in part, those written in full."""
+
+    def __init__(self, done: Done) -> None:
+        self.done, self.before, self.n_simulated, self.n_written = done, 0.0, 0.0, 0
+
+    def simulated(self, trials: float) -> None:
+        self.n_simulated = self.before + trials
+        self.tell()
+
+    def written(self, trials: int) -> None:
+        self.n_written += trials
+        self.tell()
+
+    def tell(self) -> None:
+        self.done(SIMULATED_SHARE * self.n_simulated + (1.0 - SIMULATED_SHARE) * self.n_written)
 
 
 def require_new(out: Path) -> None:
@@ -86,12 +108,15 @@ def _write_streams(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -
     """Trials of an object in random order, card.join of them to a recording; many recordings are simulated together."""
     streams = list(_streams(scene, out, trials))
     together = max(1, BATCH // scene.card.join)
+    work = _Work(done)
     for start in range(0, len(streams), together):
         some = streams[start : start + together]
-        told = {one.trial.number: one for one in scene.run([trial for _, chosen in some for trial in chosen])}
-        for number, (path, chosen) in enumerate(some, start + 1):
+        trials = [trial for _, chosen in some for trial in chosen]
+        told = {one.trial.number: one for one in scene.run(trials, work.simulated)}
+        work.before += len(trials)
+        for path, chosen in some:
             write_recording(path, scene, [told[trial.number] for trial in chosen])
-            done(number * scene.card.join)
+            work.written(len(chosen))
     return len(streams)
 
 

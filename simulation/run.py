@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,15 +10,19 @@ import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
 from simulation.core import Body, State, at_rest, step
-from simulation.effect import NO_EFFECTS, PhysicsEffects
+from simulation.effect import NO_EFFECTS, PhysicsEffects, without_lanes
 from simulation.protocol import Trial
 from simulation.script import Grid, Interval, Script, body_of, grid_of
 
 CHUNK = 64
+WORTH_LEAVING = 16
+"""Lanes that have ended are left when they are one in so many: leaving copies the rest."""
 SLIDES_M_S = 2e-4
 """Slower than this an element creeps about its equilibrium and does not slip."""
 ONE_ELEMENT = np.ones(1)
 IntArray = npt.NDArray[np.int64]
+Done = Callable[[float], None]
+"""Takes how much is done."""
 
 
 @dataclass(frozen=True)
@@ -58,41 +62,92 @@ class Motion:
 
 
 class _Tape:
-    """Arrays that a batch writes while it runs."""
+    """Arrays that a batch writes while it runs; the samples of all lanes lie end to end, lane by lane."""
 
-    def __init__(self, n_steps: int, n_samples: int, contacts: int, lanes: int) -> None:
-        self.forces = np.zeros((lanes, n_samples, contacts, 3))
-        self.position = np.zeros((lanes, n_samples, 3))
+    def __init__(self, grids: Sequence[Grid], contacts: int) -> None:
+        lanes, n_steps = len(grids), max(len(grid.at_s) for grid in grids)
+        self.starts = np.cumsum([0, *(grid.n_samples for grid in grids)])
+        self.forces = np.zeros((self.starts[-1], contacts, 3))
+        self.position = np.zeros((self.starts[-1], 3))
         self.agents = np.zeros((n_steps, 3, lanes), dtype=np.float32)
         self.gripped, self.slips, self.slides = (np.zeros((n_steps, lanes), dtype=np.bool_) for _ in range(3))
         self.slip = np.zeros((n_steps, lanes), dtype=np.float32)
 
 
-def run_batch(trials: Sequence[Trial], loop: Loop) -> list[Motion]:
-    """Step a batch of trials to their ends; a trial's result does not depend on its batch (of two or more)."""
+def run_batch(trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None) -> list[Motion]:
+    """Step a batch of trials to their ends; a trial's result does not depend on its batch (of two or more).
+
+    done: told now and then which share of the batch has been stepped.
+    """
+    return list(motions(trials, loop, done))
+
+
+def motions(trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None) -> Iterator[Motion]:
+    """The same, each motion made when it is asked for: those of a large batch need not be in memory together."""
     spans = loop.busy or [()] * len(trials)
     grids = [grid_of(trial, loop.rate_hz, loop.step_s, more) for trial, more in zip(trials, spans, strict=True)]
     at_s, sample = _stack(grids)
-    body = body_of(trials, loop.pressure)
-    script = Script(trials, body)
     before_s = np.vstack([[grid.start_s for grid in grids], at_s[:-1]])
-    state = at_rest(body, script.chunk(before_s[:1])[0].closure_m)
-    tape = _Tape(len(at_s), max(grid.n_samples for grid in grids), *state.normal_n.shape)
-    mean = _Mean(loop, *state.normal_n.shape) if loop.average_s else None
-    travel = np.zeros(state.normal_n.shape)
+    lasts = np.array([len(grid.at_s) for grid in grids])
+    lanes = _Lanes(trials, loop, before_s[0])
+    tape = _Tape(grids, len(lanes.state.normal_n))
     for start in range(0, len(at_s), CHUNK):
-        inputs = script.chunk(at_s[start : start + CHUNK])
-        for k, now in enumerate(inputs, start):
-            dt_s = at_s[k] - before_s[k]
-            step(body, state, now, dt_s, at_s[k], loop.effects)
-            travel += state.slip_m_s.mean(axis=0) * dt_s
-            _note(tape, k, state, travel)
-            if mean is not None:
-                mean.add(body, state, at_s[k], dt_s)
-            ends = np.flatnonzero(sample[k] >= 0)
-            if ends.size:
-                _sample(tape, sample[k, ends], ends, body, state, mean)
-    return [_motion(tape, loop.rate_hz, lane, grid) for lane, grid in enumerate(grids)]
+        lanes.leave(_ended(lasts[lanes.first :] <= start))
+        steps = slice(start, start + CHUNK)
+        _step_on(lanes, tape, start, at_s[steps, lanes.first :], before_s[steps, lanes.first :], sample[steps])
+        done(min(1.0, (start + CHUNK) / len(at_s)))
+    for lane, grid in enumerate(grids):
+        yield _motion(tape, loop.rate_hz, lane, grid)
+
+
+class _Lanes:
+    """The trials of a batch that go on, all behind the first: their bodies, script, state, effects and averages."""
+
+    def __init__(self, trials: Sequence[Trial], loop: Loop, start_s: FloatArray) -> None:
+        self.trials, self.loop, self.effects, self.first = trials, loop, loop.effects, 0
+        self.body = body_of(trials, loop.pressure)
+        self.script = Script(trials, self.body)
+        self.state = at_rest(self.body, self.script.chunk(start_s[None])[0].closure_m)
+        shape = self.state.normal_n.shape
+        self.mean = _Mean(loop, *shape) if loop.average_s else None
+        self.travel_m = np.zeros(shape)
+
+    def leave(self, count: int) -> None:
+        """Step the first so many lanes no further, where that is worth the copying; two at least go on."""
+        count = min(count, len(self.trials) - 2)
+        if count < max(1, len(self.trials) // WORTH_LEAVING):
+            return
+        lanes = len(self.trials)
+        self.trials, self.first = self.trials[count:], self.first + count
+        self.body = body_of(self.trials, self.loop.pressure)
+        self.script = Script(self.trials, self.body, self.script.boxed)
+        self.state = without_lanes(self.state, count, lanes)
+        self.effects = self.effects.without_lanes(count, lanes)
+        self.mean = None if self.mean is None else without_lanes(self.mean, count, lanes)
+        self.travel_m = self.travel_m[:, count:].copy()
+
+
+def _ended(flags: BoolArray) -> int:
+    """How many lanes at the front have all ended."""
+    return len(flags) if flags.all() else int(np.argmin(flags))
+
+
+def _step_on(
+    lanes: _Lanes, tape: _Tape, start: int, at_s: FloatArray, before_s: FloatArray, sample: IntArray
+) -> None:
+    """A chunk of steps, at_s and before_s [n, B] of the lanes that go on; sample [n, all lanes]."""
+    state, mean, travel = lanes.state, lanes.mean, lanes.travel_m
+    for k, now in enumerate(lanes.script.chunk(at_s)):
+        dt_s = at_s[k] - before_s[k]
+        step(lanes.body, state, now, dt_s, at_s[k], lanes.effects)
+        travel += np.add.reduce(state.slip_m_s, axis=0) / len(state.slip_m_s) * dt_s
+        _note(tape, start + k, lanes.first, state, travel)
+        if mean is not None:
+            mean.add(lanes.body, state, at_s[k], dt_s)
+        ends = np.flatnonzero(sample[k, lanes.first :] >= 0)
+        if ends.size:
+            rows = tape.starts[lanes.first + ends] + sample[k, lanes.first + ends]
+            _sample(tape, rows, ends, lanes.body, state, mean)
 
 
 def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
@@ -106,21 +161,23 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
     return at_s, sample
 
 
-def _note(tape: _Tape, k: int, state: State, travel: FloatArray) -> None:
+def _note(tape: _Tape, k: int, first: int, state: State, travel: FloatArray) -> None:
     touching = state.normal_n > 0.0
     count = touching.sum(axis=0)
     fast = state.slip_m_s > SLIDES_M_S
-    tape.agents[k] = state.agents_n
-    tape.gripped[k] = count > 0
-    tape.slips[k] = (fast.any(axis=0) & touching).any(axis=0)
-    tape.slides[k] = (fast.all(axis=0) | ~touching).all(axis=0) & (count > 0)
-    tape.slip[k] = (travel * touching).sum(axis=0) / np.maximum(count, 1)
+    tape.agents[k, :, first:] = state.agents_n
+    tape.gripped[k, first:] = count > 0
+    tape.slips[k, first:] = (fast.any(axis=0) & touching).any(axis=0)
+    tape.slides[k, first:] = (fast.all(axis=0) | ~touching).all(axis=0) & (count > 0)
+    tape.slip[k, first:] = (travel * touching).sum(axis=0) / np.maximum(count, 1)
 
 
-def _forces(body: Body, state: State, lanes: IntArray) -> FloatArray:
-    """[S, 3, n] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it moves."""
-    shear = (body.brush_n_per_m[..., lanes] * state.stretch_m[..., lanes]).sum(axis=1)
-    return np.stack([shear[0], shear[1] * -body.side, state.normal_n[:, lanes]], axis=1)
+def _forces(body: Body, state: State) -> FloatArray:
+    """[S, 3, B] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it moves."""
+    shear = (body.brush_n_per_m * state.stretch_m).sum(axis=1)
+    forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
+    forces[:, 0], forces[:, 1], forces[:, 2] = shear[0], shear[1] * -body.side, state.normal_n
+    return forces
 
 
 class _Mean:
@@ -129,14 +186,17 @@ class _Mean:
     def __init__(self, loop: Loop, contacts: int, lanes: int) -> None:
         self.window_s, self.period_s = loop.average_s, 1.0 / loop.rate_hz
         self.total, self.weight_s = np.zeros((contacts, 3, lanes)), np.zeros(lanes)
-        self.lanes = np.arange(lanes)
 
     def add(self, body: Body, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
-        """The part of the step that lies within the window before the next sample counts."""
+        """The part of the step that lies within the window before the next sample counts.
+
+        A lane outside its window adds nothing times its forces, which alters no bit and costs less than leaving it out.
+        """
         opens_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s - self.window_s
         weight_s = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))
-        lanes = np.flatnonzero(weight_s > 0.0)
-        self.total[..., lanes] += _forces(body, state, lanes) * weight_s[lanes]
+        if not weight_s.any():
+            return
+        self.total += _forces(body, state) * weight_s
         self.weight_s += weight_s
 
     def take(self, lanes: IntArray) -> FloatArray:
@@ -149,18 +209,20 @@ class _Mean:
 def _sample(
     tape: _Tape, rows: IntArray, lanes: IntArray, body: Body, state: State, mean: _Mean | None
 ) -> None:
-    forces = _forces(body, state, lanes) if mean is None else mean.take(lanes)
-    tape.position[lanes, rows] = state.position_m[:, lanes].T
-    tape.forces[lanes, rows] = np.moveaxis(forces, 2, 0)
+    forces = _forces(body, state)[..., lanes] if mean is None else mean.take(lanes)
+    tape.position[rows] = state.position_m[:, lanes].T
+    tape.forces[rows] = np.moveaxis(forces, 2, 0)
 
 
 def _motion(tape: _Tape, rate_hz: float, lane: int, grid: Grid) -> Motion:
     n, k = grid.n_samples, len(grid.at_s)
-    tape.position[lane, grid.sample[-1] + 1 : n] = tape.position[lane, grid.sample[-1]]
+    rows = slice(tape.starts[lane], tape.starts[lane + 1])
+    position = tape.position[rows]
+    position[grid.sample[-1] + 1 :] = position[grid.sample[-1]]
     return Motion(
         t_s=np.arange(n) / rate_hz,
-        forces_n=tape.forces[lane, :n],
-        position_m=tape.position[lane, :n],
+        forces_n=tape.forces[rows],
+        position_m=position,
         at_s=grid.at_s,
         agents_n=tape.agents[:k, :, lane].astype(np.float64),
         gripped=tape.gripped[:k, lane],

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,13 @@ from simulation.effect import PhysicsEffects, Signal, stream
 from simulation.effects import EFFECTS, conversion_s
 from simulation.loop import pressure
 from simulation.protocol import Trial, draw_trial
-from simulation.run import Loop, Motion, run_batch
+from simulation.run import Done, Loop, Motion, motions
 from simulation.script import grid_of
 from simulation.sensor.calibration import calibrate
 from simulation.truth import Truth, truth_of
 
-BATCH = 500
-"""Trials stepped together: fewer waste time on calls, more on memory."""
+BATCH = 1000
+"""About so many trials are stepped together: fewer waste time on calls, more on memory."""
 HOOKS = {"acceleration_m_s2": "shakes", "scale": "textures", "terms": "lags", "turn": "turns"}
 
 
@@ -69,27 +70,35 @@ class Scene:
         thing = self.card.objects[name] if name else next(iter(self.card.objects.values()))
         return draw_trial(number, thing, row.action, row.style, row.told, self.seed, self.card.hand)
 
-    def run(self, trials: Sequence[Trial]) -> Iterator[SimulatedTrial]:
-        """Simulate trials, long ones together with long ones; yields them as they are done."""
+    def run(self, trials: Sequence[Trial], done: Done = lambda trials: None) -> Iterator[SimulatedTrial]:
+        """Simulate trials, those of like length together; yields them as they are done.
+
+        done: told now and then how many trials' worth has been stepped.
+        """
         order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
-        for start in range(0, len(order), BATCH):
-            yield from self.run_together(order[start : start + BATCH])
+        size = -(-len(order) // max(1, round(len(order) / BATCH)))
+        for start in range(0, len(order), size):
+            batch = order[start : start + size]
+            yield from self._simulated(batch, partial(_tell, done, start, len(batch)))
 
     def run_together(self, trials: Sequence[Trial]) -> list[SimulatedTrial]:
         """One batch, in the order given."""
+        return list(self._simulated(trials))
+
+    def _simulated(self, trials: Sequence[Trial], done: Done = lambda share: None) -> Iterator[SimulatedTrial]:
         if len(trials) == 1:  # numpy would sum a single lane in another order
-            return self.run_together([trials[0], trials[0]])[:1]
+            yield next(self._simulated([trials[0], trials[0]], done))
+            return
         drawn = {name: [self._draw(name, trial) for trial in trials] for name in self.loop_effects}
         made = {
             name: effect.make(drawn[name], trials, [self._rng(name, trial) for trial in trials])
             for name, effect in self.loop_effects.items()
         }
-        motions = run_batch(trials, self._loop(list(made.values()), len(trials)))
-        arm = made.get("arm")
-        return [
-            self._told(trial, motion, {name: values[lane] for name, values in drawn.items()}, arm, lane)
-            for lane, (trial, motion) in enumerate(zip(trials, motions, strict=True))
-        ]
+        moved = motions(trials, self._loop(list(made.values()), len(trials)), done)
+        for lane, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
+            yield self._told(
+                trial, motion, {name: values[lane] for name, values in drawn.items()}, made.get("arm"), lane
+            )
 
     def _loop(self, made: list[Any], lanes: int) -> Loop:
         lists: dict[str, tuple[Any, ...]] = {
@@ -160,6 +169,10 @@ class Scene:
 
     def _steps(self, trial: Trial) -> int:
         return len(grid_of(trial, self.card.rate_hz, self.card.step_s).at_s)
+
+
+def _tell(done: Done, before: int, trials: int, share: float) -> None:
+    done(before + share * trials)
 
 
 def apportion(total: int, counts: Sequence[int]) -> list[int]:

@@ -164,9 +164,13 @@ def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
 
 
 class Script:
-    """What hand and people do in a batch, at any times [n, B]."""
+    """What hand and people do in a batch, at any times [n, B].
 
-    def __init__(self, trials: Sequence[Trial], body: Body) -> None:
+    boxed: whether there are boxes, which are at -10 m where nothing is set down; by itself, where one of the trials
+    sets something down. What falls for more than a second meets one, so a batch keeps its boxes to its end.
+    """
+
+    def __init__(self, trials: Sequence[Trial], body: Body, boxed: bool = False) -> None:
         self.trials, self.body = trials, body
         times = [Times.of(t) for t in trials]
         self.t = {name: np.array([getattr(one, name) for one in times]) for name in ("close", "give", "act", "open")}
@@ -174,6 +178,7 @@ class Script:
         self.holds, self.falls = actions == "hold", actions == "fall"
         self.takes = (actions == "pass") | (actions == "pull")
         self.sets_down, self.passes = actions == "put-down", actions == "pass"
+        self.boxed = boxed or bool(self.sets_down.any())
         self.closed_m = np.stack([t.grip_n * t.share for t in trials], axis=1) / body.stiffness_n_per_m
         self.push = np.stack([t.push for t in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
@@ -193,7 +198,7 @@ class Script:
             people.append(self._taker(t_s))
         if self.holds.any():
             people.append(self._disturber(t_s, pulse))
-        floor = self._box(t_s) if self.sets_down.any() else None
+        floor = self._box(t_s) if self.boxed else None
         return [
             Inputs(
                 self._closure(shut[k], pulse[k]),

@@ -1,11 +1,16 @@
-"""A table of numbers as CSV bytes, thirty times faster than formatting them one by one.
+"""A table of numbers as CSV bytes, many times faster than formatting them one by one.
 
-Every cell is scaled, rounded half to even, and taken apart into digits by integer division, all at once.
+Columns of as many decimals are formatted together: every cell is scaled, rounded half to even, and taken apart into
+groups of four digits by integer division; a group's letters are looked up. Where a cell is shorter than its column's
+longest there are blanks, and they are taken out of the whole table in the end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
+from itertools import groupby
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +18,13 @@ import numpy.typing as npt
 from edge_runtime.contract import FloatArray
 
 Column = tuple[FloatArray, int]
+Letters = npt.NDArray[np.uint8]
+Whole = npt.NDArray[np.unsignedinteger[Any]]
 LARGEST = 2**53
-BLANK, MINUS, POINT, COMMA, NEWLINE, ZERO = (ord(letter) for letter in " -.,\n0")
+GROUP = 4
+"""Digits that are looked up together: four letters are one uint32."""
+BLANK, MINUS, POINT, COMMA, NEWLINE = (ord(letter) for letter in " -.,\n")
+NAN = np.frombuffer(b"nan", dtype=np.uint8)
 
 
 def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
@@ -23,37 +33,80 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
     A cell is the decimal nearest to value * 10^decimals in float64, ties to even. Raises ValueError for infinite
     values and for those with more digits than float64 has.
     """
-    cells = [_cells(np.asarray(values, dtype=np.float64), decimals) for values, decimals in columns]
-    ends = [COMMA] * (len(cells) - 1) + [NEWLINE]
-    parts = [part for cell, end in zip(cells, ends, strict=True) for part in (cell, _full(len(cell), end))]
-    return ",".join(header).encode() + b"\n" + np.hstack(parts).tobytes().replace(b" ", b"")
+    head = ",".join(header).encode() + b"\n"
+    if not len(columns[0][0]):
+        return head
+    parts = []
+    for decimals, alike in groupby(columns, key=lambda column: column[1]):
+        cells = _cells(np.stack([np.asarray(values, dtype=np.float64) for values, _ in alike], axis=1), decimals)
+        parts.append(cells.reshape(len(cells), -1))
+    parts[-1][:, -1] = NEWLINE
+    return head + np.hstack(parts).tobytes().translate(None, b" ")
 
 
-def _full(rows: int, letter: int) -> npt.NDArray[np.uint8]:
-    return np.full((rows, 1), letter, dtype=np.uint8)
-
-
-def _cells(values: FloatArray, decimals: int) -> npt.NDArray[np.uint8]:
-    """[T, width] letters, blanks in front."""
+def _cells(values: FloatArray, decimals: int) -> Letters:
+    """[T, K] numbers -> [T, K, width] letters, a comma at the end."""
     lost = np.isnan(values)
-    found = np.where(lost, 0.0, values)
+    found = np.where(lost, 0.0, values) if lost.any() else values
     if not (np.abs(found) < LARGEST / 10.0**decimals).all():
         raise ValueError("a value is infinite or has more digits than it can hold")
     scaled = np.rint(found * 10.0**decimals)
-    left = np.abs(scaled).astype(np.int64)
-    digits = max(len(str(int(left.max(initial=0)))), decimals + 1, 3)
-    if left.max(initial=0) < 2**31:
-        left = left.astype(np.uint32)
-    letters = np.full((len(values), 1 + digits + (decimals > 0)), BLANK, dtype=np.uint8)
-    at = letters.shape[1] - 1
-    for place in range(digits):
-        if place == decimals and decimals:
-            letters[:, at], at = POINT, at - 1
-        rest = left // 10
-        digit = (left - rest * 10).astype(np.uint8) + ZERO
-        letters[:, at] = digit if place <= decimals else np.where(left > 0, digit, BLANK)
-        left, at = rest, at - 1
-    letters[scaled < 0, 0] = MINUS
-    letters[lost] = BLANK
-    letters[lost, -3:] = np.frombuffer(b"nan", dtype=np.uint8)
+    left = np.abs(scaled)
+    before_point = max(len(str(int(left.max()))) - decimals, len(NAN) - 1)
+    letters = np.empty((*values.shape, 1 + before_point + (decimals > 0) + decimals + 1), dtype=np.uint8)
+    letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
+    letters[..., -1] = COMMA
+    rest = _write_decimals(left.astype(np.uint32 if left.max() < 2**32 else np.uint64), letters[..., 1:-1], decimals)
+    _write_whole(rest, letters[..., 1 : 1 + before_point])
+    if lost.any():
+        letters[lost, :-1] = BLANK
+        letters[lost, -1 - len(NAN) : -1] = NAN
     return letters
+
+
+def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
+    """The last digits of whole numbers [T, K], and the point before them, at the end of letters; returns the rest."""
+    for end in range(decimals, 0, -GROUP):
+        start = max(end - GROUP, 0)
+        left, group = _parted(left, end - start)
+        place = letters.shape[-1] - decimals
+        letters[..., place + start : place + end] = _looked_up(_zeros_in_front(), group, end - start)
+    if decimals:
+        letters[..., -1 - decimals] = POINT
+    return left
+
+
+def _write_whole(left: Whole, letters: Letters) -> None:
+    """Whole numbers [T, K] that fill letters at most; blanks in front, and one digit at least."""
+    for end in range(letters.shape[-1], 0, -GROUP):
+        start = max(end - GROUP, 0)
+        is_last, whole = end == letters.shape[-1], left
+        left, group = _parted(left, end - start)
+        letters[..., start:end] = _looked_up(_blanks_in_front(), group, end - start)
+        if not is_last:
+            letters[..., start:end][whole == 0] = BLANK
+        if start:
+            full = left > 0
+            letters[..., start:end][full] = _looked_up(_zeros_in_front(), group[full], end - start)
+
+
+def _parted(left: Whole, digits: int) -> tuple[Whole, Whole]:
+    """(the digits in front, the last ones)."""
+    ten = left.dtype.type(10**digits)
+    above = left // ten
+    return above, left - above * ten
+
+
+def _looked_up(table: npt.NDArray[np.uint32], group: Whole, width: int) -> Letters:
+    """[..] -> [.., width] the last letters of each group."""
+    return table[group].view(np.uint8).reshape(*group.shape, GROUP)[..., GROUP - width :]
+
+
+@cache
+def _zeros_in_front() -> npt.NDArray[np.uint32]:
+    return np.frombuffer("".join(f"{n:0{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32)
+
+
+@cache
+def _blanks_in_front() -> npt.NDArray[np.uint32]:
+    return np.frombuffer("".join(f"{n:{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32)

@@ -21,7 +21,6 @@ from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import require_writable, write_whole
-from evaluation.progress import stages
 from export.features import GROUPS, feature_count
 from export.spec import StepSpec
 from export.step_graph import feature_graph
@@ -30,6 +29,7 @@ from training.datasets import load
 from training.featurise import features_of, spec_for
 from training.fitting import held_out_figures, versions
 from training.plan import TrainingPlan
+from training.progress import stages
 from training.recording import DataSet
 from training.say import Say
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from edge_runtime.contract import FloatArray
-from simulation.core import MAX_SWEEPS, RHO_TOLERANCE, TINY, Body, State, brush_j
+from simulation.core import MAX_SWEEPS, RHO_TOLERANCE, TINY, Body, State, brush_j, two_at_least
 from simulation.effect import Drawn, Effect
 from simulation.objects import Thing
 from simulation.protocol import Trial
@@ -89,7 +89,7 @@ class Rotation:
         before = np.broadcast_to(self.rho, limit.shape)
         parts = (brush, stretch, across, limit, dt_s)
         rate, rho, trial, length = _sweep(drive, inertia, before, *parts)
-        open_ = np.flatnonzero(np.abs(rho - before).max(axis=(0, 1)) > RHO_TOLERANCE)
+        open_ = two_at_least(np.flatnonzero(np.abs(rho - before).max(axis=(0, 1)) > RHO_TOLERANCE))
         for _ in range(MAX_SWEEPS):
             if not open_.size:
                 break

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from edge_runtime.command import path_argument, run_script, seed
 from edge_runtime.writing import require_writable, write_whole
-from evaluation.progress import stages
 from studies.fast_handover.ideas import IDEAS
 from studies.fast_handover.study import study
+from training.progress import stages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

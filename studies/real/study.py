@@ -19,7 +19,6 @@ import numpy as np
 
 from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.writing import require_writable, write_whole
-from evaluation.progress import stages
 from evaluation.provenance import host
 from export.artifact import Artifact, write_artifact
 from export.exporting import export_artifact
@@ -33,6 +32,7 @@ from training.datasets import load
 from training.featurise import cpu_cost, features_of, spec_for
 from training.fitting import final_artifact, held_out_figures, versions
 from training.plan import TrainingPlan
+from training.progress import stages
 from training.recording import DataSet
 from training.say import Say
 

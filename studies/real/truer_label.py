@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.writing import write_whole
-from evaluation.progress import stages
 from studies.real import baselines
 from training.crossval import cross_validate
 from training.datasets import find, human_slip_uskin
 from training.featurise import features_of, spec_for
 from training.fitting import held_out_figures
 from training.plan import TrainingPlan
+from training.progress import stages
 from training.recording import DataSet
 from training.say import Say
 

@@ -17,7 +17,6 @@ from typing import Any
 from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.errors import DataNotFound
 from edge_runtime.writing import require_writable, write_whole
-from evaluation.progress import stages
 from evaluation.provenance import host
 from studies.real.study import HUMAN
 from studies.thesis_preliminary.cases import CASES
@@ -26,6 +25,7 @@ from studies.thesis_preliminary.report import summary, write_preliminary_report
 from studies.thesis_preliminary.study import REPETITIONS, study
 from training.datasets import load
 from training.fitting import versions
+from training.progress import stages
 from training.recording import DataSet
 from training.say import Say
 
