@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.command import path_argument, seed, show
+from edge_runtime.visible import visible
 from simulation.shipped import shipped
 
 

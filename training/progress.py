@@ -17,6 +17,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from edge_runtime.visible import visible
+
 
 class Stages:
     """Call it with what begins now; `part` says how much of that is done, 0 to 1."""
@@ -60,7 +62,7 @@ def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
 
 def _progress() -> Progress:
     columns = (
-        TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"),
-        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(),
+        TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
     return Progress(*columns, console=Console(stderr=True), transient=True)

@@ -63,7 +63,8 @@ def test_a_batch_that_short_trials_leave_gives_what_one_that_all_stay_in_gives(
 ) -> None:
     scene = scene_of(card, 3)
     trials = sorted(scene.trials(8), key=lambda trial: len(grid_of(trial, 150.0, scene.card.step_s).at_s))
-    some_leave, steps = scene.run_together(trials), [len(one.motion.at_s) for one in scene.run_together(trials)]
+    some_leave = scene.run_together(trials)
+    steps = [len(one.motion.at_s) for one in some_leave]
     assert max(steps) - min(steps) > run.CHUNK
     monkeypatch.setattr(run._Lanes, "leave", lambda lanes, count: None)
     for one, other in zip(some_leave, scene.run_together(trials), strict=True):
