@@ -86,7 +86,7 @@ def acts_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
     """Safe slips, those with nothing but holding between them as one.
 
     >>> acts_of([Phase(0, 5, 1), Phase(5, 8, 2), Phase(8, 10, 1), Phase(10, 12, 2), Phase(12, 20, 0)])
-    [Act(first=5, stop=12)]
+    [VoluntaryAction(first=5, stop=12)]
     """
     acts: list[VoluntaryAction] = []
     going_on = False

@@ -276,7 +276,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "a bias": ("b.json", read_bias),
     "a truth beside a trial": ("t.json", read_json),
     "a trial's meta": ("meta.json", lambda path: read_meta(path.parent)),
-    "a trial's events": ("events.jsonl", lambda path: read_events(path.parent)),
+    "a trial's events": ("events.jsonl", read_events),
     "a camera's numbers": ("camera.json", lambda path: read_about(path.parent)),
     "a scene's card": ("card.toml", lambda path: read_card(str(path))),
     "a protocol": ("protocol.toml", read_protocol),

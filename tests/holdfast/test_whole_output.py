@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +85,8 @@ def test_under_a_umask_of_077_no_command_leaves_a_file_that_others_can_read(tmp_
 @pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_a_simulation_that_is_ended_leaves_nothing_that_looks_whole(tmp_path, end):
     command = [sys.executable, "-m", "holdfast", "simulate", "thesis", "--trials", "99", "--out", str(tmp_path / "set")]
-    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job in the background ignores it otherwise
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, preexec_fn=heeds) as process:
         while not list(tmp_path.rglob("meta.json")):
             assert process.poll() is None
             os.sched_yield()
