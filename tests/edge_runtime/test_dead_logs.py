@@ -387,7 +387,7 @@ def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_say
     os.close(read)
     with running(words, stdout=write, stderr=subprocess.PIPE, preexec_fn=limit_files) as (process, answered):
         os.close(write)
-        answered(60)
+        answered(150)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=LONG_S)
     for name, why in (("stdout", "Broken pipe"), ("--out", "File too large"), ("--samples", "File too large")):
