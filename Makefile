@@ -5,6 +5,7 @@ PYTHON ?= python3
 UV     := .tools/bin/uv
 BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
+DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 PEERS  := .venv-peers
 RATE   ?= 150
 SIZE   ?= default
@@ -40,7 +41,7 @@ help:  ## list the targets
 
 setup: .venv/.stamp  ## build .venv from the hashed locks (does nothing when it is current)
 
-demo: setup  ## simulate, train, export, watch trials go by that the model never met
+demo: .venv/.demo-stamp  ## simulate, train, export, watch trials go by that the model never met
 	$(BIN)/python -m holdfast.demo
 
 test: setup  ## run the tests
@@ -142,6 +143,15 @@ clean:  ## remove .venv, .venv-peers, .tools, build and caches
 .venv/.stamp: .tools/.stamp $(LOCKS) pyproject.toml
 	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
 	$(UV) pip sync --quiet --python $(BIN)/python --only-binary :all: --require-hashes $(LOCKS)
+	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
+	@touch $@
+
+# A part of what .stamp installs: enough to simulate, train, export and draw. It adds and removes nothing, so that
+# `make demo` leaves what `make test` has installed, and `make test` after it adds the rest.
+.venv/.demo-stamp: .tools/.stamp $(DEMO_LOCKS) pyproject.toml
+	@test -x $(BIN)/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" .venv
+	$(UV) pip install --quiet --python $(BIN)/python --only-binary :all: --no-deps --require-hashes \
+	    $(addprefix --requirement ,$(DEMO_LOCKS))
 	$(UV) pip install --quiet --python $(BIN)/python --no-build-isolation --no-deps --editable .
 	@touch $@
 

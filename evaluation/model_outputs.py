@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,17 +11,17 @@ import onnxruntime as ort
 
 from edge_runtime.contract import RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN, DecisionRules
-from edge_runtime.graph import BATCH, Outputs, run_recordings
+from edge_runtime.graph import Outputs
 from edge_runtime.model_file import ModelCard
 from edge_runtime.monitor import Model
 from evaluation.alarms import Answers
 from evaluation.scores import answers_at
 from export.reference import IntArray
 from training.recording import Recording
+from training.say import Part, ignored
+from training.stepping import stepped
 
 OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
-THREADS = 2
-"""The step leaves the interpreter alone while it runs; which recordings run together changes no bit."""
 NO_CLASS = -1
 
 
@@ -54,23 +53,11 @@ def rules_of(card: ModelCard) -> DecisionRules:
     return card.decision
 
 
-def everywhere(session: ort.InferenceSession, recordings: Sequence[Recording], outputs: Sequence[str]) -> list[Outputs]:
-    """Outputs [T, ..] of a step graph on every recording, in their order."""
-    order = sorted(range(len(recordings)), key=lambda k: len(recordings[k].samples))
-    size = max(1, min(BATCH, -(-len(order) // THREADS)))
-    batches = [order[start : start + size] for start in range(0, len(order), size)]
-
-    def run(batch: list[int]) -> list[Outputs]:
-        chosen = [recordings[k] for k in batch]
-        rows = [np.arange(len(one.samples)) for one in chosen]
-        return run_recordings(session, [o.samples for o in chosen], [o.valid for o in chosen], outputs, rows)
-
-    found: list[Outputs] = [{} for _ in recordings]
-    with ThreadPoolExecutor(THREADS) as pool:
-        for batch, told in zip(batches, pool.map(run, batches), strict=True):
-            for k, one in zip(batch, told, strict=True):
-                found[k] = one
-    return found
+def everywhere(
+    session: ort.InferenceSession, recordings: Sequence[Recording], outputs: Sequence[str], part: Part = ignored
+) -> list[Outputs]:
+    """Outputs [T, ..] of a step graph at every sample of every recording, in their order."""
+    return stepped(session, recordings, outputs, [np.arange(len(one.samples)) for one in recordings], part)
 
 
 def said(model: Model, recordings: Sequence[Recording], told: Sequence[Outputs]) -> list[ModelOutputs]:

@@ -16,6 +16,8 @@ compile requirements/build.in --output-file requirements/build.lock
 compile pyproject.toml --extra train --extra viz --extra camera --group dev --constraint requirements/build.lock \
     --output-file requirements/dev.lock
 compile pyproject.toml --constraint requirements/dev.lock --output-file requirements/live.lock
+compile pyproject.toml --extra train --extra viz --constraint requirements/dev.lock \
+    --output-file requirements/demo.lock
 # Only what an environment of dev.lock lacks: the peers' environment is built from both.
 locked=$(sed -n 's/^\([A-Za-z0-9][A-Za-z0-9._-]*\)==.*/--no-emit-package \1/p' requirements/dev.lock)
 # shellcheck disable=SC2086

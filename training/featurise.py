@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.graph import open_session, run_recordings
+from edge_runtime.graph import open_session
 from export.spec import StepSpec
 from export.step_graph import feature_graph
 from training.recording import DataSet
+from training.say import Part, ignored
+from training.stepping import stepped
 
 FloatRows = npt.NDArray[np.float32]
 
@@ -21,10 +23,10 @@ def spec_for(data: DataSet, groups: tuple[str, ...]) -> StepSpec:
     return StepSpec(n_sensors=data.n_sensors, rate_hz=data.rate_hz, unit=data.unit, groups=groups)
 
 
-def features_of(data: DataSet, spec: StepSpec) -> dict[str, FloatRows]:
+def features_of(data: DataSet, spec: StepSpec, part: Part = ignored) -> dict[str, FloatRows]:
     """Task -> features [M, F] float32 at the last row of every window; one pass for all tasks."""
     wanted = rows_wanted(data)
-    computed = _compute(data, spec, wanted)
+    computed = _compute(data, spec, wanted, part)
     return {task: pick_rows(data, task, wanted, computed) for task in data.tasks}
 
 
@@ -43,11 +45,11 @@ def cpu_cost(data: DataSet, spec: StepSpec) -> dict[str, float]:
     return {"cpu_s": cpu_s, "samples": samples, "us_per_sample": 1e6 * cpu_s / samples}
 
 
-def _compute(data: DataSet, spec: StepSpec, rows: list[npt.NDArray[np.int64]]) -> list[FloatRows]:
+def _compute(
+    data: DataSet, spec: StepSpec, rows: list[npt.NDArray[np.int64]], part: Part = ignored
+) -> list[FloatRows]:
     session = open_session(feature_graph(spec).SerializeToString())
-    values = [recording.samples for recording in data.recordings]
-    valid = [recording.valid for recording in data.recordings]
-    return [computed["features"] for computed in run_recordings(session, values, valid, ["features"], rows)]
+    return [computed["features"] for computed in stepped(session, data.recordings, ["features"], rows, part)]
 
 
 def rows_wanted(data: DataSet) -> list[npt.NDArray[np.int64]]:

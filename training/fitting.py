@@ -20,7 +20,7 @@ from training.featurise import FloatRows, features_of, spec_for
 from training.metrics import report
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet, Recording
-from training.say import Say
+from training.say import Part, Say, ignored
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
 
@@ -39,9 +39,10 @@ def train(
     plan: TrainingPlan,
     *,
     seed: int = 0,
-    say: Say = lambda line: None,
+    say: Say = ignored,
+    part: Part = ignored,
 ) -> Trained:
-    """Train on a set and write the artifact folder.
+    """Train on a set and write the artifact folder. say: a line a stage; part: how much of it is done.
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
@@ -50,7 +51,7 @@ def train(
     spec = spec_for(data, plan.groups)
     spec.warn_of_lost_bands()
     say(f"features of {len(data.recordings)} recordings")
-    features = features_of(data, spec)
+    features = features_of(data, spec, part)
     held_out = cross_validate(data, features, plan, seed=seed, say=say)
     say("final forests on all recordings")
     artifact = final_artifact(data, features, held_out, plan, seed)

@@ -1,7 +1,18 @@
-"""How long work says what it does: one line a stage, to whatever shows it."""
+"""How long work says what it does: one line a stage, and how much of it is done, to whatever shows it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Say = Callable[[str], None]
+Part = Callable[[float], None]
+"""Takes which share of the stage under way is done, 0 to 1."""
+
+
+def ignored(said: object) -> None:
+    """A Say or a Part that shows nothing."""
+
+
+def span(part: Part, start: float, stop: float) -> Part:
+    """A Part for what lasts from one share of a stage to another."""
+    return lambda share: part(start + (stop - start) * share)

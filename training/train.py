@@ -13,13 +13,22 @@ if not __package__:  # run as a script: the folder of the script is first on sys
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
 
 import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from edge_runtime.command import path_argument, run_script, seed, show
 from edge_runtime.errors import DataError
 
+if TYPE_CHECKING:
+    from training.progress import Stages
+    from training.recording import DataSet
+
 WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
 """As training/windows.py and training/plan.py have them; here so that --help need not import them."""
 DEFAULT_OUT = Path("build/default")
+FIXTURE = "fixture"
+MOST_STAGES = 9
+"""Beside one a set: libraries, features, six folds, final forests."""
 FIXTURE_TRIALS = 8
 """Trials a cell: enough windows for a forest to learn something, few enough for a minute of CI."""
 
@@ -40,7 +49,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train; prints what it does and the held-out figures."""
+    """Train; prints the windows and the held-out figures, and on stderr what it is about."""
+    from training.progress import stages
+
+    folders = args.data or [str(args.out / FIXTURE)]
+    with stages(len(folders) + MOST_STAGES) as say:
+        say("loading the libraries")
+        data, figures = _trained(args, folders, say)
+    situations = figures["situations"]
+    print(f"held out, grouped: macro F1 over four situations {situations['macro_f1']:.3f}")
+    if "predict_250ms" in figures:
+        print(f"held out, grouped: 0.25 s prediction AUC {figures['predict_250ms']['auc']:.3f}")
+    show(data.caveat)
+    show(f"artifact: {args.out}; next: python export/export.py {args.out}")
+    return 0
+
+
+def _trained(args: argparse.Namespace, folders: Sequence[str], say: Stages) -> tuple[DataSet, dict[str, Any]]:
+    """The set that was trained on, and the held-out figures."""
     from edge_runtime.writing import require_writable
     from export.artifact import require_no_artifact
     from training.datasets import load
@@ -52,22 +78,19 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     if not args.force and not _rebuilds_fixture(args):
         require_no_artifact(args.out)
-    folders = args.data or [str(_fixture(args.out))]
+    if not args.data:
+        _write_fixture(args.out)
     plan = SIZES[args.size] if args.size else TrainingPlan()
-    sets = [load(folder, channels=args.channels, groups=args.groups, seed=args.seed, windows=args.windows)
-            for folder in folders]
-    for part in sets:
+    sets = []
+    for folder in folders:
+        say(f"reading {folder}")
+        part = load(folder, channels=args.channels, groups=args.groups, seed=args.seed, windows=args.windows,
+                    part=say.part)  # fmt: skip
         show(f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz")
         show(windows_table(part))
+        sets.append(part)
     data = join(sets)
-    figures = train(data, args.out, plan, seed=args.seed, say=print).figures
-    situations = figures["situations"]
-    print(f"held out, grouped: macro F1 over four situations {situations['macro_f1']:.3f}")
-    if "predict_250ms" in figures:
-        print(f"held out, grouped: 0.25 s prediction AUC {figures['predict_250ms']['auc']:.3f}")
-    show(data.caveat)
-    show(f"artifact: {args.out}; next: python export/export.py {args.out}")
-    return 0
+    return data, train(data, args.out, plan, seed=args.seed, say=say, part=say.part).figures
 
 
 def _rebuilds_fixture(args: argparse.Namespace) -> bool:
@@ -85,12 +108,10 @@ def _rebuilds_fixture(args: argparse.Namespace) -> bool:
     return isinstance(origin, dict) and origin.get("kind") == KIND
 
 
-def _fixture(out: Path) -> Path:
+def _write_fixture(out: Path) -> None:
     from training.fixture import write_fixture
 
-    folder = out / "fixture"
-    write_fixture(folder, trials_per_cell=FIXTURE_TRIALS)
-    return folder
+    write_fixture(out / FIXTURE, trials_per_cell=FIXTURE_TRIALS)
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ from edge_runtime.errors import ClassMissing
 from export.spec import HISTORY_S, WINDOW_S, window_samples
 from training.critical_points import CriticalPoint, offline_critical_points
 from training.recording import LabelledRows, Recording
+from training.say import Part, ignored
 from training.timeline import Phase
 
 Choice = Literal["balanced", "natural", "dense"]
@@ -73,15 +74,14 @@ class _Spot:
     source: str
 
 
-def natural_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
+def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
     """Every window there is, one line each: trial (index), row (the window's last), label (0..7), object,
-    action and source (band-pass, friction, both, slip, keep, nothing)."""
-    lines = [
-        (index, spot.row, spot.label, trial.recording.object_name or NO_OBJECT,
-         trial.recording.action or NO_OBJECT, spot.source)
-        for index, trial in enumerate(trials)
-        for spot in _spots(trial)
-    ]  # fmt: skip
+    action and source (band-pass, friction, both, slip, keep, nothing). part: how many trials are looked at."""
+    lines = []
+    for index, trial in enumerate(trials):
+        name, action = trial.recording.object_name or NO_OBJECT, trial.recording.action or NO_OBJECT
+        lines += [(index, spot.row, spot.label, name, action, spot.source) for spot in _spots(trial)]
+        part((index + 1) / len(trials))
     return pd.DataFrame(lines, columns=list(COLUMNS))
 
 

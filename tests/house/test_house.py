@@ -193,6 +193,26 @@ def test_the_hand_is_locked_to_the_versions_that_are_tested():
     assert live <= dev
 
 
+def test_the_demo_is_locked_to_a_part_of_what_is_tested_without_the_camera():
+    pin = re.compile(r"^[A-Za-z0-9]\S+==\S+", re.MULTILINE)
+    demo, dev = (
+        set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8"))) for name in ("demo", "dev")
+    )
+    assert demo < dev
+    names = locked_names(ROOT / "requirements/demo.lock")
+    assert not names & {"depthai", "pytest", "mypy", "atheris"}
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    assert requirement_names([*extras["train"], *extras["viz"]]) <= names
+
+
+def test_the_demo_installs_by_its_own_lock_and_removes_nothing():
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    assert re.search(r"^demo: \.venv/\.demo-stamp ", makefile, re.MULTILINE)
+    recipe = makefile.split("\n.venv/.demo-stamp:")[1].split("\n\n")[0]
+    assert "$(DEMO_LOCKS)" in recipe
+    assert "sync" not in recipe
+
+
 def test_the_version_is_the_same_wherever_it_is_written():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
     citation = (ROOT / "CITATION.cff").read_text("utf-8")

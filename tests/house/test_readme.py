@@ -10,7 +10,7 @@ import pytest
 
 from drivers.replay import open_replay
 from export.features_page import page
-from holdfast import demo
+from holdfast import demo, demo_trials
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -29,7 +29,7 @@ def test_the_readme_shows_the_real_output_of_the_demo(
     assert shown[1] == capsys.readouterr().out
     report = Path("build/demo/report.html").read_text("utf-8")
     assert re.findall(r"<h3>(\S+/\S+)/trial_1 \(simulated\)", report) == re.findall(r"^\S+/\S+$", shown[1], re.M)
-    assert report.count("<svg") == 3 + len(demo.SHOWN)
+    assert report.count("<svg") == 3 + len(demo_trials.SHOWN)
 
 
 def test_the_page_of_features_is_written_from_the_groups() -> None:

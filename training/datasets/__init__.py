@@ -16,6 +16,7 @@ import numpy as np
 
 from edge_runtime.errors import ChannelError, DataNotFound, TooFewGroups, UsageError
 from training.recording import DataSet
+from training.say import Part, ignored
 from training.windows import Choice
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
@@ -31,6 +32,7 @@ def load(
     groups: int | None = None,
     seed: int = 0,
     windows: Choice = "balanced",
+    part: Part = ignored,
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
@@ -41,7 +43,7 @@ def load(
     Raises DataNotFound, ChannelError, TooFewGroups, UsageError, or what the reader says about its files.
     """
     root = find(name_or_path)
-    data = _read(root, channels, seed, windows)
+    data = _read(root, channels, seed, windows, part)
     return data if groups is None else keep_groups(data, groups, seed=seed)
 
 
@@ -93,7 +95,7 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
     return replace(part, notes={**data.notes, "kept_groups": sorted(kept)})
 
 
-def _read(root: Path, channels: int | None, seed: int, windows: Choice) -> DataSet:
+def _read(root: Path, channels: int | None, seed: int, windows: Choice, part: Part) -> DataSet:
     choice: dict[str, Any] = {} if channels is None else {"channels": channels}
     for name in PUBLIC_SETS:
         reader = import_module(f"training.datasets.{name}")
@@ -107,7 +109,7 @@ def _read(root: Path, channels: int | None, seed: int, windows: Choice) -> DataS
             "no known data set in this folder", where=root, cause="a level too high or too low, or an empty copy",
             next_step="give the folder of a public set, one of holdfast record, or <object>/<action>/trial_<n>.csv",
         )  # fmt: skip
-    data: DataSet = fits[0].load(root, seed=seed, windows=windows)
+    data: DataSet = fits[0].load(root, seed=seed, windows=windows, part=part)
     if channels is not None and channels != 3 * data.n_sensors:
         raise ChannelError(
             f"{3 * data.n_sensors} channels, {channels} asked for", where=root, next_step="leave channels out"

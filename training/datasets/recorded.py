@@ -19,6 +19,7 @@ from edge_runtime.trial_layout import META, TACTILE, truth_path
 from training.datasets import thesis
 from training.objects import object_name, read_json
 from training.recording import DataSet, Recording
+from training.say import Part, ignored, span
 from training.timeline import Phase, RiskyEvent, read_events, read_truth
 from training.windows import Choice, TimedTrial
 
@@ -37,7 +38,7 @@ def recognises(root: Path) -> bool:
     return any("recorder" in read_json(path.with_name(META)) for path in _trials(root))
 
 
-def load(root: Path, *, seed: int = 0, windows: Choice = "balanced") -> DataSet:
+def load(root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored) -> DataSet:
     """All kept trials of a folder, as training.datasets.thesis gives its own. Raises a DataError."""
     told = [(path, read_json(path.with_name(META))) for path in _trials(root)]
     kept = [(path, meta) for path, meta in told if meta.get("state") == KEPT]
@@ -50,10 +51,15 @@ def load(root: Path, *, seed: int = 0, windows: Choice = "balanced") -> DataSet:
     if len(units) > 1:
         raise UnitError(f"trials in {' and in '.join(units)}", where=root, next_step="keep them in two folders")
     people = {str(meta.get("person")) for _, meta in kept}
-    trials = [_timed(path, meta, root, units[0], len(people) > 1) for path, meta in kept]
+    trials = []
+    for number, (path, meta) in enumerate(kept, 1):
+        trials.append(_timed(path, meta, root, units[0], len(people) > 1))
+        part(thesis.READING * number / len(kept))
     kinds = sorted({_kind(meta) for _, meta in kept})
     about = {"unit": units[0], "kind": " and ".join(kinds), "name": root.resolve().name}
-    data = thesis.assembled(about, trials, seed=seed, windows=windows)
+    data = thesis.assembled(
+        about, trials, seed=seed, windows=windows, part=span(part, thesis.READING, 1.0)
+    )
     states = dict(Counter(str(meta.get("state")) for _, meta in told))
     caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
     notes = {**data.notes, "layout": "recorded", "states": states, "people": len(people)}

@@ -28,6 +28,7 @@ from export.bank import bands_for
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
+from training.say import Part, ignored, span
 from training.timeline import UNSCRIPTED, Phase, RiskyEvent, events_of, read_events, read_truth, scripted, whole
 from training.windows import (
     Choice,
@@ -61,6 +62,10 @@ class Place:
     action: str | None = None
 
 
+READING = 0.5
+"""Of the time of `load`; the rest is for finding the windows."""
+
+
 def recognises(root: Path) -> bool:
     """Whether a folder holds at least one `<object>/<action>/trial_<n>.csv` with an action of the thesis."""
     return any(_action(path.parent) for path in root.glob("*/*/trial_*.csv") if TRIAL_NAME.fullmatch(path.name))
@@ -71,8 +76,8 @@ def preparation(unit: Unit) -> Preparation:
     return Preparation(bias_rows=5, statistic="mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR[unit])
 
 
-def load(root: Path, *, seed: int = 0, windows: Choice = "balanced") -> DataSet:
-    """All trials of a folder, with the task "classes" (labels 0..7).
+def load(root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored) -> DataSet:
+    """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
 
     windows: balanced (drawn by the seed; every class must be there), natural (every one), or dense.
     Every trial is a group of its own. `notes` has the counts of samples, of all windows and of those kept,
@@ -81,18 +86,24 @@ def load(root: Path, *, seed: int = 0, windows: Choice = "balanced") -> DataSet:
     Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the place.
     """
     meta = _meta(root)
-    trials = [timed(place, root, meta["unit"]) for place in _places(root)]
+    places, trials = list(_places(root)), []
+    for number, place in enumerate(places, 1):
+        trials.append(timed(place, root, meta["unit"]))
+        part(READING * number / len(places))
     if not trials:
         raise DataNotFound(
             "no trials", where=root, next_step="give a folder with <object>/<action>/trial_<n>.csv in it"
         )
-    return assembled({"name": root.resolve().name, **meta}, trials, seed=seed, windows=windows)
+    about = {"name": root.resolve().name, **meta}
+    return assembled(about, trials, seed=seed, windows=windows, part=span(part, READING, 1.0))
 
 
-def assembled(meta: dict[str, Any], trials: list[TimedTrial], *, seed: int, windows: Choice) -> DataSet:
+def assembled(
+    meta: dict[str, Any], trials: list[TimedTrial], *, seed: int, windows: Choice, part: Part = ignored
+) -> DataSet:
     """A data set of trials; meta: name, unit, kind, and where they are from. Raises RateError, ChannelError, .."""
     rate_hz = _common_rate([trial.recording for trial in trials])
-    natural = natural_windows(trials)
+    natural = natural_windows(trials, part)
     chosen = {"balanced": lambda: balance(natural, seed), "natural": lambda: natural,
               "dense": lambda: dense_windows(trials)}[windows]()  # fmt: skip
     return DataSet(

@@ -1,0 +1,32 @@
+"""Many recordings through a step graph: how far it is, and that threads change nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from small_model import spec
+
+from edge_runtime.graph import open_session, run_recordings
+from export.step_graph import feature_graph
+from training.recording import Recording
+from training.stepping import stepped
+
+
+def recordings_of(lengths: list[int]) -> list[Recording]:
+    rng = np.random.default_rng(0)
+    return [
+        Recording(f"t{k}", f"t{k}", rng.normal(size=(n, 6)), np.ones((n, 2), dtype=np.bool_), 50.0, "N")
+        for k, n in enumerate(lengths)
+    ]
+
+
+def test_threads_change_no_bit_and_every_share_done_is_told() -> None:
+    recordings = recordings_of([9, 3, 7, 5, 8])
+    rows = [np.arange(len(one.samples)) for one in recordings]
+    session = open_session(feature_graph(spec(rate_hz=100.0)).SerializeToString())
+    told: list[float] = []
+    found = stepped(session, recordings, ["features"], rows, told.append)
+    values, valid = [one.samples for one in recordings], [one.valid for one in recordings]
+    alone = run_recordings(session, values, valid, ["features"], rows)
+    assert all(np.array_equal(a["features"], b["features"]) for a, b in zip(found, alone, strict=True))
+    assert told == sorted(told)
+    assert told[-1] == 1.0

@@ -1,0 +1,49 @@
+"""A step graph on many recordings at once, on two threads: which of them run together changes no bit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime as ort
+
+from edge_runtime.graph import BATCH, Outputs, run_recordings
+from training.recording import Recording
+from training.say import Part, ignored
+
+THREADS = 2
+"""The step leaves the interpreter alone while it runs."""
+Rows = npt.NDArray[np.int64]
+
+
+def stepped(
+    session: ort.InferenceSession,
+    recordings: Sequence[Recording],
+    outputs: Sequence[str],
+    rows: Sequence[Rows],
+    part: Part = ignored,
+) -> list[Outputs]:
+    """Outputs [M, ..] of a step graph at the wanted rows [M] of every recording, each from a fresh state.
+
+    part: told after every batch which share of all samples is done.
+    """
+    order = sorted(range(len(recordings)), key=lambda k: len(recordings[k].samples))
+    size = max(1, min(BATCH, -(-len(order) // THREADS)))
+    batches = [order[start : start + size] for start in range(0, len(order), size)]
+
+    def run(batch: list[int]) -> list[Outputs]:
+        chosen = [recordings[k] for k in batch]
+        values, valid = [one.samples for one in chosen], [one.valid for one in chosen]
+        return run_recordings(session, values, valid, outputs, [rows[k] for k in batch])
+
+    found: list[Outputs] = [{} for _ in recordings]
+    total, done = sum(len(one.samples) for one in recordings), 0
+    with ThreadPoolExecutor(THREADS) as pool:
+        for batch, told in zip(batches, pool.map(run, batches), strict=True):
+            for k, one in zip(batch, told, strict=True):
+                found[k] = one
+            done += sum(len(recordings[k].samples) for k in batch)
+            part(done / total)
+    return found
