@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from training.recording import DataSet
 
 
+pytest_plugins = ["bridge_bench", "drawn_frames", "recorder_bench"]
+"""For their fixtures, which several files share."""
+
 settings.register_profile("fixed", derandomize=True, deadline=None)  # fixed seeds, no clock: what passed passes again
 settings.load_profile("fixed")
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
+from bridge_bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,11 +24,8 @@ from drivers.tmag5273 import (
     packet,
     temperature_degc,
 )
-from drivers.virtual.clock import VirtualClock
 from drivers.virtual.faults import Fault
-from drivers.virtual.ft232h import VirtualFt232h
-from drivers.virtual.hand import REST_UT, Track, VirtualHand
-from drivers.virtual.usb_backend import VirtualBackend
+from drivers.virtual.hand import REST_UT, Track
 from edge_runtime.errors import BusStuck, DeviceLost, DeviceNotFound, TransferFailed, UsageError
 
 A, B, C, D = FACTORY_ADDRESSES
@@ -36,27 +33,11 @@ BOTH = Transfer(0x70, bytes([0b11]))
 FIRST = Transfer(0x70, bytes([0b01]))
 
 
-class Bench:
-    """A virtual hand on a bridge of its own."""
-
-    def __init__(self, **told: Any) -> None:
-        self.clock = VirtualClock()
-        self.hand = VirtualHand(self.clock, **told)
-        self.backend = VirtualBackend(VirtualFt232h(self.hand), self.clock, self.hand.faults, self.hand.power_off)
-        self.bus = Ft232h(self.backend)
-
-    def configure(self, address: int, **told: bool) -> None:
-        self.bus.scan([FIRST, *(Transfer(address, bytes(byte)) for byte in Setup(**told).registers())])
-
-    def wait_s(self, duration_s: float) -> None:
-        self.clock.spend(round(1e9 * duration_s))
-
-
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    made = Bench()
+    made = Bench("ft232h")
     yield made
-    made.bus.close()
+    made.end()
 
 
 # -- numbers of the data sheet
@@ -127,7 +108,7 @@ def test_results_are_the_field_in_the_chosen_ranges(bench):
 
 def test_a_field_beyond_the_range_is_clipped():
     track = Track(np.array([0.0]), np.full((1, 6, 3), 5e5))
-    made = Bench(track=track)
+    made = Bench("ft232h", track=track)
     made.configure(A)
     made.wait_s(0.01)
     assert packet(made.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data).raw == (32767,) * 3
@@ -146,7 +127,7 @@ def test_set_count_rolls_with_every_conversion_and_not_with_every_read(bench):
 
 
 def test_the_mean_of_a_conversion_has_the_noise_of_the_data_sheet():
-    made = Bench(seed=1)
+    made = Bench("ft232h", seed=1)
     made.configure(A)
     rows = []
     for _ in range(600):
@@ -235,7 +216,7 @@ def test_a_transfer_that_no_packet_can_answer_is_refused(bench):
 
 
 def test_a_bus_held_low_is_an_error_and_nine_clocks_free_it():
-    made = Bench(faults=[Fault("stuck", 0.0)])
+    made = Bench("ft232h", faults=[Fault("stuck", 0.0)])
     with pytest.raises(BusStuck):
         made.bus.scan([FIRST])
     made.bus.clear()
@@ -244,7 +225,7 @@ def test_a_bus_held_low_is_an_error_and_nine_clocks_free_it():
 
 @pytest.mark.parametrize("kind", ["stall", "late", "short"])
 def test_a_bridge_that_fails_is_named_and_the_next_scan_is_right(kind):
-    made = Bench(faults=[Fault(kind, 0.5, 0.3)])
+    made = Bench("ft232h", faults=[Fault(kind, 0.5, 0.3)])
     made.wait_s(0.6)
     with pytest.raises(TransferFailed):
         made.bus.scan([FIRST, Transfer(A, b"\x0d", 3)])
@@ -254,7 +235,7 @@ def test_a_bridge_that_fails_is_named_and_the_next_scan_is_right(kind):
 
 
 def test_an_unplugged_bridge_is_lost_for_good_and_another_port_finds_it_again():
-    made = Bench(faults=[Fault("unplug", 0.5, 0.5)])
+    made = Bench("ft232h", faults=[Fault("unplug", 0.5, 0.5)])
     made.wait_s(0.6)
     with pytest.raises(DeviceLost):
         made.bus.scan([FIRST])
@@ -267,11 +248,11 @@ def test_an_unplugged_bridge_is_lost_for_good_and_another_port_finds_it_again():
 
 
 def test_the_kernel_s_driver_is_put_aside_and_given_back():
-    made = Bench()
+    made = Bench("ft232h")
     handle = made.bus._port.device._ctx.handle
     assert not made.backend.is_kernel_driver_active(handle, 0)
-    made.bus.close()
-    made.bus.close()
+    made.end()
+    made.end()
     assert made.backend.is_kernel_driver_active(handle, 0)
 
 
@@ -283,8 +264,8 @@ def test_pyftdi_unmodified_reads_the_sensors_of_the_virtual_bridge(monkeypatch):
     from pyftdi.i2c import I2cController, I2cNackError
     from pyftdi.usbtools import UsbTools
 
-    made = Bench()
-    made.bus.close()
+    made = Bench("ft232h")
+    made.end()
     monkeypatch.setattr(UsbTools, "_load_backend", classmethod(lambda cls: made.backend))
     UsbTools.flush_cache()
     controller = I2cController()

@@ -22,7 +22,7 @@ import pytest
 from hazard_marks import DEAD_LOG
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_live import DEFAULT, ROOT, Steady, go
+from live_bench import DEFAULT, ROOT, Steady, go
 
 from drivers.virtual.clock import VirtualClock
 from edge_runtime.contract import Prediction

@@ -11,8 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from hazard_marks import RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from live_bench import DEFAULT, ROOT, Steady, go
 
 from drivers.calibration import read_bias
 from drivers.paced import Paced
@@ -28,7 +28,7 @@ from drivers.virtual.clock import VirtualClock
 from edge_runtime.commands import command_port
 from edge_runtime.contract import Prediction, Sample
 from edge_runtime.errors import ChannelError, DeviceError, OutputError, RateError, UnitError, UsageError
-from edge_runtime.live import STAGES, Command, Measured, Summary, run_live
+from edge_runtime.live import STAGES, Command, Measured, Summary
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.notify import service_watchdog
 from edge_runtime.preparation import Preparation
@@ -42,45 +42,11 @@ if TYPE_CHECKING:
     from conftest import Built
 
 AREA = "Time and schedule"
-ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
 
 
 @pytest.fixture(scope="module")
 def model() -> Model:
     return Model(DEFAULT)
-
-
-class Steady:
-    """A source of noise that takes no time, but for stalls: {reading: seconds}."""
-
-    unit, n_channels, rate_hz = "N", 18, None
-
-    def __init__(self, clock: VirtualClock, n: int, stalls: dict[int, float] | None = None) -> None:
-        self.clock, self.n, self.stalls, self.k = clock, n, stalls or {}, 0
-        self.times: list[int] = []
-
-    def read(self) -> Measured | None:
-        if self.k == self.n:
-            return None
-        self.times.append(self.clock.now_ns())
-        self.clock.spend(round(1e9 * self.stalls.get(self.k, 0.0)))
-        self.k += 1
-        values = 0.02 * np.random.default_rng(self.k).normal(size=18)
-        return Measured(self.times[-1], values, np.ones(6, dtype=np.bool_))
-
-    def close(self) -> None:
-        pass
-
-
-def go(model: Model, source: Any, clock: VirtualClock, **told: Any) -> tuple[Summary, list[Prediction], list[Sample]]:
-    said: list[tuple[Prediction, Sample]] = []
-    summary = run_live(
-        source, GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
-        lambda prediction, sample, measured: said.append((prediction, sample)),
-        stopped=told.pop("stopped", lambda: False), **told,
-    )  # fmt: skip
-    return summary, [one for one, _ in said], [one for _, one in said]
 
 
 # -- the schedule

@@ -21,6 +21,7 @@ import pytest
 from hard_marks import GOLDEN, VERSIONS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_model import metadata_of, with_metadata
 
 from edge_runtime.contract import CLASSES, SITUATIONS, Sample
 from edge_runtime.decision import DecisionRules
@@ -50,23 +51,6 @@ PYPROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
 @cache
 def content(path: Path) -> bytes:
     return path.read_bytes()
-
-
-def metadata_of(data: bytes) -> dict[str, str]:
-    return {entry.key: entry.value for entry in onnx.load_from_string(data).metadata_props}
-
-
-def resealed(data: bytes, **changed: str | None) -> bytes:
-    """The file with other metadata (None: without), and a seal that holds, made from the rule alone."""
-    model = onnx.load_from_string(data)
-    entries = {**metadata_of(data), **changed, SEAL_KEY: "0" * 64}
-    del model.metadata_props[:]
-    for key, value in entries.items():
-        if value is not None:
-            model.metadata_props.add(key=key, value=value)
-    zeroed = model.SerializeToString()
-    assert zeroed.count(b"0" * 64) == 1
-    return zeroed.replace(b"0" * 64, hashlib.sha256(zeroed).hexdigest().encode())
 
 
 def refused(path: Path, data: bytes) -> ModelError:
@@ -212,7 +196,7 @@ def test_the_runtimes_refused_are_the_runtimes_that_are_never_installed() -> Non
 
 def test_a_file_sealed_by_the_rule_alone_is_accepted(eight_classes: Built, tmp_path: Path) -> None:
     again = tmp_path / "m.onnx"
-    again.write_bytes(resealed(content(eight_classes.model)))
+    again.write_bytes(with_metadata(content(eight_classes.model)))
     assert Model(again).card == Model(eight_classes.model).card
 
 
@@ -229,7 +213,7 @@ def test_every_golden_answer_is_compared(built: str, request: pytest.FixtureRequ
         middle = len(numbers) // 2
         numbers[middle] = moved(numbers[middle])
         other = {**golden, name: {**entry, "data": base64.b64encode(numbers.tobytes()).decode()}}
-        error = refused(tmp_path / "m.onnx", resealed(data, **{GOLDEN_KEY: json.dumps(other)}))
+        error = refused(tmp_path / "m.onnx", with_metadata(data, **{GOLDEN_KEY: json.dumps(other)}))
         assert type(error) is GoldenMismatch
         assert repr(name) in str(error)
 
@@ -247,7 +231,7 @@ def test_a_golden_answer_within_its_tolerance_is_accepted(eight_classes: Built, 
     close = base64.b64encode(np.nextafter(numbers, np.float32(1.0)).tobytes()).decode()
     golden["p_class"]["data"] = close
     path = tmp_path / "m.onnx"
-    path.write_bytes(resealed(data, **{GOLDEN_KEY: json.dumps(golden)}))
+    path.write_bytes(with_metadata(data, **{GOLDEN_KEY: json.dumps(golden)}))
     Model(path)
 
 
@@ -305,13 +289,13 @@ CONTRADICTED = {
 @pytest.mark.parametrize("fault", CONTRADICTED)
 def test_a_card_is_refused_that_speaks_of(four_situations: Built, tmp_path: Path, fault: str) -> None:
     data = content(four_situations.model)
-    error = refused(tmp_path / "m.onnx", resealed(data, **CONTRADICTED[fault](data)))
+    error = refused(tmp_path / "m.onnx", with_metadata(data, **CONTRADICTED[fault](data)))
     assert isinstance(error, NotAModel)
 
 
 @pytest.mark.parametrize("fault", GARBLED)
 def test_a_file_whose_seal_holds_is_still_no_model_if_it(eight_classes: Built, tmp_path: Path, fault: str) -> None:
-    error = refused(tmp_path / "m.onnx", resealed(content(eight_classes.model), **GARBLED[fault]))
+    error = refused(tmp_path / "m.onnx", with_metadata(content(eight_classes.model), **GARBLED[fault]))
     assert isinstance(error, NotAModel | GoldenMismatch)
 
 

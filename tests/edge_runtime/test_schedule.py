@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_live import DEFAULT, Steady, go
+from live_bench import DEFAULT, Steady, go
 
 from drivers.paced import Paced
 from drivers.replay import Replay

@@ -22,7 +22,7 @@ from onnx import helper
 from skl2onnx import convert_sklearn
 from skl2onnx.common.data_types import FloatTensorType
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
-from test_model_file import content, resealed
+from small_model import with_metadata
 
 from edge_runtime.contract import CLASSES, SITUATIONS
 from edge_runtime.errors import GoldenMismatch
@@ -384,11 +384,11 @@ def test_the_stock_conversion_of_a_forest_of_one_class_answers_another_class() -
 
 def other_trees(path: Path) -> bytes:
     """The file with every leaf voting for another class, and a seal that holds."""
-    model = onnx.load_from_string(content(path))
+    model = onnx.load_from_string(path.read_bytes())
     (trees,) = [node for node in model.graph.node if node.op_type == "TreeEnsembleRegressor"]
     (targets,) = [attribute for attribute in trees.attribute if attribute.name == "target_ids"]
     targets.CopyFrom(helper.make_attribute("target_ids", [7 - target for target in targets.ints]))
-    return resealed(model.SerializeToString())
+    return with_metadata(model.SerializeToString())
 
 
 @GOLDEN.mark
@@ -408,7 +408,7 @@ def test_without_the_golden_sequences_such_a_file_opens_and_its_answers_are_beli
     card = Model(eight_classes.model).card
     both = [
         golden_answers(open_session(data), card.n_channels, card.unit, card.settle_samples)["situation"]
-        for data in (content(eight_classes.model), other_trees(eight_classes.model))
+        for data in (eight_classes.model.read_bytes(), other_trees(eight_classes.model))
     ]
     record_property("share_of_answers_that_differ", float(np.mean(both[0] != both[1])))
     assert (both[0] != both[1]).mean() > 0.5

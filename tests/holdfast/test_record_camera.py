@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from test_camera import two_sizes
-from test_record import columns_of, heard, meta_of, never, start, told
+from drawn_frames import two_sizes
+from recorder_bench import columns_of, heard, meta_of, never, start, told
 
 from drivers.camera.recording import read_about, read_tracks
 from drivers.virtual.clock import VirtualClock

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hazard_marks import OVERWRITTEN, SOURCE_ENDED
-from test_record import PULL, ROOT, Hand, meta_of, recorded, session
-from test_record import columns_of as read_columns
+from recorder_bench import PULL, ROOT, Hand, meta_of, recorded, session
+from recorder_bench import columns_of as read_columns
 
 from drivers.virtual.clock import VirtualClock
 from edge_runtime.errors import EmptyRecording

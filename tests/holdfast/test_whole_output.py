@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
+from recorder_bench import one_pull
 from test_cli import Run, fails, run  # noqa: F401
-from test_record import one_pull
 
 from edge_runtime.errors import OutputError
 from edge_runtime.writing import whole_folder, write_whole

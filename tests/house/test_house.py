@@ -2,68 +2,25 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from rooms import HOUSE, MAY_IMPORT, ROOT, imports_by_file, imports_of
 
 from edge_runtime import errors
 
 if TYPE_CHECKING:
     from conftest import Built
 
-ROOT = Path(__file__).resolve().parents[2]
 
-# The table of "Rooms and who may call whom": a room, and the rooms it may import.
-MAY_IMPORT = {
-    "edge_runtime": set(),
-    "drivers": {"edge_runtime"},
-    "simulation": {"edge_runtime"},
-    "export": {"edge_runtime"},
-    "training": {"edge_runtime", "export"},
-    "evaluation": {"edge_runtime", "drivers", "simulation", "export", "training"},
-    "studies": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
-    "benchmarks": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
-    "holdfast": {
-        "edge_runtime", "drivers", "simulation", "export", "training", "evaluation", "studies", "benchmarks",
-    },
-}
-HOUSE = {*MAY_IMPORT, "tests", "models", "tools"}
 NOT_ON_THE_HAND = {"scipy", "sklearn", "pandas", "onnx", "usb", "depthai", "matplotlib", "rich"}
 READS_PICKLE = {"pickle", "_pickle", "cPickle", "cloudpickle", "dill", "joblib", "marshal", "shelve"}
-
-
-def calls_by_name(node: ast.AST) -> Iterator[str]:
-    """The module in `import_module("x")` and `__import__("x")`."""
-    if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
-        called = getattr(node.func, "attr", getattr(node.func, "id", ""))
-        if called in {"import_module", "__import__"} and isinstance(node.args[0].value, str):
-            yield node.args[0].value
-
-
-def imports_of(source: str, room: str) -> set[str]:
-    """Top-level names imported anywhere in the source, in functions too."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            names.add(room if node.level else node.module or "")
-        else:
-            names.update(calls_by_name(node))
-    return {name.split(".")[0] for name in names}
-
-
-def imports_by_file(room: str) -> dict[str, set[str]]:
-    files = sorted((ROOT / room).rglob("*.py"))
-    return {str(f.relative_to(ROOT)): imports_of(f.read_text("utf-8"), room) for f in files}
 
 
 def wrong_directions(room: str) -> dict[str, set[str]]:

@@ -1,0 +1,242 @@
+"""A camera when something fails: none there, a stream or a video that ends early, a full disk, a bad lens."""
+
+from __future__ import annotations
+
+import http.server
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawn_frames import (
+    FPS,
+    N_FRAMES,
+    PRELUDE,
+    command,
+    process,
+    program,
+    write_frames,
+)
+from hand_made_tracks import hand_made
+
+from drivers.camera.library import QUIET
+from drivers.camera.recording import read_about, read_tracks, write_about
+from drivers.camera.sources import read_frames
+from edge_runtime.errors import EmptyRecording, NotANumber
+from holdfast.cli import main
+
+
+def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
+    done = command("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (done.returncode, len(errors)) == (6, 1), done.stderr
+    assert all(word in errors[0] for word in ("CameraUnavailable", "oak", "likely cause", "next:"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_search_for_a_camera_is_short_and_every_setting_is_in_force_before_the_import():
+    told = program("""
+lines = []
+load_depthai(lines.append)
+load_depthai(lines.append)
+from drivers.camera.library import QUIET
+print(json.dumps({"set": {name: os.environ[name] for name in QUIET}, "lines": lines}))
+""")
+    assert told["set"] == QUIET
+    assert QUIET["DEPTHAI_SEARCH_TIMEOUT"] == "1500"
+    assert QUIET["DEPTHAI_PROTOCOL"] == "usb"
+    (line,) = told["lines"]
+    assert "usage data" in line
+
+
+def test_what_the_user_has_set_stays_and_is_told(tmp_path):
+    words = ("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
+    done = command(*words, DEPTHAI_SEARCH_TIMEOUT="100")
+    assert "left as you set it: DEPTHAI_SEARCH_TIMEOUT=100" in done.stderr
+
+
+def test_without_depthai_the_error_names_the_extra(tmp_path):
+    code = f"import sys; sys.modules['depthai'] = None; from holdfast.cli import main; sys.exit(main({WORDS!r}))"
+    done = process("-c", code.replace("OUT", str(tmp_path / "out")))
+    assert (done.returncode, "LibraryMissing" in done.stderr, "holdfast[camera]" in done.stderr) == (6, True, True)
+
+
+WORDS = ["watch", "--camera", "oak", "--tag-mm", "10", "--out", "OUT"]
+
+
+@pytest.fixture
+def collector() -> Iterator[tuple[str, list[str]]]:
+    """The address of a server on this machine, and what was sent to it."""
+    heard: list[str] = []
+
+    class Collector(http.server.BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            heard.append(self.rfile.read(int(self.headers.get("content-length", 0))).decode("utf-8", "replace"))
+            self.send_response(200)
+            self.end_headers()
+
+        do_GET = do_POST  # noqa: N815
+
+        def log_message(self, *args: object) -> None:
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Collector) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/", heard
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize("telemetry", [{}, {"DEPTHAI_TELEMETRY": "1"}])
+def test_nothing_is_sent_unless_the_user_asked_for_it(drawn, collector, tmp_path, telemetry):
+    address, heard = collector
+    words = ("watch", "--camera", drawn[0], "--out", tmp_path / "out")
+    done = command(*words, DEPTHAI_TELEMETRY_URL=address, HOME=str(tmp_path), **telemetry)
+    assert done.returncode == 0, done.stderr
+    assert bool(heard) == bool(telemetry)
+    assert telemetry or not [path for path in (tmp_path / ".cache").rglob("*") if path.is_file()]
+
+
+def test_a_source_that_ends_early_keeps_what_was_recorded_and_says_so(drawn, tmp_path):
+    told = program(
+        """
+source = read_frames(Path(sys.argv[1]))
+def unplugged():
+    for frame in source.frames:
+        if frame.sequence == 50:
+            raise DeviceLost("no longer on USB", where="oak")
+        yield frame
+try:
+    watch(Stored("oak", source.lens, unplugged()), Path(sys.argv[2]), say=quiet)
+except HoldfastError as error:
+    video = list(read_video(Path(sys.argv[2]), load_depthai(quiet)))
+    print(json.dumps({"error": type(error).__name__, "video": len(video)}))
+""",
+        drawn[0],
+        tmp_path / "out",
+    )
+    assert told == {"error": "DeviceLost", "video": 50}
+    assert len(read_tracks(tmp_path / "out").t_s) == 50
+    assert "no longer on USB" in read_about(tmp_path / "out")["void"]
+
+
+def test_a_void_trial_gets_no_label(recorded, tmp_path, capsys):
+    for path in recorded.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    write_about(tmp_path, read_about(recorded) | {"void": "no longer on USB"})
+    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert "void" in capsys.readouterr().err
+    assert not (tmp_path / "events.jsonl").exists()
+
+
+def test_a_killed_recording_keeps_its_tracks_and_is_void(drawn, tmp_path):
+    done = process(
+        "-c",
+        PRELUDE
+        + """
+source = read_frames(Path(sys.argv[1]))
+def killed():
+    for frame in source.frames:
+        if frame.sequence == 60:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield frame
+watch(Stored("drawn", source.lens, killed()), Path(sys.argv[2]), say=quiet)
+""",
+        str(drawn[0]),
+        str(tmp_path),
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert 40 <= len(read_tracks(tmp_path).t_s) <= 60
+    assert read_about(tmp_path)["void"] == "interrupted"
+
+
+@pytest.mark.parametrize("limit", [60_000, 4_000])
+def test_a_full_disk_is_an_error_though_depthai_says_nothing(drawn, tmp_path, limit):
+    done = process("-m", "holdfast", "watch", "--camera", str(drawn[0]), "--out", str(tmp_path), file_limit=limit)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (done.returncode, len(errors)) == (5, 1), done.stderr
+    assert "OutputError" in errors[0]
+    assert "full disk" in errors[0]
+    assert read_about(tmp_path)["void"]
+    assert len(read_tracks(tmp_path).t_s) > 10
+
+
+READ = """
+try:
+    print(json.dumps({"frames": len(list(read_recorded(Path(sys.argv[1]), load_depthai(quiet)).frames))}))
+except HoldfastError as error:
+    print(json.dumps({"error": type(error).__name__, "what": error.what}))
+"""
+
+
+def cut(recorded: Path, folder: Path, name: str, share: float) -> None:
+    """A copy of a recording, one file of it cut off."""
+    for path in recorded.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / name).write_bytes((folder / name).read_bytes()[: int(share * (folder / name).stat().st_size)])
+
+
+@pytest.mark.parametrize(("name", "share"), [("camera.mkv", 0.0), ("camera.mcap", 0.0), ("tags.csv", 0.5)])
+def test_a_recording_cut_off_is_refused(recorded, tmp_path, name, share):
+    cut(recorded, tmp_path, name, share)
+    assert program(READ, tmp_path)["error"] == ("ColumnError" if name == "camera.mcap" else "EmptyRecording")
+
+
+def test_half_a_video_is_refused_where_it_was_whole_once_and_read_as_far_as_it_goes_where_a_kill_ended_it(
+    recorded, tmp_path
+):
+    cut(recorded, tmp_path, "camera.mkv", 0.5)
+    told = program(READ, tmp_path)
+    assert told["error"] == "EmptyRecording"
+    assert f"of its {N_FRAMES} frames" in told["what"]
+    write_about(tmp_path, read_about(tmp_path) | {"frames": 0, "in_video": 0})
+    assert 30 < program(READ, tmp_path)["frames"] < N_FRAMES
+
+
+def test_half_the_tracks_are_no_whole_trial_in_which_nothing_slips(recorded, tmp_path, capsys):
+    cut(recorded, tmp_path, "tags.csv", 0.4)
+    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert f"of its {N_FRAMES} frames" in capsys.readouterr().err
+    assert not (tmp_path / "events.jsonl").exists()
+
+
+def test_a_video_of_another_time_gives_a_trial_no_onset(tmp_path, capsys):
+    hand_made(tmp_path, at_s=4000.0, slides_at_s=0.8)
+    (tmp_path / "tactile.csv").write_text("Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n")
+    assert main(["onset", str(tmp_path), "--action", "pull"]) == 3
+    assert "another time" in capsys.readouterr().err
+    assert not (tmp_path / "events.jsonl").exists()
+
+
+@pytest.mark.parametrize("size", [(159, 240), (160, 239)])
+def test_frames_that_no_video_holds_without_loss_are_refused(tmp_path, size):
+    path = write_frames(tmp_path / "odd.frames.npz", np.arange(3) / FPS, np.zeros((3, *size), dtype=np.uint8))
+    done = command("watch", "--camera", path, "--out", tmp_path / "out")
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (done.returncode, len(errors)) == (3, 1), done.stderr
+    assert f"{size[1]} x {size[0]} pixels" in errors[0]
+    assert read_about(tmp_path / "out")["void"]
+
+
+@pytest.mark.parametrize(
+    ("name", "number"), [("fps", np.nan), ("fps", -60.0), ("fps", 0.3), ("tag_mm", 0.0), ("exposure_ms", -2.0)]
+)
+def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(tmp_path, name, number):
+    said = {name: number}
+    path = write_frames(tmp_path / "some.frames.npz", np.arange(3) / FPS, np.zeros((3, 8, 8), dtype=np.uint8), **said)
+    with pytest.raises(EmptyRecording, match=r"some\.frames\.npz"):
+        read_frames(path)
+    write_about(tmp_path, {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "clock": "trial"} | said)
+    with pytest.raises(NotANumber, match=r"camera\.json"):
+        read_about(tmp_path)
+
+
+def test_stamps_may_begin_before_zero(tmp_path):
+    stamps_s = np.arange(5) / FPS - 30.0
+    path = write_frames(tmp_path / "early.frames.npz", stamps_s, np.zeros((5, 64, 64), dtype=np.uint8))
+    done = command("watch", "--camera", path, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_allclose(read_tracks(tmp_path / "out").t_s, stamps_s - 1e-3, atol=1.1e-6)

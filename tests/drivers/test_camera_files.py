@@ -1,0 +1,187 @@
+"""Tracks, onset and the camera's page without depthai."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from drawn_frames import (
+    FPS,
+    process,
+    program,
+    write_frames,
+)
+from hand_made_tracks import hand_made
+from rooms import MAY_IMPORT, imports_by_file
+
+from benchmarks import camera_page
+from drivers.camera import sources
+from drivers.camera.library import QUIET
+from drivers.camera.recording import TagFile, read_tracks
+from drivers.camera.sources import read_frames
+from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, HoldfastError, NotANumber, TimeError
+from holdfast.cli import main
+from simulation.camera.apriltag import cells
+from simulation.camera.frames import HAND_TAG, OBJECT_TAG
+
+
+def spoil(path: Path, how: str) -> None:
+    stamps_s, frames = np.arange(1, 4) / FPS, np.zeros((3, 8, 8), dtype=np.uint8)
+    if how == "absent":
+        return
+    if how == "garbage":
+        path.write_bytes(b"PK\x03\x04 not frames")
+    elif how == "a number missing":
+        np.savez(path, frames=frames, time_s=stamps_s, fps=60.0, tag_mm=10.0)
+    elif how == "other lengths":
+        write_frames(path, stamps_s[:2], frames)
+    elif how == "not grey":
+        write_frames(path, stamps_s, np.zeros((3, 8, 8, 3), dtype=np.uint8))
+    elif how == "backwards":
+        write_frames(path, stamps_s[::-1], frames)
+    elif how == "cut":
+        write_frames(path, stamps_s, frames)
+        path.write_bytes(path.read_bytes()[:300])
+
+
+SPOILT: dict[str, type[HoldfastError]] = {
+    "absent": DataNotFound, "garbage": EmptyRecording, "a number missing": ColumnError,
+    "other lengths": EmptyRecording, "not grey": EmptyRecording, "backwards": TimeError, "cut": EmptyRecording,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_frames_that_cannot_be_used_are_refused_by_name(tmp_path, how):
+    path = tmp_path / "some.frames.npz"
+    spoil(path, how)
+    with pytest.raises(SPOILT[how], match=r"some\.frames\.npz"):
+        read_frames(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("", ColumnError),
+        ("a,b\n", ColumnError),
+        ("HEAD", EmptyRecording),
+        ("HEAD0,0.1,0,1,2,3,4,5,6,7,x\n", NotANumber),
+        ("HEAD0,0.2,,,,,,,,,\n1,0.1,,,,,,,,,\n", TimeError),
+    ],
+)
+def test_tracks_that_cannot_be_used_are_refused(tmp_path, text, error):
+    with TagFile(tmp_path):
+        pass
+    head = (tmp_path / "tags.csv").read_text()
+    (tmp_path / "tags.csv").write_text(text.replace("HEAD", head))
+    with pytest.raises(error, match=r"tags\.csv"):
+        read_tracks(tmp_path)
+
+
+def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alone(tmp_path, capsys):
+    hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
+    (tmp_path / "tactile.csv").write_text("Time,X1,Y1,Z1,host_ns\n0.0,0,0,0,5000250000000\n")
+    other = json.dumps({"t0_s": 0.1, "t1_s": 0.2, "label": "grasp", "provenance": "person"})
+    (tmp_path / "events.jsonl").write_text(other + "\n")
+    for _ in range(2):
+        assert main(["onset", str(tmp_path), "--action", "pass"]) == 0
+    first, mine = map(json.loads, (tmp_path / "events.jsonl").read_text().splitlines())
+    assert first == json.loads(other)
+    assert mine["t0_s"] == pytest.approx(0.55, abs=0.003)
+    assert (mine["label"], mine["provenance"], mine["by"]) == ("safe_slip", "camera", "holdfast onset")
+
+
+def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, capsys):
+    hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
+    assert main(["onset", str(tmp_path), "--action", "pull"]) == 0
+    assert json.loads((tmp_path / "events.jsonl").read_text())["t0_s"] == pytest.approx(0.8, abs=0.003)
+
+
+@pytest.mark.parametrize(
+    ("words", "spoils", "code", "says"),
+    [
+        ((), "", 2, "--action pull|fall"),
+        (("--action", "fly"), "", 2, "fly"),
+        (("--gross-mm", "0"), "", 2, "not a number above 0"),
+        (("--apart-mm", "30"), "", 3, "tags are 30 mm apart, and 20.00 mm"),
+        (("--from", "0.9"), "", 3, "never rest"),
+        (("--action", "pull"), "tactile.csv", 3, "host_ns"),
+        (("--action", "pull"), "events.jsonl", 3, "no JSON object"),
+        (("--action", "pull"), "camera.json", 3, "cannot be used"),
+    ],
+)
+def test_what_onset_cannot_use_is_one_line(tmp_path, capsys, words, spoils, code, says):
+    hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
+    if spoils:
+        (tmp_path / spoils).write_text("nonsense\nmore\n")
+    assert main(["onset", str(tmp_path), *words]) == code
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert says in err
+
+
+def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys):
+    for name, slides_at_s in (("slid", 0.8), ("held", 1.3)):
+        (tmp_path / name).mkdir()
+        hand_made(tmp_path / name, at_s=0.0, slides_at_s=slides_at_s)
+    words = ("onset", str(tmp_path / "slid"), "--action", "pull", "--no-slip", str(tmp_path / "held"))
+    assert main([*words, "--gross-mm", "3"]) == 2
+    assert "within the elastic shear" in capsys.readouterr().err
+    assert main(words) == 0
+    assert json.loads((tmp_path / "slid" / "events.jsonl").read_text())["gross_mm"] > 4.0
+
+
+def test_an_object_that_stays_gets_no_line_and_needs_no_action(tmp_path, capsys):
+    hand_made(tmp_path, at_s=0.0, slides_at_s=None)
+    assert main(["onset", str(tmp_path)]) == 0
+    assert "no onset" in capsys.readouterr().out
+    assert (tmp_path / "events.jsonl").read_text() == ""
+
+
+def test_an_oak_needs_the_printed_side(tmp_path, capsys):
+    assert main(["watch", "--camera", "oak", "--out", str(tmp_path)]) == 2
+    assert "--tag-mm" in capsys.readouterr().err
+
+
+def test_the_camera_s_clock_is_the_machine_s_and_its_calls_are_in_the_library():
+    told = program("""
+import time
+dai = load_depthai(quiet)
+before, middle, after = time.monotonic(), dai.Clock.now().total_seconds(), time.monotonic()
+names = [(dai.Device, "setMaxReconnectionAttempts"), (dai.Device, "close"), (dai.Pipeline, "setStopOnDeviceLoss"),
+         (dai.node.Camera, "build"), (dai.node.Camera, "requestOutput"), (dai.node.Camera, "initialControl"),
+         (dai.CameraControl, "setManualExposure"), (dai.Node.Output, "link")]
+between = before - 2e-6 <= middle <= after + 2e-6
+print(json.dumps({"between": between, "lacks": [name for one, name in names if not hasattr(one, name)]}))
+""")
+    assert told == {"between": True, "lacks": []}
+
+
+def test_the_printed_sheet_holds_both_tags_at_their_size():
+    sheet = ElementTree.fromstring(camera_page.sheet())
+    assert (sheet.get("width"), sheet.get("viewBox")) == ("120mm", "0 0 120 50")
+    black = [{key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")} for shape in sheet][1:]
+    left = [shape for shape in black if shape["width"] == 1.25]
+    assert len(left) == sum(int((cells(tag) == 0).sum()) for tag in (OBJECT_TAG, HAND_TAG))
+    assert max(shape["x"] for shape in left if shape["x"] < 30) + 1.25 - min(shape["x"] for shape in left) == 10.0
+
+
+def test_the_page_of_the_camera_is_made_of_what_was_measured():
+    numbers = {f"{name}_p{q}_ms": 1.25 for name in ("start", "seen", "gross") for q in (5, 50, 95)}
+    row = {"fps": 60.0, "mm_per_s2": 42.0, "n": 3, "found": 2, "hidden": 1, "start_worst_ms": 7.7, "within_10_ms": 1.0}
+    page = camera_page.page({"ramps": [row | numbers], "pulls": [row | numbers], "held": [{"n": 5, "onsets": 0}]})
+    assert "| 60 | 42 | 3 | 2 | 1 | 1.2 / 1.2 / 1.2 |" in page
+    assert "simulated" in page
+
+
+def test_depthai_is_imported_in_one_file_and_by_no_help():
+    files = {file for room in MAY_IMPORT for file, names in imports_by_file(room).items() if "depthai" in names}
+    assert files == {"drivers/camera/library.py"}
+    code = "import sys; from holdfast import onset, watch; import drivers.camera.graph; print('depthai' in sys.modules)"
+    assert process("-c", code).stdout == "False\n"
+
+
+def test_the_longest_wait_is_longer_than_the_search():
+    assert float(QUIET["DEPTHAI_SEARCH_TIMEOUT"]) < 1e3 * sources.LONGEST_WAIT_S

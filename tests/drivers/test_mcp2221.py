@@ -1,0 +1,162 @@
+"""The MCP2221A: an engine that hangs, is confused or is left in a transfer, its lengths and speeds."""
+
+from __future__ import annotations
+
+import pytest
+from bridge_bench import (
+    ABSENT,
+    FIRST,
+    ID,
+    IDENTITY,
+    WHO,
+    A,
+)
+
+from drivers.bus import Transfer
+from drivers.mcp2221 import Mcp2221
+from edge_runtime.errors import (
+    BusStuck,
+    TransferFailed,
+    UsageError,
+)
+
+
+def test_a_cancel_of_an_engine_that_was_never_used_hangs_it(make):
+    bench = make("mcp2221")
+    bench.engine().write(0x03, bytes([0x10, 0, 0x10]))
+    with pytest.raises(TransferFailed, match="0x62"):
+        bench.bus.scan([FIRST])
+    bench.bus._port.reset()
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+def test_the_driver_never_cancels_an_engine_that_was_never_used(make):
+    bench = make("mcp2221")
+    bench.bus.clear()
+    bench.bus.close()
+    bench.bus = bench.open()
+    bench.bus.scan([])
+    bench.bus.clear()
+    assert not bench.engine().hangs
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+def test_a_confused_engine_makes_its_next_transfer_bogus(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST, WHO])
+    engine = bench.engine()
+    engine.tick_sda()
+    engine.write(0x03, bytes([0x91, 3, 0, ABSENT << 1 | 1]))
+    engine.write(0x03, bytes([0x40]))
+    assert engine.read(0x83, 64)[1:7] == bytes([0, 0x55, 3, 0xFF, 0xFF, 0xFF])
+
+
+def test_the_driver_cancels_a_confused_engine_first(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST, WHO])
+    bench.engine().tick_sda()
+    assert bench.bus.scan([WHO])[0].data == IDENTITY
+
+
+def test_an_engine_that_is_confused_in_the_middle_of_a_scan_is_cancelled(make):
+    bench = make("mcp2221")
+    engine = bench.engine()
+    write = engine._write
+    engine._write = lambda kind, *told: (write(kind, *told), engine.tick_sda() if kind == 0x90 else None)
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+def test_the_mcp2221_says_that_fewer_bytes_came_than_were_asked_for(make):
+    bench = make("mcp2221")
+    engine = bench.engine()
+    read = engine._read
+    engine._read = lambda address, length: read(address, length - 1)
+    with pytest.raises(TransferFailed, match="2 of 3 bytes"):
+        bench.bus.scan([FIRST, WHO])
+    engine._read = read
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+def test_an_engine_that_was_never_used_is_not_cancelled_while_sda_is_low(make):
+    bench = make("mcp2221")
+    bench.hand.wire.hold_low()
+    for ask in (bench.bus.clear, lambda: bench.bus.scan([FIRST]), bench.bus.clear):
+        with pytest.raises(BusStuck, match="SDA"):
+            ask()
+    bench.bus.close()
+    with pytest.raises(BusStuck, match="SDA"):
+        bench.open()
+    while bench.hand.wire.held_low:
+        bench.hand.wire.clock()
+    bench.bus = bench.open()
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+def test_a_transfer_after_a_nack_that_was_not_cancelled_is_bogus(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    engine = bench.engine()
+    engine.write(0x03, bytes([0x90, 1, 0, ABSENT << 1]))
+    assert engine.state == 0x25
+    engine.write(0x03, bytes([0x90, 1, 0, 0xE0, 2]))
+    assert engine.state == 0x00
+    assert bench.hand.mux.control == 1  # the write to the mux never was on the wire
+
+
+def test_an_engine_that_another_program_left_in_a_nack_is_cancelled_when_it_is_opened(make):
+    bench = make("mcp2221")
+    bench.engine().write(0x03, bytes([0x90, 1, 0, ABSENT << 1]))
+    bench.bus.close()
+    bench.bus = bench.open()
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+@pytest.mark.parametrize("command", [[0x94, 1, 0, A << 1, ID], [0x91, 3, 0, A << 1 | 1]])
+def test_an_engine_left_in_the_middle_of_a_transfer_is_cancelled(make, command):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    bench.engine().write(0x03, bytes(command))
+    bench.bus.close()
+    bench.bus = bench.open()
+    assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
+
+
+@pytest.mark.parametrize("length", [1, 60])
+def test_the_mcp2221_carries_up_to_60_bytes(make, length):
+    bench = make("mcp2221")
+    assert len(bench.bus.scan([FIRST, Transfer(A, b"\0", length)])[1].data) == length
+    assert bench.bus.scan([Transfer(A, bytes(length))])[0].acked
+
+
+def test_the_mcp2221_says_that_a_transfer_is_too_long(make):
+    bench = make("mcp2221")
+    for transfer in (Transfer(A, bytes(61)), Transfer(A, b"\0", 61)):
+        with pytest.raises(TransferFailed, match=r"61 bytes.*60 at most"):
+            bench.bus.scan([FIRST, transfer])
+    assert bench.hand.mux.control == 0  # and nothing of such a scan is carried out
+
+
+@pytest.mark.parametrize("bus_hz", [47_000, 100_000, 400_000])
+def test_the_mcp2221_runs_at_the_speed_it_is_told(make, bus_hz):
+    bench = make("mcp2221")
+    bench.bus.close()
+    bench.bus = Mcp2221(bench.backend, bus_hz=bus_hz)
+    assert bench.engine().bus_hz == pytest.approx(bus_hz, rel=0.01)
+    assert len(bench.bus.scan([FIRST, Transfer(A, b"\0", 60)])[1].data) == 60
+    assert bench.bus.scan([FIRST, Transfer(A, bytes(60)), WHO])[2].data == IDENTITY
+
+
+@pytest.mark.parametrize("bus_hz", [46_000, 400_001])
+def test_the_mcp2221_refuses_other_speeds(make, bus_hz):
+    with pytest.raises(UsageError):
+        Mcp2221(make("mcp2221").backend, bus_hz=bus_hz)
+
+
+def test_an_engine_that_hangs_ends_in_an_error_and_not_in_a_loop(make):
+    bench = make("mcp2221")
+    bench.bus.scan([FIRST])
+    bench.engine().hangs = True
+    bench.backend.traffic.transfers = 0
+    with pytest.raises(TransferFailed, match="0x62"):
+        bench.bus.scan([Transfer(ABSENT, b"\0")])
+    assert bench.backend.traffic.transfers < 100

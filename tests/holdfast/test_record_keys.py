@@ -1,0 +1,191 @@
+"""The recorder's keys: begin, keep, do again, mark, stop; the terminal is as before on every way out."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import termios
+from collections.abc import Iterator
+
+import pytest
+from recorder_bench import (
+    AREA,
+    PULL,
+    REST,
+    ROOT,
+    Hand,
+    heard,
+    meta_of,
+    session,
+    start,
+    terminal_of_its_own,
+    told_on,
+)
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.trial_file import read_trial
+from holdfast.recorder.card import Task
+from holdfast.recorder.keys import Keys
+from holdfast.stopping import stop_signals
+from training.datasets import load
+
+
+def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
+    keys, press = pressing
+    hand = Hand(VirtualClock(), 120, says={60: lambda: press("l"), 90: lambda: press("e"), 110: lambda: press("k")})
+    kept, said = session(tmp_path, hand, keys, [PULL])
+    folder = tmp_path / "p01/soft-ball/pull/trial_1"
+    truth = json.loads((folder / "tactile.truth.json").read_text())
+    phases = [(one["label"], one["provenance"]) for one in truth["phases"]]
+    assert kept == 1
+    assert phases == [("nothing", "rule"), ("grasp", "rule"), ("risky_slip", "key"), ("nothing", "key")]
+    assert truth["contact_s"] == pytest.approx(0.40, abs=0.06)
+    assert (truth["load_onset_s"], truth["contact_lost_s"]) == (pytest.approx(0.60), pytest.approx(0.90))
+    assert any("load onset at 0.600 s" in line for line in said)
+    marks = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    assert [(one["mark"], one["provenance"]) for one in marks] == [("load_onset", "key"), ("contact_lost", "key")]
+
+
+def test_without_a_mark_nobody_guesses_when_the_load_came_on(tmp_path):
+    session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])
+    truth = json.loads((tmp_path / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
+    assert [one["label"] for one in truth["phases"]] == ["nothing", "nothing"]
+    assert truth["load_onset_s"] is None
+    (recording,) = load(tmp_path, windows="natural").recordings
+    assert [phase.situation for phase in recording.phases] == [0, 0]
+    assert recording.events == ()
+
+
+def test_a_trial_of_which_nobody_knows_anything_is_read_and_has_no_label(tmp_path):
+    session(tmp_path, Hand(VirtualClock(), 60), Keys(None), [PULL], seconds=0.35)
+    data = load(tmp_path, windows="natural")
+    assert data.recordings[0].phases == ()
+    assert len(data.tasks["classes"]) == 0
+
+
+@pytest.mark.parametrize(("action", "label"), [("hold", "grasp"), ("pass", "safe_slip"), ("fall", "risky_slip")])
+def test_what_an_action_makes_of_the_grip_is_its_label(tmp_path, pressing, action, label):
+    keys, press = pressing
+    session(tmp_path, Hand(VirtualClock(), 120, says={60: lambda: press("l")}), keys, [Task("soft-ball", action)])
+    truth = json.loads((tmp_path / f"p01/soft-ball/{action}/trial_1/tactile.truth.json").read_text())
+    assert truth["phases"][-2]["label"] == label
+
+
+def test_the_empty_hand_is_nothing_from_end_to_end(tmp_path):
+    session(tmp_path, Hand(VirtualClock(), 40), Keys(None), [Task("nothing", "nothing")])
+    truth = json.loads((tmp_path / "p01/nothing/trial_1/tactile.truth.json").read_text())
+    assert [(one["label"], one["t0_s"], one["t1_s"]) for one in truth["phases"]] == [("nothing", 0.0, 0.4)]
+
+
+def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressing):
+    keys, press = pressing
+    hand = Hand(VirtualClock(), 400, says={100: lambda: press("r"), 200: lambda: press("k"), 300: lambda: press("q")})
+    kept, _ = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")])
+    states = {str(p.parent.relative_to(tmp_path)): meta_of(p.parent)["state"] for p in tmp_path.rglob("tactile.csv")}
+    assert kept == 2
+    assert states == {
+        "p01/discarded/soft-ball/pull/trial_1-1": "redone", "p01/soft-ball/pull/trial_1": "kept",
+        "p01/my-cup/pass/trial_1": "kept",
+    }  # fmt: skip
+
+
+def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressing):
+    keys, press = pressing
+    hand = Hand(VirtualClock(), 400, says={50: lambda: press("krr q"), 100: lambda: press("k")})
+    press(" ")
+    kept, said = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False)
+    assert kept == 0, "space, k; r does it again; the second r finds none; space, q keeps and stops"
+    assert any("no trial of this session to do again" in line for line in said)
+
+
+def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path, pressing):
+    keys, press = pressing
+    press("q")
+    assert session(tmp_path, Hand(VirtualClock(), 10), keys, [PULL], at_once=False)[0] == 0
+    kept, said = session(tmp_path, Hand(VirtualClock(), 10), Keys(None), [PULL], at_once=False)
+    assert kept == 0
+    assert any("--at-once" in line for line in said)
+    assert not (tmp_path / "p01").exists()
+
+
+@pytest.mark.parametrize("way", ["keys", "SIGTERM", "SIGHUP", "error"])
+def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
+    master, slave = pty.openpty()
+    before = termios.tcgetattr(slave)
+    words = ["--source", REST, "--out", tmp_path / "out", "--person", "p01", "--object", "cup", "--action", "pull"]
+    fault = f"{REST}?fault=nack:2@0%2B99"
+    words[1] = fault if way == "error" else REST
+
+    with start(*words, stdin=slave, preexec_fn=terminal_of_its_own) as run:
+        if way != "error":
+            heard(run, "next: cup, pull")
+            assert not termios.tcgetattr(slave)[3] & termios.ICANON
+            os.write(master, b" ")
+            heard(run, "recording p01")
+        if way == "keys":
+            os.write(master, b"l")
+            heard(run, "load onset at")
+            os.write(master, b"k")
+            heard(run, "kept")
+            os.write(master, b"q")
+        if way in ("SIGTERM", "SIGHUP"):
+            run.send_signal(signal.Signals[way])
+        run.communicate(timeout=60)
+    assert run.returncode == (3 if way == "error" else 0)
+    assert termios.tcgetattr(slave) == before
+    states = [meta_of(path.parent)["state"] for path in (tmp_path / "out").rglob("tactile.csv")]
+    assert states == {"keys": ["kept"], "SIGTERM": ["interrupted"], "SIGHUP": ["interrupted"], "error": []}[way]
+    os.close(master)
+    os.close(slave)
+
+
+@pytest.mark.hard_case(
+    AREA, "an SSH connection that drops while a trial is recorded",
+    elsewhere="the recorder dies with the terminal, and its trial says for ever that it is being recorded",
+    here="the trial ends as by SIGTERM: whole, interrupted, and it comes up again",
+)  # fmt: skip
+def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
+    master, slave = pty.openpty()
+    words = ["--source", REST, "--out", tmp_path / "out", "--person", "p01", "--object", "cup", "--action", "pull"]
+    command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own
+    ) as run:
+        os.close(slave)
+        told_on(master, "next: cup, pull")
+        os.write(master, b" ")
+        told_on(master, "recording p01")
+        folder = tmp_path / "out/p01/cup/pull/trial_1"
+        while (folder / "tactile.csv").read_bytes().count(b"\n") < 20:
+            os.sched_yield()
+        os.close(master)
+        assert run.wait(timeout=60) == 0
+    meta = meta_of(folder)
+    assert meta["state"] == "interrupted"
+    assert "why" not in meta, "no error ended it"
+    assert meta["quality"]["samples"] == len(read_trial(folder / "tactile.csv").t_s) >= 19
+    assert [path.name for path in folder.parent.iterdir()] == ["trial_1"]
+
+
+@pytest.fixture
+def hangup_as_before() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGHUP)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+def test_a_hangup_may_come_twice_and_none_counts_under_nohup(hangup_as_before):
+    with stop_signals() as stopped:
+        assert not stopped()
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
+        assert stopped()
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with stop_signals() as stopped:
+        signal.raise_signal(signal.SIGHUP)
+        assert not stopped()
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN

@@ -1,0 +1,188 @@
+"""Who is recorded, where, and what comes next: pseudonyms, folders, cards, and words that do not go together."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+
+import pytest
+from recorder_bench import (
+    PROTOCOL,
+    REST,
+    meta_of,
+    one_pull,
+    recorded,
+)
+
+from edge_runtime.errors import (
+    CardError,
+    DataError,
+    DataNotFound,
+    OutputError,
+    UnitError,
+    UsageError,
+)
+from holdfast.cli import main
+from holdfast.recorder.card import ACTIONS, Task, left, read_protocol
+from holdfast.recorder.folder import opened
+from simulation import protocol as simulated
+from training.datasets import load, thesis
+
+NAMES = ["Anna Müller", "a@b.org", "", "p_01", "../p01", "nothing", "discarded", "p-", "x" * 25]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_pseudonym_is_a_short_word_and_nothing_else(tmp_path, name):
+    with pytest.raises(UsageError, match="pseudonym"):
+        one_pull(tmp_path / "out", person=name)
+    assert not (tmp_path / "out").exists()
+
+
+def test_withdrawing_a_person_is_deleting_one_folder(people, tmp_path):
+    copy = shutil.copytree(people, tmp_path / "trials")
+    assert load(copy, windows="natural").groups() == ["p01", "p02"]
+    shutil.rmtree(copy / "p01")
+    left_over = load(copy, windows="natural")
+    assert {recording.trial_id.split("/")[0] for recording in left_over.recordings} == {"p02"}
+    assert not [path for path in copy.rglob("*") if path.is_file() and "p01" in path.read_text("utf-8")]
+
+
+def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos/summer.txt").write_text("sun")
+    with pytest.raises(OutputError, match="no folder of recordings"):
+        one_pull(tmp_path / "photos")
+    assert [path.name for path in (tmp_path / "photos").rglob("*")] == ["summer.txt"]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="no folder of recordings"):
+        one_pull(tmp_path / "file")
+
+
+def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(tmp_path):
+    one_pull(tmp_path / "out")
+    for within in ("out/p02", "out/p01/soft-ball", "out/p01/new/newer"):
+        with pytest.raises(OutputError, match=r"within a folder of recordings.*--out"):
+            one_pull(tmp_path / within)
+    assert [path.parent.name for path in tmp_path.rglob("tactile.csv")] == ["trial_1"]
+    one_pull(tmp_path / "out2")
+
+
+def test_an_object_that_nobody_weighed_is_told_while_it_is_at_hand(tmp_path):
+    words = ("--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
+    said = recorded(tmp_path / "out", *words)
+    assert [line for line in said if "nobody knows how heavy 'cup' is" in line and "cup/meta.json" in line]
+    (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
+    for told_ in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
+        assert not any("heavy" in line for line in told_)
+    (tmp_path / "two.toml").write_text(PROTOCOL)
+    said = recorded(tmp_path / "out", "--protocol", tmp_path / "two.toml", "--seconds", "0.5", "--trials", "1")
+    assert not any("heavy" in line for line in said)
+
+
+def test_two_recorders_do_not_share_a_folder(tmp_path):
+    one_pull(tmp_path / "out")
+    with opened(tmp_path / "out", "N", "simulated"):
+        with pytest.raises(OutputError, match="another recorder"):
+            one_pull(tmp_path / "out")
+        assert main(["repair", str(tmp_path / "out/p01")]) == 5, "nobody mends what is being written"
+    assert main(["repair", str(tmp_path / "out/p01")]) == 0
+
+
+def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):
+    one_pull(tmp_path / "out")
+    for unit, kind, error in (("uT", "simulated", UnitError), ("N", "recorded", UsageError)):
+        with pytest.raises(error), opened(tmp_path / "out", unit, kind):
+            pass
+
+
+def test_a_bad_bias_is_refused_unless_told(tmp_path):
+    touched = f"{REST}?fault=nack:2@0%2B99"
+    with pytest.raises(DataError, match=r"X2|rows"):
+        one_pull(tmp_path / "out", source=touched)
+    assert not list((tmp_path / "out").rglob("tactile.csv"))
+    late = f"{REST}?fault=nack:2@0.4%2B0.3"
+    with pytest.raises(DataError, match="not a good bias"):
+        one_pull(tmp_path / "out", source=late)
+    said = one_pull(tmp_path / "out", "--anyway", source=late)
+    assert any("lost in X2" in line for line in said)
+    assert meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["bias"]["good"] is False
+
+
+def test_a_card_says_what_comes_next_and_each_person_has_an_order_of_their_own(tmp_path):
+    (tmp_path / "two.toml").write_text(PROTOCOL)
+    protocol = read_protocol(tmp_path / "two.toml")
+    first, again, other = (protocol.ordered(1, person) for person in ("p01", "p01", "p02"))
+    assert first == again != other
+    key = lambda task: (task.thing, task.action)  # noqa: E731
+    assert sorted(first, key=key) == sorted(other, key=key) == sorted(protocol.tasks, key=key)
+    assert len(first) == 8
+    assert protocol.ordered(2, "p01") != first
+    assert left(first, first[:3]) == first[3:]
+
+
+def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
+    (tmp_path / "two.toml").write_text(PROTOCOL)
+    words = ("--protocol", tmp_path / "two.toml", "--seconds", "0.5")
+    recorded(tmp_path / "out", *words, "--trials", "3")
+    said = recorded(tmp_path / "out", *words)
+    assert any("3 of these trials are there already" in line for line in said)
+    assert len(list((tmp_path / "out").rglob("tactile.csv"))) == 8
+    assert recorded(tmp_path / "out", *words)[-1] == "leave the hand alone for 1 s: its bias is taken"
+    plan = read_protocol(tmp_path / "two.toml").ordered(0, "p01")
+    by_start = sorted((tmp_path / "out").rglob("trial_*/meta.json"), key=lambda path: path.stat().st_mtime_ns)
+    done = [Task(*(meta_of(path.parent)[name] for name in ("object", "action", "style"))) for path in by_start]
+    assert done == plan
+    assert json.loads((tmp_path / "out/p01/my-cup/meta.json").read_text()) == {"mass_g": 212}
+
+
+def test_actions_are_those_of_scenes_and_of_training():
+    assert set(ACTIONS) == set(simulated.ACTIONS)
+    assert set(ACTIONS) - {"nothing"} <= set(thesis.FOLDERS)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[[trials", "no TOML"),
+        ("", "trials = None"),
+        ("trials = 3", "trials = 3"),
+        ("[[trials]]\naction = 'fly'\nobjects = ['a']", "action = 'fly'"),
+        ("[[trials]]\naction = 'pull'", "objects = []"),
+        ("[[trials]]\naction = 'nothing'\nobjects = ['a']", "objects = ['a']"),
+        ("[[trials]]\naction = 'pull'\nobjects = ['../a']", "'../a'"),
+        ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncount = 0", "count = 0"),
+        ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncount = true", "count = True"),
+        ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncolour = 1", "'colour' is not known"),
+        ("[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects.a]\nmass_g = nan", "mass_g = nan"),
+        ("[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects]\na = 3", "objects.a = 3"),
+        ("x = " + "[" * 5000, "no TOML"),
+    ],
+)
+def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
+    (tmp_path / "bad.toml").write_text(text)
+    with pytest.raises(CardError, match=re.escape(says)):
+        read_protocol(tmp_path / "bad.toml")
+    with pytest.raises(DataNotFound):
+        read_protocol(tmp_path / "absent.toml")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "what is to be recorded"),
+        (("--object", "cup"), "go together"),
+        (("--action", "pull"), "go together"),
+        (("--object", "cup", "--action", "nothing"), "go together"),
+        (("--object", "a b", "--action", "pull", "--trials", "1"), "object 'a b'"),
+        (("--object", "cup", "--action", "pull"), "without an end"),
+        (("--object", "cup", "--action", "pull", "--trials", "0"), "--trials 0"),
+        (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"), "--tag-mm"),
+        (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "scene"), "films no"),
+        (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "gone.npz"), "no such file"),
+    ],
+)
+def test_words_that_do_not_go_together_are_usage_errors(tmp_path, words, says):
+    with pytest.raises(UsageError, match=says):
+        recorded(tmp_path / "out", *words)
+    assert not (tmp_path / "out").exists()

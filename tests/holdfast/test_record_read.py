@@ -1,0 +1,131 @@
+"""What training makes of recorded trials, and the page about recording."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from recorder_bench import (
+    ROOT,
+    meta_of,
+    told,
+)
+
+from edge_runtime.errors import (
+    HoldfastError,
+    LabelError,
+    TimeError,
+)
+from holdfast.cli import main
+from holdfast.recorder.card import read_protocol, word
+from holdfast.recorder.keys import KEYS
+from training.datasets import load
+
+# -- what training makes of it
+
+
+def test_people_are_groups_and_a_single_one_s_trials_are(people):
+    both, one = load(people), load(people / "p01", windows="natural")
+    assert both.groups() == ["p01", "p02"]
+    assert (both.kind, both.unit, both.rate_hz) == ("simulated", "N", 50.0)
+    assert len(one.groups()) == 4
+    assert "say nothing about others" in one.caveat
+    assert (both.notes["states"], both.notes["people"]) == ({"kept": 8}, 2)
+
+
+def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(people, tmp_path):
+    data = load(people, windows="natural")
+    pull = next(one for one in data.recordings if one.action == "pull")
+    assert (pull.object_name, [phase.situation for phase in pull.phases]) == ("soft-ball", [0, 1, 3, 0])
+    assert pull.events[0].gross_s is not None
+    copy = shutil.copytree(people, tmp_path / "trials")
+    meta = next(copy.glob("p01/soft-ball/pull/trial_1/meta.json"))
+    meta.write_text(json.dumps(meta_of(meta.parent) | {"state": "interrupted"}))
+    shutil.move(copy / "p02/hard-ball/fall/trial_1", copy / "p02/discarded/hard-ball/fall/trial_1-1")
+    (copy / "p02/discarded/hard-ball/fall/trial_1-1/meta.json").write_text('{"recorder": 1, "state": "redone"}')
+    again = load(copy, windows="natural")
+    assert len(again.recordings) == 6
+    assert again.notes["states"] == {"interrupted": 1, "kept": 6, "redone": 1}
+
+
+@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(people, tmp_path, capsys):
+    from export.exporting import export_artifact
+    from training.fitting import train
+    from training.plan import ForestPlan, TrainingPlan
+
+    few = ForestPlan(n_estimators=4)
+    train(load(people), tmp_path / "model", TrainingPlan(situation=few, prediction=few, folds=2))
+    model = str(export_artifact(tmp_path / "model")[0])
+    assert main(["evaluate", model, "--data", str(people), "--json", str(tmp_path / "figures.json")]) == 0
+    assert json.loads((tmp_path / "figures.json").read_text())["n_groups"] == 2
+    capsys.readouterr()
+    folder = people / "p01/soft-ball/pull/trial_1"
+    for source in (str(folder), str(folder / "tactile.csv"), f"{people}#0"):
+        assert main(["replay", model, source]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert json.loads(lines[-1])["state"] in ("nothing", "grasp", "safe_slip", "risky_slip")
+    assert len(lines) > 150
+
+
+def spoil(folder: Path, name: str, text: str) -> None:
+    (folder / name).write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "error"),
+    [
+        ("tactile.truth.json", "[1]", LabelError),
+        ("tactile.truth.json", '{"phases": [3]}', LabelError),
+        ("meta.json", "{", LabelError),
+        ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,0\n", TimeError),
+        ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,1e300\n", TimeError),
+        ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,900\n", TimeError),
+        ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,1.5\n", TimeError),
+        ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,nan\n", TimeError),
+    ],
+)
+def test_a_recording_that_somebody_spoilt_is_refused_by_name(people, tmp_path, name, text, error):
+    copy = shutil.copytree(people / "p01", tmp_path / "p01")
+    spoil(copy / "soft-ball/pull/trial_1", name, text)
+    with pytest.raises(error, match=re.escape(name)):
+        load(copy)
+
+
+@pytest.mark.parametrize("line", ["nonsense", "3", '{"mark": "contact", "provenance": "key"}'])
+def test_events_that_cannot_be_understood_are_refused_by_name(people, tmp_path, line):
+    from holdfast.recorder.labels import relabel
+
+    folder = shutil.copytree(people / "p01/soft-ball/pull/trial_1", tmp_path / "trial_1")
+    before = relabel(folder)
+    assert before == json.loads((people / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
+    (folder / "events.jsonl").write_text(line + "\n")
+    with pytest.raises(LabelError, match=r"events\.jsonl"):
+        relabel(folder)
+
+
+def test_every_error_of_a_word_says_what_is_allowed():
+    with pytest.raises(HoldfastError, match="letters, digits and dashes"):
+        word("a b", "pseudonym")
+    assert word("p-01", "pseudonym") == "p-01"
+
+
+# -- the page
+
+
+def test_the_page_shows_a_card_that_is_one_every_key_and_commands_that_are_understood(tmp_path):
+    page = (ROOT / "docs/recording.md").read_text("utf-8")
+    (card_text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "shown.toml").write_text(card_text)
+    assert read_protocol(tmp_path / "shown.toml").tasks
+    shown = dict(re.findall(r"^\| `(\w+)` \| ([a-z_ ]+)", page, re.M))
+    assert set(shown) == {"space"} | {key for key in KEYS if key.isalpha()}
+    commands = re.findall(r"^holdfast record (.*?)(?:\s+#.*)?$", page, re.M)
+    assert len(commands) >= 3
+    import shlex
+
+    for command in commands:
+        told(*shlex.split(command))

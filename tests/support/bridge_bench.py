@@ -1,0 +1,106 @@
+"""Every bridge with its driver over a virtual device, and transfers that tests ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from drivers.bus import Bus, Transfer
+from drivers.ft232h import Ft232h
+from drivers.mcp2221 import Mcp2221
+from drivers.native_i2c import NativeI2C
+from drivers.tiny_usb import TinyUsb
+from drivers.tmag5273 import (
+    FACTORY_ADDRESSES,
+    PACKET_BYTES,
+    REGISTERS,
+    RESULTS,
+    Setup,
+)
+from drivers.virtual.clock import VirtualClock
+from drivers.virtual.ft232h import VirtualFt232h
+from drivers.virtual.hand import VirtualHand
+from drivers.virtual.mcp2221 import VirtualMcp2221
+from drivers.virtual.native import VirtualI2cDev
+from drivers.virtual.tiny_usb import FIRMWARES, VirtualTinyUsb
+from drivers.virtual.usb_backend import Device, VirtualBackend
+
+A, B, C, D = FACTORY_ADDRESSES
+ABSENT = 0x11
+ID = REGISTERS["DEVICE_ID"].address
+IDENTITY = bytes([0x01, 0x49, 0x54])
+FIRST, SECOND = Transfer(0x70, bytes([1])), Transfer(0x70, bytes([2]))
+WHO = Transfer(A, bytes([ID]), 3)
+THRESHOLD = REGISTERS["X_THR_CONFIG"].address
+SIX = (
+    FIRST, *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B, C, D)),
+    SECOND, *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B)),
+)  # fmt: skip
+TINY = tuple(FIRMWARES)
+ON_USB = (*TINY, "mcp2221", "ft232h")
+ALL = (*ON_USB, "native")
+CANNOT_CLOCK = ("rp2040", "stm32", "mcp2221", "native")
+"""A chip that holds SDA low."""
+
+
+class Bench:
+    """A virtual hand on a bridge of its own. kind: one of ALL."""
+
+    def __init__(self, kind: str, **told: Any) -> None:
+        self.clock = VirtualClock()
+        self.hand = VirtualHand(self.clock, **told)
+        self.device: Device | None = None
+        self.backend: Any
+        self.open: Callable[[], Bus]
+        if kind == "native":
+            self.backend = VirtualI2cDev(self.hand).__enter__()
+            self.open = lambda: NativeI2C(1)
+        else:
+            emulated: dict[str, Callable[[], Device]] = {
+                "mcp2221": lambda: VirtualMcp2221(self.hand), "ft232h": lambda: VirtualFt232h(self.hand),
+            }  # fmt: skip
+            self.device = emulated.get(kind, lambda: VirtualTinyUsb(self.hand, kind))()
+            self.backend = VirtualBackend(self.device, self.clock, self.hand.faults, self.hand.power_off)
+            driver: Any = {"mcp2221": Mcp2221, "ft232h": Ft232h}.get(kind, TinyUsb)
+            self.open = lambda: driver(self.backend)
+        self.bus = self.open()
+
+    def end(self) -> None:
+        self.bus.close()
+        if isinstance(self.backend, VirtualI2cDev):
+            self.backend.__exit__(None, None, None)
+
+    def wait_s(self, duration_s: float) -> None:
+        self.clock.spend(round(1e9 * duration_s))
+
+    def configure(self, address: int, **told: bool) -> None:
+        """Write a chip's settings over the first channel."""
+        self.bus.scan([FIRST, *(Transfer(address, bytes(byte)) for byte in Setup(**told).registers())])
+
+    def engine(self) -> VirtualMcp2221:
+        assert isinstance(self.device, VirtualMcp2221)
+        return self.device
+
+
+Make = Callable[..., Bench]
+
+
+@pytest.fixture
+def make() -> Iterator[Make]:
+    """Benches that are taken apart in the end, the last first."""
+    made: list[Bench] = []
+
+    def one(kind: str, **told: Any) -> Bench:
+        made.append(Bench(kind, **told))
+        return made[-1]
+
+    yield one
+    for bench in reversed(made):
+        bench.end()
+
+
+every_bridge = pytest.mark.parametrize("kind", ALL)
+every_usb_bridge = pytest.mark.parametrize("kind", ON_USB)
+every_firmware = pytest.mark.parametrize("kind", TINY)

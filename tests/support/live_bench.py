@@ -1,0 +1,52 @@
+"""The live loop on a source that comes steadily, and on a virtual clock."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.contract import Prediction, Sample
+from edge_runtime.live import Measured, Summary, run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.tare import Tare
+
+if TYPE_CHECKING:
+    pass
+
+ROOT = Path(__file__).resolve().parents[2]
+DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
+
+
+class Steady:
+    """A source of noise that takes no time, but for stalls: {reading: seconds}."""
+
+    unit, n_channels, rate_hz = "N", 18, None
+
+    def __init__(self, clock: VirtualClock, n: int, stalls: dict[int, float] | None = None) -> None:
+        self.clock, self.n, self.stalls, self.k = clock, n, stalls or {}, 0
+        self.times: list[int] = []
+
+    def read(self) -> Measured | None:
+        if self.k == self.n:
+            return None
+        self.times.append(self.clock.now_ns())
+        self.clock.spend(round(1e9 * self.stalls.get(self.k, 0.0)))
+        self.k += 1
+        values = 0.02 * np.random.default_rng(self.k).normal(size=18)
+        return Measured(self.times[-1], values, np.ones(6, dtype=np.bool_))
+
+    def close(self) -> None:
+        pass
+
+
+def go(model: Model, source: Any, clock: VirtualClock, **told: Any) -> tuple[Summary, list[Prediction], list[Sample]]:
+    said: list[tuple[Prediction, Sample]] = []
+    summary = run_live(
+        source, GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
+        lambda prediction, sample, measured: said.append((prediction, sample)),
+        stopped=told.pop("stopped", lambda: False), **told,
+    )  # fmt: skip
+    return summary, [one for one, _ in said], [one for _, one in said]

@@ -1,0 +1,206 @@
+"""The recorder on a virtual clock or as a process, a source of a plain signal, and two people recorded."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import termios
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.command import Parser
+from edge_runtime.live import Measured
+from holdfast import record
+from holdfast.recorder.card import Task
+from holdfast.recorder.keys import Keys
+from holdfast.recorder.recording import record as record_trials
+from holdfast.recorder.session import Session, SessionOptions
+
+ROOT = Path(__file__).resolve().parents[2]
+REST = "virtual://ft232h"
+AREA = "What comes from outside"
+SCENES = """
+[record]
+rate_hz = 50
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+close_at_s = 0.8
+hold_s = 1.2
+tail_s = 0.8
+count = 2
+[[trials]]
+objects = ["soft-ball", "hard-ball"]
+action = "pass"
+close_at_s = 0.8
+hold_s = 1.2
+tail_s = 0.8
+count = 2
+[[trials]]
+objects = ["hard-ball"]
+action = "fall"
+close_at_s = 0.8
+hold_s = 1.2
+tail_s = 0.8
+count = 2
+[effects.brush]
+count = 3
+[effects.dipole]
+[effects.hall_noise]
+"""
+OF_TRIAL = [("soft-ball", "pull"), ("soft-ball", "pass"), ("hard-ball", "pass"), ("hard-ball", "fall")] * 2
+"""What the trials of that card are."""
+PROTOCOL = """
+title = "Two objects"
+[[trials]]
+objects = ["soft-ball", "my-cup"]
+action = "pull"
+style = "author"
+count = 3
+[[trials]]
+action = "nothing"
+count = 2
+[objects.my-cup]
+mass_g = 212
+"""
+
+
+def never() -> bool:
+    return False
+
+
+def told(*words: object) -> argparse.Namespace:
+    parser = Parser(prog="holdfast record")
+    record.add_arguments(parser)
+    return parser.parse_args([str(one) for one in words])
+
+
+def recorded(out: Path, *words: object, source: object = REST, person: str = "p01") -> list[str]:
+    """One run of the verb on a clock that costs nothing, without a key; what it said."""
+    said: list[str] = []
+    args = told("--source", source, "--out", out, "--person", person, "--at-once", *words)
+    record_trials(args, VirtualClock(7_000_000_000), Keys(None), said.append, never)
+    return said
+
+
+def one_pull(out: Path, *words: object, **where: Any) -> list[str]:
+    pull = ("--object", "soft-ball", "--action", "pull", "--trials", "1", "--seconds", "1")
+    return recorded(out, *pull, *words, **where)
+
+
+def meta_of(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "meta.json").read_text("utf-8")))
+
+
+def columns_of(folder: Path) -> dict[str, list[str]]:
+    with (folder / "tactile.csv").open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+class Hand:
+    """A source of a plain signal: row k after what shifts[k] adds to its stamp, and at row k says[k] happens."""
+
+    unit, n_channels, rate_hz = "N", 18, None
+
+    def __init__(
+        self, clock: VirtualClock, n: int, *, stalls: Mapping[int, float] | None = None,
+        shifts: Mapping[int, float] | None = None, says: Mapping[int, Callable[[], object]] | None = None,
+    ) -> None:  # fmt: skip
+        self.clock, self.n, self.k = clock, n, 0
+        self.stalls, self.shifts, self.says = stalls or {}, shifts or {}, says or {}
+        self.offset_ns = 0
+
+    def read(self) -> Measured | None:
+        if self.k == self.n:
+            return None
+        self.says.get(self.k, never)()
+        self.offset_ns += round(1e9 * self.shifts.get(self.k, 0.0))
+        t_ns = self.clock.now_ns() + self.offset_ns
+        self.clock.spend(round(1e9 * self.stalls.get(self.k, 0.0)))
+        values = 0.001 * np.arange(18.0) + (2.0 if 40 <= self.k < 80 else 0.0)
+        self.k += 1
+        return Measured(t_ns, values, np.ones(6, dtype=np.bool_), ("",) * 6)
+
+    def close(self) -> None:
+        pass
+
+
+def session(
+    out: Path, source: Any, keys: Keys, tasks: list[Task], *, at_once: bool = True, seconds: float | None = None,
+    stopped: Callable[[], bool] = never, said: list[str] | None = None,
+) -> tuple[int, list[str]]:  # fmt: skip
+    said = [] if said is None else said
+    made = Session(
+        SessionOptions(out, "p01", 100.0, seconds, at_once, {}), source, source.clock, keys, said.append,
+        bias=np.zeros(18), about={"unit": "N"},
+    )  # fmt: skip
+    return made.run(tasks, stopped), said
+
+
+PULL = Task("soft-ball", "pull")
+
+
+@pytest.fixture
+def pressing() -> Iterator[tuple[Keys, Callable[[str], None]]]:
+    """Keys that are read from a pipe, and what presses them."""
+    reading, writing = os.pipe()
+    yield Keys(reading), lambda text: void(os.write(writing, text.encode()))
+    os.close(reading)
+    os.close(writing)
+
+
+def void(_: object) -> None:
+    return None
+
+
+@pytest.fixture(scope="session")
+def card(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("card") / "short.toml"
+    path.write_text(SCENES, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def people(card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two people, four trials each, of a scene. Read only."""
+    out = tmp_path_factory.mktemp("recorded") / "trials"
+    for number, (thing, action) in enumerate(OF_TRIAL):
+        words = ("--object", thing, "--action", action, "--trials", "1")
+        recorded(out, *words, source=f"sim://{card}?trial={number}", person=f"p0{1 + number // 4}")
+    return out
+
+
+def start(*words: object, stdin: Any = subprocess.DEVNULL, **told: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
+    return subprocess.Popen(
+        command, cwd=ROOT, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **told
+    )
+
+
+def heard(run: subprocess.Popen[str], word_: str) -> str:
+    assert run.stderr is not None
+    return next(line for line in run.stderr if word_ in line)
+
+
+def terminal_of_its_own() -> None:
+    """Make stdin the terminal of a new session, as a login does."""
+    os.setsid()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+def told_on(master: int, word_: str) -> None:
+    """Read a terminal's screen until a word is on it."""
+    screen = b""
+    while word_.encode() not in screen:
+        screen += os.read(master, 4096)
