@@ -1,4 +1,5 @@
-"""What is timed and counted: a call of the whole step, a call of the forests alone; only the live path is imported."""
+"""What is timed and counted: a call of the whole step, a call of the forests alone; only the live
+path is imported."""
 
 from __future__ import annotations
 
@@ -15,8 +16,11 @@ from edge_runtime.graph import StepGraph
 from edge_runtime.monitor import Model
 
 
-def step_of(model: Model, stream: tuple[FloatArray, BoolArray] | None = None) -> Callable[[], object]:
-    """Steps over a stream again and again; without one over the golden sequence: signal, gaps and faults in it."""
+def step_of(
+    model: Model, stream: tuple[FloatArray, BoolArray] | None = None
+) -> Callable[[], object]:
+    """Steps over a stream again and again; without one over the golden sequence: signal, gaps and
+    faults in it."""
     values, valid = stream or golden(model)
     graph, turn = StepGraph(model.session), cycle(range(len(values)))
 
@@ -29,7 +33,9 @@ def step_of(model: Model, stream: tuple[FloatArray, BoolArray] | None = None) ->
     return step
 
 
-def forests_of(session: ort.InferenceSession, rows: npt.NDArray[np.float32]) -> Callable[[], object]:
+def forests_of(
+    session: ort.InferenceSession, rows: npt.NDArray[np.float32]
+) -> Callable[[], object]:
     """The forests alone on rows [N, F] in turn, bound to buffers as the whole step is."""
     row, turn = rows[:1].copy(), cycle(range(len(rows)))
     binding = session.io_binding()

@@ -1,4 +1,5 @@
-"""docs/camera.md, from what `holdfast bench onset` measured, and docs/tags.svg, the tags to print: `make docs`."""
+"""docs/camera.md, from what `holdfast bench onset` measured, and docs/tags.svg, the tags to print:
+`make docs`."""
 
 from __future__ import annotations
 
@@ -98,7 +99,16 @@ HELD = """Holds that are loaded and do not slip:
 def page(figures: dict[str, Any]) -> str:
     """The whole page."""
     ramps, pulls = ([_row(row) for row in figures[name]] for name in ("ramps", "pulls"))
-    tables = RAMPS + markdown(ramps) + "\n\n" + PULLS + markdown(pulls) + "\n\n" + HELD + markdown(figures["held"])
+    tables = (
+        RAMPS
+        + markdown(ramps)
+        + "\n\n"
+        + PULLS
+        + markdown(pulls)
+        + "\n\n"
+        + HELD
+        + markdown(figures["held"])
+    )
     return INTRO + LIMITS + FIGURES + tables + "\n"
 
 
@@ -106,7 +116,10 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
     told: dict[str, Any] = {name: row[name] for name in COUNTS if name in row}
     for name in ("start", "seen", "gross"):
         told[name] = " / ".join(f"{row[f'{name}_p{q}_ms']:.1f}" for q in (5, 50, 95))
-    return told | {"worst start": f"{row['start_worst_ms']:.1f}", "within 10 ms": row["within_10_ms"]}
+    return told | {
+        "worst start": f"{row['start_worst_ms']:.1f}",
+        "within 10 ms": row["within_10_ms"],
+    }
 
 
 def sheet() -> str:
@@ -119,13 +132,21 @@ def sheet() -> str:
             at = f'x="{left_mm + cell_mm * column:g}" y="{MARGIN_MM + cell_mm * row:g}"'
             shapes.append(f'<rect {at} width="{cell_mm:g}" height="{cell_mm:g}"/>')
         name = ("object", "hand")[tag]
-        shapes.append(f'<text x="{left_mm:g}" y="30" font-size="3" font-family="sans-serif">{tag}: {name}</text>')
-    ruler = "".join(f"M{MARGIN_MM + k:g} 40v{-3 if k % 10 == 0 else -1.5:g}" for k in range(RULER_MM + 1))
-    shapes.append(f'<path d="M{MARGIN_MM:g} 40h{RULER_MM}{ruler}" stroke="black" stroke-width="0.2" fill="none"/>')
+        shapes.append(
+            f'<text x="{left_mm:g}" y="30" font-size="3" font-family="sans-serif">{tag}: {name}</text>'
+        )
+    ruler = "".join(
+        f"M{MARGIN_MM + k:g} 40v{-3 if k % 10 == 0 else -1.5:g}" for k in range(RULER_MM + 1)
+    )
+    shapes.append(
+        f'<path d="M{MARGIN_MM:g} 40h{RULER_MM}{ruler}" stroke="black" stroke-width="0.2" fill="none"/>'
+    )
     shapes.append('<text x="10" y="45" font-size="3" font-family="sans-serif">100 mm</text>')
     size = 'width="120mm" height="50mm" viewBox="0 0 120 50" shape-rendering="crispEdges"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>'
-    return "\n".join([head, '<rect width="120" height="50" fill="white"/>', *shapes, "</svg>"]) + "\n"
+    return (
+        "\n".join([head, '<rect width="120" height="50" fill="white"/>', *shapes, "</svg>"]) + "\n"
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""The price list of effects: what each adds to a simulated sample, in one run, beside the core's own price.
+"""The price list of effects: what each adds to a simulated sample, in one run, beside the core's
+own price.
 
-Effects of the loop are priced by running the same trials with and without them (median of pairs taken in turns),
-effects of the sensor by calling them on the same recordings, a camera by filming one. CPU time; ns per sample of six
-fingertips.
+Effects of the loop are priced by running the same trials with and without them (median of pairs
+taken in turns), effects of the sensor by calling them on the same recordings, a camera by filming
+one. CPU time; ns per sample of six fingertips.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ count = {half}
 
 @dataclass(frozen=True)
 class Effort:
-    """What is run for a price: trials at once, times, and the card, which leaves room for rate, half and effects."""
+    """What is run for a price: trials at once, times, and the card, which leaves room for rate,
+    half and effects."""
 
     lanes: int = 200
     pairs: int = 3
@@ -52,23 +54,34 @@ def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
     told = "\n".join(f"[effects.{name}]" for name in EFFECTS if name in needed | set(names))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "price.toml"
-        path.write_text(effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=told), encoding="utf-8")
+        path.write_text(
+            effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=told), encoding="utf-8"
+        )
         return Scene(read_card(str(path)), 0)
 
 
 def prices(effort: Effort = USUAL) -> list[dict[str, Any]]:
-    """One row an effect: name, stage, ns_per_sample it adds, and that over the core's own; the core first."""
+    """One row an effect: name, stage, ns_per_sample it adds, and that over the core's own; the core
+    first."""
     empty = scene_with(effort=effort)
     core = min(_run_ns(empty) for _ in range(effort.pairs))
     rows = [{"effect": "(core alone)", "stage": "core", "ns_per_sample": core, "over_core": 1.0}]
     for name, effect in EFFECTS.items():
         price = PRICED[effect.stage](name, effort)
-        rows.append({"effect": name, "stage": effect.stage, "ns_per_sample": price, "over_core": price / core})
+        rows.append(
+            {
+                "effect": name,
+                "stage": effect.stage,
+                "ns_per_sample": price,
+                "over_core": price / core,
+            }
+        )
     return rows
 
 
 def empty_list_over_core(*, pairs: int = 5) -> float:
-    """CPU time with `[effects]` empty over CPU time of a card without the section; both in turns."""
+    """CPU time with `[effects]` empty over CPU time of a card without the section; both in
+    turns."""
     without, with_empty = scene_with(), scene_with()
     ratios = [_run_ns(with_empty) / _run_ns(without) for _ in range(pairs)]
     return statistics.median(ratios)
@@ -116,5 +129,7 @@ def _camera_price(name: str, effort: Effort) -> float:
 
 
 PRICED: dict[str, Callable[[str, Effort], float]] = {
-    "physics": _loop_price, "sensor": _sensor_price, "camera": _camera_price,
-}  # fmt: skip
+    "physics": _loop_price,
+    "sensor": _sensor_price,
+    "camera": _camera_price,
+}

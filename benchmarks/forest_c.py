@@ -1,4 +1,5 @@
-"""The same trees walked by a few lines of C: the limit of what any runtime can reach for one row."""
+"""The same trees walked by a few lines of C: the limit of what any runtime can reach for one
+row."""
 
 from __future__ import annotations
 
@@ -30,24 +31,38 @@ void votes(const float *row, const int32_t *roots, int32_t trees, const int32_t 
 """
 
 
-def c_walk(forest: Forest, n_classes: int, rows: FloatRows, work: Path) -> Callable[[int], npt.NDArray[np.int32]]:
-    """What votes on a row by its number, in C; the votes are overwritten by the next. Raises LibraryMissing."""
+def c_walk(
+    forest: Forest, n_classes: int, rows: FloatRows, work: Path
+) -> Callable[[int], npt.NDArray[np.int32]]:
+    """What votes on a row by its number, in C; the votes are overwritten by the next. Raises
+    LibraryMissing."""
     library = ctypes.CDLL(str(_compiled(work)))
     trees = [tree.tree_ for tree in forest.estimators_]
     roots = np.cumsum([0, *(tree.node_count for tree in trees)])[:-1].astype(np.int32)
     arrays = [
         roots,
-        np.concatenate([np.where(tree.children_left < 0, -1, tree.feature) for tree in trees]).astype(np.int32),
+        np.concatenate(
+            [np.where(tree.children_left < 0, -1, tree.feature) for tree in trees]
+        ).astype(np.int32),
         np.concatenate([_lowered(tree.threshold) for tree in trees]),
-        *(np.concatenate([getattr(tree, side) + root for tree, root in zip(trees, roots, strict=True)]).astype(np.int32)
-          for side in ("children_left", "children_right")),
+        *(
+            np.concatenate(
+                [getattr(tree, side) + root for tree, root in zip(trees, roots, strict=True)]
+            ).astype(np.int32)
+            for side in ("children_left", "children_right")
+        ),
         np.concatenate(leaf_votes(forest, n_classes)).astype(np.int32),
-    ]  # fmt: skip
+    ]
     out, kept = np.zeros(n_classes, dtype=np.int32), np.ascontiguousarray(rows)
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
     told = [ctypes.c_void_p(kept.ctypes.data + k * kept.strides[0]) for k in range(len(kept))]
-    rest = (pointers[0], ctypes.c_int32(len(roots)), *pointers[1:], ctypes.c_int32(n_classes),
-            ctypes.c_void_p(out.ctypes.data))  # fmt: skip
+    rest = (
+        pointers[0],
+        ctypes.c_int32(len(roots)),
+        *pointers[1:],
+        ctypes.c_int32(n_classes),
+        ctypes.c_void_p(out.ctypes.data),
+    )
 
     def call(row: int, _keep: object = (arrays, kept)) -> npt.NDArray[np.int32]:
         library.votes(told[row], *rest)
@@ -68,5 +83,7 @@ def _compiled(work: Path) -> Path:
         raise LibraryMissing("no C compiler", where="cc", next_step="install gcc to have this row")
     source, library = work / "walk.c", work / "walk.so"
     source.write_text(SOURCE, encoding="utf-8")
-    subprocess.run([compiler, "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source], check=True)
+    subprocess.run(
+        [compiler, "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source], check=True
+    )
     return library

@@ -1,18 +1,21 @@
 """Three laws of friction for one block on one contact: why our scenes use the set-valued one.
 
-Regularised Coulomb friction, mu N tanh(v / v0), is what most simulators do because it is a smooth function of the
-velocity. It is the thing not done here: at zero velocity its force is zero, so whatever is held must move, at
-v0 atanh(share of the limit) - a millimetre a second at the usual v0, for ever. A held object sinks out of a resting
-hand, "before the slip" does not exist as a state, and a predictor learns the creep of the simulator. A smaller v0
-creeps less and is stiffer by as much. LuGre has a state, its bristles, and does not creep under a constant load, but
-it drifts under any small vibration far below the limit, as the bristles slide a little in every cycle (Dupont,
-Hayward, Armstrong & Altpeter, "Single state elastoplastic friction models", IEEE Trans. Autom. Control 47, 2002), and
-a load between kinetic and static friction then gets away altogether. Nor can its bristles be as soft as a fingertip:
-their stretching counts as slip speed, so that loading alone takes the static friction away.
-Set-valued friction by return mapping (`simulation.core`) holds exactly, and needs no smaller step for it.
+Regularised Coulomb friction, mu N tanh(v / v0), is what most simulators do because it is a smooth
+function of the velocity. It is the thing not done here: at zero velocity its force is zero, so
+whatever is held must move, at v0 atanh(share of the limit) - a millimetre a second at the usual v0,
+for ever. A held object sinks out of a resting hand, "before the slip" does not exist as a state,
+and a predictor learns the creep of the simulator. A smaller v0 creeps less and is stiffer by as
+much. LuGre has a state, its bristles, and does not creep under a constant load, but it drifts under
+any small vibration far below the limit, as the bristles slide a little in every cycle (Dupont,
+Hayward, Armstrong & Altpeter, "Single state elastoplastic friction models", IEEE Trans. Autom.
+Control 47, 2002), and a load between kinetic and static friction then gets away altogether. Nor can
+its bristles be as soft as a fingertip: their stretching counts as slip speed, so that loading alone
+takes the static friction away. Set-valued friction by return mapping (`simulation.core`) holds
+exactly, and needs no smaller step for it.
 
-The task: a load along the contact rises smoothly to a share of the static limit in the first half second and stays,
-with or without a small vibration on it. Creep is how far the block moves from 1 s on. Arrays are [B], a lane a case.
+The task: a load along the contact rises smoothly to a share of the static limit in the first half
+second and stays, with or without a small vibration on it. Creep is how far the block moves from 1 s
+on. Arrays are [B], a lane a case.
 """
 
 from __future__ import annotations
@@ -57,7 +60,8 @@ class Block:
 
 @dataclass
 class Moving:
-    """State of the lanes [B]: position, velocity, stretch of the contact, whether it slid in the last step."""
+    """State of the lanes [B]: position, velocity, stretch of the contact, whether it slid in the
+    last step."""
 
     position_m: FloatArray
     velocity_m_s: FloatArray
@@ -67,7 +71,9 @@ class Moving:
     @staticmethod
     def still(lanes: int) -> Moving:
         """Nothing moves, nothing is stretched."""
-        return Moving(np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes, dtype=np.bool_))
+        return Moving(
+            np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes, dtype=np.bool_)
+        )
 
 
 class Law(Protocol):
@@ -83,7 +89,8 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class Regularised:
-    """mu N tanh(v / v0); 1 mm/s is a usual v0. Linearly implicit in v, so the step does not limit v0."""
+    """mu N tanh(v / v0); 1 mm/s is a usual v0. Linearly implicit in v, so the step does not limit
+    v0."""
 
     v0_m_s: float = 1e-3
     step_s: float = 1e-3
@@ -92,18 +99,22 @@ class Regularised:
         """One step."""
         bent = np.tanh(state.velocity_m_s / self.v0_m_s)
         slope = block.limit_n * (1.0 - bent * bent) / self.v0_m_s
-        state.velocity_m_s += dt_s * (load_n - block.limit_n * bent) / (block.mass_kg + dt_s * slope)
+        state.velocity_m_s += (
+            dt_s * (load_n - block.limit_n * bent) / (block.mass_kg + dt_s * slope)
+        )
         state.position_m += dt_s * state.velocity_m_s
 
 
 @dataclass(frozen=True)
 class LuGre:
-    """Bristles with a state z: dz/dt = v - sigma0 |v| z / g(v), force sigma0 z + sigma1 dz/dt + sigma2 v.
+    """Bristles with a state z: dz/dt = v - sigma0 |v| z / g(v), force sigma0 z + sigma1 dz/dt +
+    sigma2 v.
 
-    g(v) = mu_k N + (mu_s - mu_k) N exp(-(v / vs)^2); parameters of Canudas de Wit, Olsson, Astrom & Lischinsky, "A new
-    model for control of systems with friction", IEEE Trans. Autom. Control 40, 1995 (sigma0 in N/m, the others in
-    N s/m, vs in m/s). Implicit in z and v with |v| / g(v) of the old velocity: stable, and of first
-    order in the step: at 0.2 ms the drift under vibration is 0.2 % above its limit for small steps.
+    g(v) = mu_k N + (mu_s - mu_k) N exp(-(v / vs)^2); parameters of Canudas de Wit, Olsson, Astrom &
+    Lischinsky, "A new model for control of systems with friction", IEEE Trans. Autom. Control 40,
+    1995 (sigma0 in N/m, the others in N s/m, vs in m/s). Implicit in z and v with |v| / g(v) of the
+    old velocity: stable, and of first order in the step: at 0.2 ms the drift under vibration is 0.2
+    % above its limit for small steps.
     """
 
     sigma0: float = 1e5
@@ -119,9 +130,12 @@ class LuGre:
         g = kinetic_n + (block.limit_n - kinetic_n) * np.exp(-((speed / self.stribeck_m_s) ** 2))
         rate = self.sigma0 * speed / g
         kept = 1.0 / (1.0 + dt_s * rate)
-        bristle = self.sigma0 - self.sigma1 * rate  # force a unit of the new z; the new z is kept * (z + dt v)
+        # force a unit of the new z; the new z is kept * (z + dt v)
+        bristle = self.sigma0 - self.sigma1 * rate
         mass = block.mass_kg + dt_s * (bristle * kept * dt_s + self.sigma1 + self.sigma2)
-        drive = block.mass_kg * state.velocity_m_s + dt_s * (load_n - bristle * kept * state.stretch_m)
+        drive = block.mass_kg * state.velocity_m_s + dt_s * (
+            load_n - bristle * kept * state.stretch_m
+        )
         state.velocity_m_s = drive / mass
         state.stretch_m = kept * (state.stretch_m + dt_s * state.velocity_m_s)
         state.position_m += dt_s * state.velocity_m_s
@@ -129,9 +143,11 @@ class LuGre:
 
 @dataclass(frozen=True)
 class SetValued:
-    """A spring of at most mu N, by return mapping, implicit in v; mu falls from static to kinetic while it slides.
+    """A spring of at most mu N, by return mapping, implicit in v; mu falls from static to kinetic
+    while it slides.
 
-    stiffness and loss (a damping over the stiffness, none while it slides) are those of a finger of our scenes.
+    stiffness and loss (a damping over the stiffness, none while it slides) are those of a finger of
+    our scenes.
     """
 
     stiffness_n_per_m: float = 500.0
@@ -143,7 +159,9 @@ class SetValued:
         spring, mass = self.stiffness_n_per_m, block.mass_kg
         limit_n = np.where(state.slides, block.kinetic, block.static) * block.normal_n
         drive = mass * state.velocity_m_s + dt_s * load_n
-        stick = (drive - dt_s * spring * state.stretch_m) / (mass + dt_s * (dt_s + self.loss_s) * spring)
+        stick = (drive - dt_s * spring * state.stretch_m) / (
+            mass + dt_s * (dt_s + self.loss_s) * spring
+        )
         trial_m = state.stretch_m + dt_s * stick
         state.slides = spring * np.abs(trial_m) > limit_n
         held_n = np.copysign(limit_n, trial_m)
@@ -154,7 +172,8 @@ class SetValued:
 
 @dataclass(frozen=True)
 class Task:
-    """What every lane is loaded with: shares of the static limit [B], a vibration's amplitude over it [B]."""
+    """What every lane is loaded with: shares of the static limit [B], a vibration's amplitude over
+    it [B]."""
 
     share: FloatArray
     vibration: FloatArray
@@ -168,7 +187,8 @@ class Task:
         return Task(shares.astype(np.float64), vibrations.astype(np.float64), **others)
 
     def load_n(self, t_s: FloatArray) -> FloatArray:
-        """[n, B] load at times t_s [n]: a minimum-jerk rise of load and vibration, then both go on."""
+        """[n, B] load at times t_s [n]: a minimum-jerk rise of load and vibration, then both go
+        on."""
         u = np.minimum(t_s / RAMP_S, 1.0)
         risen = u * u * u * (10.0 + u * (6.0 * u - 15.0))
         shaken = np.sin(2.0 * np.pi * self.vibration_hz * t_s)[:, None] * self.vibration
@@ -195,14 +215,16 @@ def _positions(law: Law, task: Task, wanted: np.ndarray, dt_s: float) -> Iterato
 
 
 def creep(law: Law, task: Task, held_s: float = HELD_S, step_s: float | None = None) -> FloatArray:
-    """How far the block moves from SETTLED_S to held_s: m, [B]. Both lie at the same phase of the vibration."""
+    """How far the block moves from SETTLED_S to held_s: m, [B]. Both lie at the same phase of the
+    vibration."""
     start, stop = path(law, task, np.array([SETTLED_S, held_s]), step_s)
     moved: FloatArray = stop - start
     return moved
 
 
 def cost_ns(law: Law, lanes: int = 1000, steps: int = 500, repeats: int = 7) -> float:
-    """CPU time of one step of one lane, ns: the least of some repeats; 1000 lanes, so not Python's own."""
+    """CPU time of one step of one lane, ns: the least of some repeats; 1000 lanes, so not Python's
+    own."""
     task = Task.of(np.linspace(0.1, 0.9, lanes))
     best = np.inf
     for _ in range(repeats):
@@ -221,16 +243,20 @@ LAWS: dict[str, Law] = {
     "LuGre, soft as a finger": LuGre(sigma0=500.0, sigma1=1.0),
     "set-valued": SetValued(),
 }
-"""The second LuGre has the stiffness and damping of a finger of ours, as one who describes silicone would choose."""
+"""The second LuGre has the stiffness and damping of a finger of ours, as one who describes silicone
+would choose."""
 
 
 def table(held_s: float = HELD_S) -> list[dict[str, Any]]:
-    """For `holdfast bench simulator`: a row a law, share and vibration; creep in m over held_s, cost in ns a step.
+    """For `holdfast bench simulator`: a row a law, share and vibration; creep in m over held_s,
+    cost in ns a step.
 
-    lets_go: it moved so far that nothing is held any more; cost_ns_per_s: what a second of one contact costs at the
-    law's own step.
+    lets_go: it moved so far that nothing is held any more; cost_ns_per_s: what a second of one
+    contact costs at the law's own step.
     """
-    shares, vibrations = (grid.ravel() for grid in np.meshgrid(SHARES, (0.0, VIBRATION), indexing="ij"))
+    shares, vibrations = (
+        grid.ravel() for grid in np.meshgrid(SHARES, (0.0, VIBRATION), indexing="ij")
+    )
     rows = []
     for name, law in LAWS.items():
         price, moved = cost_ns(law), creep(law, Task.of(shares, vibrations), held_s)

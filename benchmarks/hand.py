@@ -1,7 +1,8 @@
-"""What reading six fingertips costs and how it fails: on the virtual hand, through the drivers that real ones have.
+"""What reading six fingertips costs and how it fails: on the virtual hand, through the drivers that
+real ones have.
 
-Times of transfers are the emulation's (wire bits at the bus's speed, a USB round trip as its class has it), not
-measured on silicon; times of computing are this machine's.
+Times of transfers are the emulation's (wire bits at the bus's speed, a USB round trip as its class
+has it), not measured on silicon; times of computing are this machine's.
 """
 
 from __future__ import annotations
@@ -54,14 +55,16 @@ RATES_HZ = (300.0, 150.0, 100.0, 50.0)
 SPARE = 0.8
 CHECKED = "1-byte + CRC"
 READS = ("registers", "1-byte", CHECKED)
-"""Ways to read a chip: by register number, its packet, and its packet with the CRC that the drivers ask for."""
+"""Ways to read a chip: by register number, its packet, and its packet with the CRC that the drivers
+ask for."""
 NATIVE = "i2c"
 """The board's own bus, by smbus2; its transfers are ioctls."""
 
 
 @dataclass
 class Bench:
-    """A virtual hand behind a bridge, its driver started. reads: one of READS, by default the drivers' own."""
+    """A virtual hand behind a bridge, its driver started. reads: one of READS, by default the
+    drivers' own."""
 
     bridge: str = "ft232h"
     reads: str = CHECKED
@@ -83,10 +86,14 @@ class Bench:
             bridge = open_virtual(self.bridge, self.virtual, self.bus_hz)
             self.traffic, opened = bridge.backend.traffic, bridge
         self.hand = Hand(
-            opened, read_layout(self.layout), setup=Setup(burst=self.reads == "1-byte"),
-            crc="on" if self.reads == CHECKED else "off", now_ns=self.clock.now_ns,
-            pause=lambda seconds: self.clock.spend(round(1e9 * seconds)), say=self.said.append,
-        )  # fmt: skip
+            opened,
+            read_layout(self.layout),
+            setup=Setup(burst=self.reads == "1-byte"),
+            crc="on" if self.reads == CHECKED else "off",
+            now_ns=self.clock.now_ns,
+            pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
+            say=self.said.append,
+        )
         self.hand.start()
 
 
@@ -112,15 +119,20 @@ def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
 
 
 def scan_costs() -> list[dict[str, Any]]:
-    """One row a bridge and way to read: transfers, bytes and ms a scan of six, and the model rate that it serves."""
+    """One row a bridge and way to read: transfers, bytes and ms a scan of six, and the model rate
+    that it serves."""
     ways = [(bridge, reads, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for reads in READS]
     ways += [("ft232h", reads, "mux", 1_000_000) for reads in READS]
     ways += [("ft232h", CHECKED, layout, 400_000) for layout in ("mux6", "moved")]
     rows = [_scan_cost(*way) for way in ways]
-    plain = {(row["bridge"], row["bus_khz"]): row["scan_ms"] for row in rows if row["reads"] == "1-byte"}
+    plain = {
+        (row["bridge"], row["bus_khz"]): row["scan_ms"] for row in rows if row["reads"] == "1-byte"
+    }
     for row in rows:
         compared = row["reads"] == CHECKED and row["layout"] == "mux"
-        row["crc_costs_us"] = 1e3 * (row["scan_ms"] - plain[row["bridge"], row["bus_khz"]]) if compared else None
+        row["crc_costs_us"] = (
+            1e3 * (row["scan_ms"] - plain[row["bridge"], row["bus_khz"]]) if compared else None
+        )
     return rows
 
 
@@ -133,18 +145,28 @@ def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> dict[str, A
     scan_s = 1e-9 * (bench.clock.now_ns() - before_ns) / SCANS
     served = next((rate for rate in RATES_HZ if scan_s * rate < SPARE), None)
     return {
-        "bridge": bridge, "reads": reads, "layout": layout, "bus_khz": bus_hz // 1000,
-        "transfers": traffic.transfers / SCANS, "bytes_out": traffic.bytes_out / SCANS,
-        "bytes_in": traffic.bytes_in / SCANS, "scan_ms": 1e3 * scan_s, "scans_hz": 1.0 / scan_s,
+        "bridge": bridge,
+        "reads": reads,
+        "layout": layout,
+        "bus_khz": bus_hz // 1000,
+        "transfers": traffic.transfers / SCANS,
+        "bytes_out": traffic.bytes_out / SCANS,
+        "bytes_in": traffic.bytes_in / SCANS,
+        "scan_ms": 1e3 * scan_s,
+        "scans_hz": 1.0 / scan_s,
         "serves_model_hz": served,
-    }  # fmt: skip
+    }
 
 
-def fault_table(model_path: Path, compute_ms: float = 0.0, phases: int = PHASES) -> list[dict[str, Any]]:
-    """One row a fault at the model's rate: what was said, detected when, states meanwhile, good again when, lost.
+def fault_table(
+    model_path: Path, compute_ms: float = 0.0, phases: int = PHASES
+) -> list[dict[str, Any]]:
+    """One row a fault at the model's rate: what was said, detected when, states meanwhile, good
+    again when, lost.
 
-    compute_ms: from the end of a read to the answer, which no virtual clock knows. phases: detection is measured for
-    faults that begin at so many moments of a period, everything else once.
+    compute_ms: from the end of a read to the answer, which no virtual clock knows. phases:
+    detection is measured for faults that begin at so many moments of a period, everything else
+    once.
     """
     model = Model(model_path)
     return [_fault_row(model, fault, compute_ms, phases) for fault in FAULTS]
@@ -155,7 +177,13 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> dict
     rows: list[tuple[float, bool, str]] = []
 
     def emit(prediction: Prediction, sample: Sample, measured: Measured) -> None:
-        rows.append((1e-9 * bench.clock.now_ns() + 1e-3 * compute_ms, bool(sample.valid.all()), prediction.state))
+        rows.append(
+            (
+                1e-9 * bench.clock.now_ns() + 1e-3 * compute_ms,
+                bool(sample.valid.all()),
+                prediction.state,
+            )
+        )
 
     end_ns = round(1e9 * FAULT_RUN_S)
     summary = _answered(bench, model, bench.clock, emit, lambda: bench.clock.now_ns() >= end_ns)
@@ -163,14 +191,21 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> dict
     bad = [t for t, good, _ in after if not good]
     unknown = [t for t, _, state in after if state == "unknown"]
     ends_s = FAULT_AT_S + (read_fault(fault).lasts_s if "+" in fault else 0.0)
-    detected_ms = [_detected_ms(model, fault, phase / phases) + compute_ms for phase in range(phases)]
+    detected_ms = [
+        _detected_ms(model, fault, phase / phases) + compute_ms for phase in range(phases)
+    ]
     return {
-        "fault": fault, "what": FAULTS[fault], "said": bench.said[0].split(";")[0] if bench.said else "",
-        "detected_ms": float(np.median(detected_ms)), "detected_max_ms": max(detected_ms),
+        "fault": fault,
+        "what": FAULTS[fault],
+        "said": bench.said[0].split(";")[0] if bench.said else "",
+        "detected_ms": float(np.median(detected_ms)),
+        "detected_max_ms": max(detected_ms),
         "meanwhile": ", ".join(sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})),
-        "whole_again_ms": 1e3 * (bad[-1] - ends_s), "settled_again_ms": 1e3 * (unknown[-1] - ends_s),
-        "samples_lost": summary.overruns, "ends": rows[-1][2],
-    }  # fmt: skip
+        "whole_again_ms": 1e3 * (bad[-1] - ends_s),
+        "settled_again_ms": 1e3 * (unknown[-1] - ends_s),
+        "samples_lost": summary.overruns,
+        "ends": rows[-1][2],
+    }
 
 
 def _detected_ms(model: Model, fault: str, phase: float) -> float:
@@ -185,14 +220,18 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
             found_s.append(now_s)
 
     end_ns = round(1e9 * (at_s + 1.0))
-    _answered(bench, model, bench.clock, emit, lambda: bool(found_s) or bench.clock.now_ns() >= end_ns)
+    _answered(
+        bench, model, bench.clock, emit, lambda: bool(found_s) or bench.clock.now_ns() >= end_ns
+    )
     return 1e3 * (found_s[0] - at_s) if found_s else float("inf")
 
 
 def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
-    """Real time on the virtual FT232H whose transfers take no time: our own share of a period, by stage, in us.
+    """Real time on the virtual FT232H whose transfers take no time: our own share of a period, by
+    stage, in us.
 
-    Every period's floor: a busy wait as long as the whole sample, timed in turns on the same machine.
+    Every period's floor: a busy wait as long as the whole sample, timed in turns on the same
+    machine.
     """
     model = Model(model_path)
     model.card.__dict__["rate_hz"] = rate_hz
@@ -204,10 +243,13 @@ def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
     told = summary.latency_us()
     floor = time_in_turns({"floor": busy_wait(told["read to emit"]["p50"])})["floor"]
     return {
-        "rate_hz": rate_hz, "samples": summary.samples, "overruns": summary.overruns, "latency_us": told,
+        "rate_hz": rate_hz,
+        "samples": summary.samples,
+        "overruns": summary.overruns,
+        "latency_us": told,
         "share_of_period": told["read to emit"]["p50"] * 1e-6 * rate_hz,
         "floor_us": {f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)},
-    }  # fmt: skip
+    }
 
 
 class _Instant(VirtualClock):
@@ -253,11 +295,18 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 
 
 def memory(model_path: Path) -> list[dict[str, Any]]:
-    """Resident MB and start-up s of processes of their own: the floor, and the live path with a model."""
+    """Resident MB and start-up s of processes of their own: the floor, and the live path with a
+    model."""
     rows = []
     for name, program in (("floor", FLOOR), ("live path, default model", LIVE_PATH)):
         started = time.perf_counter()
         command = [sys.executable, "-c", program + TELL, str(model_path)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
-        rows.append({"process": name, "resident_mb": int(done.stdout) / 1024, "start_s": time.perf_counter() - started})
+        rows.append(
+            {
+                "process": name,
+                "resident_mb": int(done.stdout) / 1024,
+                "start_s": time.perf_counter() - started,
+            }
+        )
     return rows

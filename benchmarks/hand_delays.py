@@ -1,8 +1,10 @@
-"""How long after a change of the field the hand acts: steps at all phases of the period, on the virtual hand.
+"""How long after a change of the field the hand acts: steps at all phases of the period, on the
+virtual hand.
 
-Measured from the step to the answer that shows it in every finger: the chip's conversions at their own times, the wait
-for the next sample, the read through the driver, and computing. The decision acts at the model's act_samples-th risky
-sample. That the model calls the first changed sample risky is assumed; how long it takes, docs/evaluation.md says.
+Measured from the step to the answer that shows it in every finger: the chip's conversions at their
+own times, the wait for the next sample, the read through the driver, and computing. The decision
+acts at the model's act_samples-th risky sample. That the model calls the first changed sample risky
+is assumed; how long it takes, docs/evaluation.md says.
 """
 
 from __future__ import annotations
@@ -22,43 +24,60 @@ CLOSING_S = 0.37
 STEPS = 64
 PERIODS_APART = 6
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-"""Multiples of it, without their whole part, are spread evenly over a period, however many there are."""
+"""Multiples of it, without their whole part, are spread evenly over a period, however many there
+are."""
 STEP_UT = np.array([0.0, 0.0, 10e3])
 
 
 def delays(
     scan_costs: list[dict[str, Any]], compute_ms: float, act_samples: int, steps: int = STEPS
 ) -> list[dict[str, Any]]:
-    """One row a bridge and rate that it serves, read as the drivers do: ms from a step until it is acted on."""
+    """One row a bridge and rate that it serves, read as the drivers do: ms from a step until it is
+    acted on."""
     default = [cost for cost in scan_costs if cost["layout"] == "mux" and cost["reads"] == CHECKED]
     rates = [(cost, rate) for cost in default for rate in _served(cost)]
     return [_row(cost, rate_hz, compute_ms, act_samples, steps) for cost, rate_hz in rates]
 
 
 def _served(cost: dict[str, Any]) -> Iterator[float]:
-    return (rate for rate in RATES_HZ[:-1] if cost["serves_model_hz"] and rate <= cost["serves_model_hz"])
+    return (
+        rate
+        for rate in RATES_HZ[:-1]
+        if cost["serves_model_hz"] and rate <= cost["serves_model_hz"]
+    )
 
 
-def _row(cost: dict[str, Any], rate_hz: float, compute_ms: float, act_samples: int, steps: int) -> dict[str, Any]:
+def _row(
+    cost: dict[str, Any], rate_hz: float, compute_ms: float, act_samples: int, steps: int
+) -> dict[str, Any]:
     seen_ms = seen_after_ms(cost, rate_hz, steps) + compute_ms
     debounce_ms = 1e3 * (act_samples - 1) / rate_hz
     acted_ms = seen_ms + debounce_ms
     latest_s = 1e-3 * float(acted_ms.max())
     return {
-        "bridge": cost["bridge"], "reads": cost["reads"], "bus_khz": cost["bus_khz"], "rate_hz": rate_hz,
-        "seen_ms": float(np.median(seen_ms)), "debounce_ms": debounce_ms, "acted_ms": float(np.median(acted_ms)),
-        "acted_p95_ms": float(np.percentile(acted_ms, 95.0)), "acted_max_ms": 1e3 * latest_s,
+        "bridge": cost["bridge"],
+        "reads": cost["reads"],
+        "bus_khz": cost["bus_khz"],
+        "rate_hz": rate_hz,
+        "seen_ms": float(np.median(seen_ms)),
+        "debounce_ms": debounce_ms,
+        "acted_ms": float(np.median(acted_ms)),
+        "acted_p95_ms": float(np.percentile(acted_ms, 95.0)),
+        "acted_max_ms": 1e3 * latest_s,
         "falls_until_acted_mm": 500.0 * GRAVITY_M_S2 * latest_s**2,
         "falls_until_closed_mm": 500.0 * GRAVITY_M_S2 * (latest_s + CLOSING_S) ** 2,
-    }  # fmt: skip
+    }
 
 
 def seen_after_ms(cost: dict[str, Any], rate_hz: float, steps: int = STEPS) -> FloatArray:
-    """[steps] from a step of the field to the end of the read that first shows it in every finger."""
+    """[steps] from a step of the field to the end of the read that first shows it in every
+    finger."""
     bench = Bench(cost["bridge"], cost["reads"], bus_hz=1000 * cost["bus_khz"])
     period_s = 1.0 / rate_hz
     start_s = 1e-9 * bench.clock.now_ns() + period_s
-    steps_s = start_s + period_s * (PERIODS_APART * np.arange(1, steps + 1) + np.arange(steps) * GOLDEN % 1.0)
+    steps_s = start_s + period_s * (
+        PERIODS_APART * np.arange(1, steps + 1) + np.arange(steps) * GOLDEN % 1.0
+    )
     bench.virtual.track = _staircase(steps_s)
     seen_s = np.full(steps, np.nan)
     for step, ended_s in _readings(bench, start_s, period_s, float(steps_s[-1])):
@@ -77,8 +96,11 @@ def _staircase(steps_s: FloatArray) -> Track:
     return Track(times_s, np.repeat(field_ut[:, None, :], 6, axis=1))
 
 
-def _readings(bench: Bench, start_s: float, period_s: float, last_s: float) -> Iterator[tuple[int | None, float]]:
-    """(0 or 1: every finger reads the field down or up, None where they differ; when the read ended, s)."""
+def _readings(
+    bench: Bench, start_s: float, period_s: float, last_s: float
+) -> Iterator[tuple[int | None, float]]:
+    """(0 or 1: every finger reads the field down or up, None where they differ; when the read
+    ended, s)."""
     turn = 0
     while start_s + turn * period_s < last_s + PERIODS_APART * period_s:
         bench.clock.wait_until(round(1e9 * (start_s + turn * period_s)))

@@ -70,10 +70,18 @@ floor is Python with numpy and onnxruntime imported and nothing else.
 def page(figures: dict[str, Any]) -> str:
     """The whole page."""
     scans = [
-        {**row, "serves_model_hz": _rate(row["serves_model_hz"]), "crc_costs_us": _cost(row["crc_costs_us"])}
+        {
+            **row,
+            "serves_model_hz": _rate(row["serves_model_hz"]),
+            "crc_costs_us": _cost(row["crc_costs_us"]),
+        }
         for row in figures["scans"]
     ]
-    live = [_stage(run, stage, times) for run in figures["live"] for stage, times in run["latency_us"].items()]
+    live = [
+        _stage(run, stage, times)
+        for run in figures["live"]
+        for stage, times in run["latency_us"].items()
+    ]
     live += [_stage(run, "floor of read to emit", run["floor_us"]) for run in figures["live"]]
     told = "; ".join(
         f"{run['rate_hz']:g} Hz: {run['samples']} samples, {run['overruns']} overruns, {run['share_of_period']:.0%} of "
@@ -81,9 +89,13 @@ def page(figures: dict[str, Any]) -> str:
         for run in figures["live"]
     )
     parts = [
-        INTRO, SCANS + markdown(scans), FAULTS + markdown(figures["faults"]), _delays(figures),
-        LIVE + f"{told}.\n\n" + markdown(live), MEMORY + markdown(figures["memory"]),
-    ]  # fmt: skip
+        INTRO,
+        SCANS + markdown(scans),
+        FAULTS + markdown(figures["faults"]),
+        _delays(figures),
+        LIVE + f"{told}.\n\n" + markdown(live),
+        MEMORY + markdown(figures["memory"]),
+    ]
     return "\n\n".join(parts) + "\n"
 
 
@@ -92,15 +104,18 @@ def _delays(figures: dict[str, Any]) -> str:
     rows = figures["delays"]
     closed_mm = [row["falls_until_closed_mm"] for row in rows]
     closed = f"{min(closed_mm):.0f} to {max(closed_mm):.0f} mm"
-    return DELAYS.format(act_samples=figures["act_samples"], closed=closed) + markdown([_delay(row) for row in rows])
+    return DELAYS.format(act_samples=figures["act_samples"], closed=closed) + markdown(
+        [_delay(row) for row in rows]
+    )
 
 
 def _delay(row: dict[str, Any]) -> dict[str, Any]:
     shown = ("rate_hz", "seen_ms", "acted_ms", "acted_p95_ms", "acted_max_ms")
     return {
-        "bridge": f"{row['bridge']}, {row['reads']}, {row['bus_khz']} kHz", **{name: row[name] for name in shown},
+        "bridge": f"{row['bridge']}, {row['reads']}, {row['bus_khz']} kHz",
+        **{name: row[name] for name in shown},
         "falls_mm": row["falls_until_acted_mm"],
-    }  # fmt: skip
+    }
 
 
 def _rate(rate_hz: float | None) -> str:
@@ -112,7 +127,11 @@ def _cost(cost_us: float | None) -> str:
 
 
 def _stage(run: dict[str, Any], stage: str, times: dict[str, float]) -> dict[str, Any]:
-    return {"rate_hz": run["rate_hz"], "stage": stage, **{name: f"{value:,.0f}" for name, value in times.items()}}
+    return {
+        "rate_hz": run["rate_hz"],
+        "stage": stage,
+        **{name: f"{value:,.0f}" for name, value in times.items()},
+    }
 
 
 if __name__ == "__main__":

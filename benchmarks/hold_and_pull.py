@@ -1,7 +1,8 @@
-"""Our own core on the hold and pull of mujoco_peer.py: the same object, springs, friction, person and measures.
+"""Our own core on the hold and pull of mujoco_peer.py: the same object, springs, friction, person
+and measures.
 
-Both step everything at one fixed step. What a scene does beside (fine steps only where something can happen)
-is not in these figures.
+Both step everything at one fixed step. What a scene does beside (fine steps only where something
+can happen) is not in these figures.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ ELEMENTS = 5
 
 
 def rows(peers: Path, scene: Scene | None = None) -> list[dict[str, Any]]:
-    """One row a solver and step: ours, then what `make peers` left in peers/mujoco.json, if anything."""
+    """One row a solver and step: ours, then what `make peers` left in peers/mujoco.json, if
+    anything."""
     scene = scene or Scene()
     ours = [measure(scene, step_s, lanes) for lanes in LANES for step_s in STEPS_S]
     file = peers / "mujoco.json"
@@ -44,7 +46,9 @@ def measure(scene: Scene, step_s: float, lanes: int) -> dict[str, Any]:
     cpu_s += held.run(scene.hold_s - scene.settled_s)
     creep_m = float(np.abs(held.state.position_m[2] - from_m).max())
     pulls = [pull(scene, step_s, cap_n) for cap_n in scene.caps_n]
-    return _row(f"ours, {lanes} at once", step_s, cpu_s / scene.hold_s / lanes, scene.hold_s, creep_m, pulls)
+    return _row(
+        f"ours, {lanes} at once", step_s, cpu_s / scene.hold_s / lanes, scene.hold_s, creep_m, pulls
+    )
 
 
 def pull(scene: Scene, step_s: float, cap_n: float) -> float | None:
@@ -57,7 +61,12 @@ def pull(scene: Scene, step_s: float, cap_n: float) -> float | None:
         target = np.zeros((3, LANES[0]))
         target[2] = z_m - scene.pull_m_s * (k + 1) * step_s - lead_m
         person = Pull(
-            scene.arm_n_per_m * one, scene.arm_n_s_per_m * one, cap_n * one, 0.0 * one, target, np.zeros_like(target)
+            scene.arm_n_per_m * one,
+            scene.arm_n_s_per_m * one,
+            cap_n * one,
+            0.0 * one,
+            target,
+            np.zeros_like(target),
         )
         held.run(step_s, (person,))
         travel_m += float(held.state.slip_m_s[..., 0].mean()) * step_s
@@ -115,11 +124,22 @@ def _peer(run: dict[str, Any], version: str) -> dict[str, Any]:
 
 
 def _row(
-    solver: str, step_s: float, cpu_s_per_s: float, held_s: float, creep_m: float | None, slips_s: list[float | None]
+    solver: str,
+    step_s: float,
+    cpu_s_per_s: float,
+    held_s: float,
+    creep_m: float | None,
+    slips_s: list[float | None],
 ) -> dict[str, Any]:
-    """creep_mm: how far it sank from 1 s on; a pull of 8 N must hold and one of 16 N must slip (Coulomb: 14.4 N)."""
+    """creep_mm: how far it sank from 1 s on; a pull of 8 N must hold and one of 16 N must slip
+    (Coulomb: 14.4 N)."""
     weak_ms, strong_ms = (None if slip_s is None else 1e3 * slip_s for slip_s in slips_s)
     return {
-        "solver": solver, "step_ms": 1e3 * step_s, "cpu_ms_per_s": 1e3 * cpu_s_per_s, "held_s": held_s,
-        "creep_mm": None if creep_m is None else 1e3 * creep_m, "slip_8n_ms": weak_ms, "slip_16n_ms": strong_ms,
-    }  # fmt: skip
+        "solver": solver,
+        "step_ms": 1e3 * step_s,
+        "cpu_ms_per_s": 1e3 * cpu_s_per_s,
+        "held_s": held_s,
+        "creep_mm": None if creep_m is None else 1e3 * creep_m,
+        "slip_8n_ms": weak_ms,
+        "slip_16n_ms": strong_ms,
+    }

@@ -1,7 +1,8 @@
 """Instructions a call, counted by callgrind: a figure without the machine's noise.
 
-Two runs of a process that differ only in how many calls they make; the difference over the calls is one call, Python's
-part of it included. The projection to a board takes its clock and instructions a cycle: a projection, no measurement.
+Two runs of a process that differ only in how many calls they make; the difference over the calls is
+one call, Python's part of it included. The projection to a board takes its clock and instructions a
+cycle: a projection, no measurement.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from export.verify import cut_forests
 FEW, MANY = 10, 410
 CORTEX_A72_HZ = 1.5e9
 INSTRUCTIONS_A_CYCLE = 1.0
-"""Assumed for a Cortex-A72 (Raspberry Pi 4): it decodes three at most; code of many small calls gets about one."""
+"""Assumed for a Cortex-A72 (Raspberry Pi 4): it decodes three at most; code of many small calls
+gets about one."""
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -42,9 +44,12 @@ for _ in range(calls):
 
 
 def instructions(model: Path) -> list[dict[str, Any]]:
-    """One row a thing: instructions a call, and the projection in us. Raises LibraryMissing without valgrind."""
+    """One row a thing: instructions a call, and the projection in us. Raises LibraryMissing without
+    valgrind."""
     if shutil.which("valgrind") is None:
-        raise LibraryMissing("no valgrind", where="valgrind", next_step="install valgrind to count instructions")
+        raise LibraryMissing(
+            "no valgrind", where="valgrind", next_step="install valgrind to count instructions"
+        )
     whole = Model(model)
     with tempfile.TemporaryDirectory() as work:
         alone, rows = Path(work) / "forests.onnx", Path(work) / "rows.npy"
@@ -57,18 +62,30 @@ def _row(name: str, model: str, rows: str) -> dict[str, Any]:
     few, many = (_counted(model, rows, calls) for calls in (FEW, MANY))
     each = (many - few) / (MANY - FEW)
     return {
-        "what": name, "instructions": each,
+        "what": name,
+        "instructions": each,
         "projected_cortex_a72_us": 1e6 * each / INSTRUCTIONS_A_CYCLE / CORTEX_A72_HZ,
-    }  # fmt: skip
+    }
 
 
 def _counted(model: str, rows: str, calls: int) -> int:
     with tempfile.TemporaryDirectory() as work:
         ran = subprocess.run(
-            ["valgrind", "--tool=callgrind", f"--callgrind-out-file={work}/out", sys.executable, "-c", PROGRAM,
-             model, rows, str(calls)],
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
+            [
+                "valgrind",
+                "--tool=callgrind",
+                f"--callgrind-out-file={work}/out",
+                sys.executable,
+                "-c",
+                PROGRAM,
+                model,
+                rows,
+                str(calls),
+            ],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
     found = re.search(r"Collected : (\d+)", ran.stderr)
     if found is None:
         raise LibraryMissing("valgrind counted nothing", where="valgrind", cause=ran.stderr[-200:])

@@ -1,8 +1,10 @@
-"""`holdfast bench latency`: one decision of ours beside its peers, all in turns in one run on the same stream.
+"""`holdfast bench latency`: one decision of ours beside its peers, all in turns in one run on the
+same stream.
 
-Absolute microseconds are this machine's; ratios travel. Percentiles are of all calls but the first of each turn, which
-comes to cold caches; its median stands beside them. The floor is a busy wait as long as the step: its tail is the
-machine's own jitter. Every answer is checked while it is timed. Peers, on the same windows:
+Absolute microseconds are this machine's; ratios travel. Percentiles are of all calls but the first
+of each turn, which comes to cold caches; its median stands beside them. The floor is a busy wait as
+long as the step: its tail is the machine's own jitter. Every answer is checked while it is timed.
+Peers, on the same windows:
 
     scikit-learn            predict_proba of 100 full-depth trees on the raw window, one row
     bare forest             the same trees in onnxruntime, io-bound, nothing else computed
@@ -53,9 +55,15 @@ BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
 PERCENTILES = (50, 99, 99.9)
 TRIALS, STREAMED = 400, 10
 STEP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
-    "ours, whole step", "ours, bare forest", "bare forest, 100 full-depth trees", "scikit-learn, the same trees",
-    "the thesis' way", "floor", "a walk in C, the same trees", "treelite, the same trees",
-)  # fmt: skip
+    "ours, whole step",
+    "ours, bare forest",
+    "bare forest, 100 full-depth trees",
+    "scikit-learn, the same trees",
+    "the thesis' way",
+    "floor",
+    "a walk in C, the same trees",
+    "treelite, the same trees",
+)
 SLOW_TURNS, SLOW_CALLS = 5, 20
 """Calls of milliseconds are timed less often."""
 
@@ -71,9 +79,17 @@ def latency(path: Path) -> dict[str, Any]:
         bare, forest = _bare(data, Path(work))
         rows = forest_rows(bare, stream)
         own = forests_of(forests_alone(path), forest_rows(model, stream))
-        quick = {STEP: step, OWN: own, BARE: forests_of(forests_alone(bare.path), rows), FLOOR: busy_wait(floor_us)}
+        quick = {
+            STEP: step,
+            OWN: own,
+            BARE: forests_of(forests_alone(bare.path), rows),
+            FLOOR: busy_wait(floor_us),
+        }
         times = _by_turn(time_in_turns(quick | _walk(forest, rows, Path(work))), TURNS)
-        slow = _treelite(forest, rows) | {SKLEARN: _predict(forest, rows), THESIS: _thesis_way(forest, data)}
+        slow = _treelite(forest, rows) | {
+            SKLEARN: _predict(forest, rows),
+            THESIS: _thesis_way(forest, data),
+        }
         times |= _by_turn(time_in_turns(slow, SLOW_TURNS, SLOW_CALLS), SLOW_TURNS)
     cold = {name: {"cold_p50": float(np.median(turns[:, 0]))} for name, turns in times.items()}
     us = {name: _percentiles(turns[:, 1:]) | cold[name] for name, turns in times.items()}
@@ -86,7 +102,8 @@ def latency(path: Path) -> dict[str, Any]:
 
 
 def _by_turn(times: dict[str, FloatArray], turns: int) -> dict[str, FloatArray]:
-    """[turns, calls]: the first of a turn finds the caches full of others' things, as after 7 ms of a live loop."""
+    """[turns, calls]: the first of a turn finds the caches full of others' things, as after 7 ms of
+    a live loop."""
     return {name: values.reshape(turns, -1) for name, values in times.items()}
 
 
@@ -103,13 +120,20 @@ def ratios(us: dict[str, dict[str, float]]) -> dict[str, float]:
 def broken(figures: dict[str, Any], resident_mb: float) -> list[str]:
     """What exceeds the budgets of budget.toml, a line each."""
     budget = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
-    found = dict(figures["ratios"]) | {"model_mib": figures["bytes"] / 2**20, "resident_mb": resident_mb}
-    lines = [f"{name}: {found[name]:.3g}, at most {most:g}" for name, most in budget["at_most"].items()
-             if found[name] > most]  # fmt: skip
+    found = dict(figures["ratios"]) | {
+        "model_mib": figures["bytes"] / 2**20,
+        "resident_mb": resident_mb,
+    }
+    lines = [
+        f"{name}: {found[name]:.3g}, at most {most:g}"
+        for name, most in budget["at_most"].items()
+        if found[name] > most
+    ]
     return lines + [
-        f"{name}: {found[name]:.3g}, at least {least:g}" for name, least in budget["at_least"].items()
+        f"{name}: {found[name]:.3g}, at least {least:g}"
+        for name, least in budget["at_least"].items()
         if found[name] < least
-    ]  # fmt: skip
+    ]
 
 
 def _scenes(work: Path, rate_hz: float) -> DataSet:
@@ -121,11 +145,14 @@ def _scenes(work: Path, rate_hz: float) -> DataSet:
 def _stream(data: DataSet) -> tuple[FloatArray, BoolArray]:
     """Some trials end to end: values [T, C] and valid [T, C/3]."""
     chosen = data.recordings[:: max(1, len(data.recordings) // STREAMED)][:STREAMED]
-    return np.concatenate([one.samples for one in chosen]), np.concatenate([one.valid for one in chosen])
+    return np.concatenate([one.samples for one in chosen]), np.concatenate(
+        [one.valid for one in chosen]
+    )
 
 
 def _bare(data: DataSet, work: Path) -> tuple[Model, Forest]:
-    """The raw-window forest of 100 full-depth trees: as a file for the hand, and as scikit-learn has it."""
+    """The raw-window forest of 100 full-depth trees: as a file for the hand, and as scikit-learn
+    has it."""
     train(data, work / "raw", RAW_BASELINE)
     path, _ = export_artifact(work / "raw")
     rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
@@ -140,7 +167,8 @@ def _predict(forest: Forest, rows: FloatRows) -> Callable[[], object]:
 
 
 def _walk(forest: Forest, rows: FloatRows, work: Path) -> dict[str, Callable[[], object]]:
-    """The walk in C, its votes checked against the reference first; nothing where there is no compiler."""
+    """The walk in C, its votes checked against the reference first; nothing where there is no
+    compiler."""
     try:
         votes = c_walk(forest, len(CLASSES), rows, work)
     except LibraryMissing:
@@ -159,13 +187,19 @@ def _treelite(forest: Forest, rows: FloatRows) -> dict[str, Callable[[], object]
     except ImportError:
         return {}
     model, turn = treelite.sklearn.import_model(forest), cycle(range(len(rows)))
-    return {TREELITE: lambda: treelite.gtil.predict(model, rows[(k := next(turn)) : k + 1], nthread=1)}
+    return {
+        TREELITE: lambda: treelite.gtil.predict(model, rows[(k := next(turn)) : k + 1], nthread=1)
+    }
 
 
 def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
-    """Every sample through ten second-order band-pass filters a channel, one multiplication after the other."""
+    """Every sample through ten second-order band-pass filters a channel, one multiplication after
+    the other."""
     samples = data.recordings[0].samples
-    designs = [butter(1, (0.9 * hz, 1.1 * hz), "bandpass", fs=data.rate_hz) for hz in bands_for(data.rate_hz)]
+    designs = [
+        butter(1, (0.9 * hz, 1.1 * hz), "bandpass", fs=data.rate_hz)
+        for hz in bands_for(data.rate_hz)
+    ]
     filters = [(b.tolist(), a.tolist()) for b, a in designs]
     memory = [[[0.0, 0.0] for _ in filters] for _ in range(samples.shape[1])]
     window = np.zeros((1, forest.n_features_in_), dtype=np.float32)

@@ -1,18 +1,20 @@
 """`make peers`: the same hold and pull in MuJoCo, to put our own scenes' price and creep beside.
 
-The scene: an upright cylinder with the mass of the 60 mm ball, two thumb pads against four finger pads, every pad on
-springs of its own (normal and along the surface); held for 60 s, then pulled down by a person, a damped spring to a
-moving target that never pulls harder than a cap. Like our core's, the object moves and does not turn.
+The scene: an upright cylinder with the mass of the 60 mm ball, two thumb pads against four finger
+pads, every pad on springs of its own (normal and along the surface); held for 60 s, then pulled
+down by a person, a damped spring to a moving target that never pulls harder than a cap. Like our
+core's, the object moves and does not turn.
 
 What MuJoCo does otherwise, and what follows for a comparison:
 
-- its friction is a soft constraint: below the limit a contact still slides, at a speed in proportion to the load
-  (MuJoCo documentation, "Modeling: preventing slip"; issue 3328 of its repository). impratio makes it slower,
-  the no-slip pass all but stops it;
+- its friction is a soft constraint: below the limit a contact still slides, at a speed in
+  proportion to the load (MuJoCo documentation, "Modeling: preventing slip"; issue 3328 of its
+  repository). impratio makes it slower, the no-slip pass all but stops it;
 - one friction coefficient, not a static and a kinetic one: the static one is used;
 - the fingertips need a mass (ours have none), and how fast an object creeps depends on it;
-- contacts give way too, more than the fingers with the default solref, so the fingers' springs are drawn further
-  until the grip is the asked one, and all variants but the first have contacts as stiff as the longer step allows.
+- contacts give way too, more than the fingers with the default solref, so the fingers' springs are
+  drawn further until the grip is the asked one, and all variants but the first have contacts as
+  stiff as the longer step allows.
 
 CPU time is of `mj_step` alone: no compiling of the model, no Python between the steps of the hold.
 """
@@ -47,9 +49,11 @@ REPEATS = 3
 CHUNK_S = 0.1
 """A hold is looked at so often."""
 SLIP_TRAVEL_M = 2e-3
-"""Gross slip, as in our scenes: so far along the surface (mean of the pads, their own stretch not counted).
+"""Gross slip, as in our scenes: so far along the surface (mean of the pads, their own stretch not
+counted).
 
-The fingers, which press with half a thumb pad's force, let go first: 2 mm can pass before the thumb has let go.
+The fingers, which press with half a thumb pad's force, let go first: 2 mm can pass before the thumb
+has let go.
 """
 
 
@@ -92,7 +96,8 @@ FINGER_Z_M = (0.033, 0.011, -0.011, -0.033)
 
 @dataclass(frozen=True)
 class Variant:
-    """What MuJoCo's user may choose: the contact's solref, and attributes of <option> beside those all share."""
+    """What MuJoCo's user may choose: the contact's solref, and attributes of <option> beside those
+    all share."""
 
     solref: str = "0.004 1"
     options: Mapping[str, str] = field(default_factory=dict)
@@ -106,19 +111,27 @@ VARIANTS = {
     "noslip": Variant(options={"noslip_iterations": "10"}),
     "noslip exact": Variant(options={"noslip_iterations": "100", "noslip_tolerance": "0"}),
 }
-"""All: elliptic cone, implicitfast, Newton. MuJoCo's own contact; one as stiff as a step of 2 ms allows (solref is
-two steps); that with the documentation's advice for grasping; with what published robot models have; with the
-no-slip pass; and with that pass taken to its end, which its tolerance otherwise cuts short."""
+"""All: elliptic cone, implicitfast, Newton. MuJoCo's own contact; one as stiff as a step of 2 ms
+allows (solref is two steps); that with the documentation's advice for grasping; with what published
+robot models have; with the no-slip pass; and with that pass taken to its end, which its tolerance
+otherwise cuts short."""
 
 
 def mjcf(scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> str:
-    """The scene as MuJoCo's XML; drawn: the fingers' springs over what they were without the contacts giving way.
+    """The scene as MuJoCo's XML; drawn: the fingers' springs over what they were without the
+    contacts giving way.
 
-    Dense Jacobian: right for 21 degrees of freedom, and out of reach of a fault in 4.0.0's sparse factorisation.
+    Dense Jacobian: right for 21 degrees of freedom, and out of reach of a fault in 4.0.0's sparse
+    factorisation.
     """
     extra = "".join(f' {name}="{value}"' for name, value in variant.options.items())
-    pads = [_pad(scene, f"thumb{k}", -1.0, z, drawn * scene.grip_n / 2) for k, z in enumerate(THUMB_Z_M)]
-    pads += [_pad(scene, f"finger{k}", 1.0, z, drawn * scene.grip_n / 4) for k, z in enumerate(FINGER_Z_M)]
+    pads = [
+        _pad(scene, f"thumb{k}", -1.0, z, drawn * scene.grip_n / 2) for k, z in enumerate(THUMB_Z_M)
+    ]
+    pads += [
+        _pad(scene, f"finger{k}", 1.0, z, drawn * scene.grip_n / 4)
+        for k, z in enumerate(FINGER_Z_M)
+    ]
     arm, damping = scene.arm_n_per_m, scene.arm_n_s_per_m
     return f"""<mujoco model="hold and pull">
   <option timestep="{step_s:g}" gravity="0 0 -{GRAVITY_M_S2:g}" integrator="implicitfast" cone="elliptic"
@@ -164,7 +177,9 @@ class Hold:
         self.scene, self.step_s = scene, step_s
         self.model = _mujoco().MjModel.from_xml_string(mjcf(scene, step_s, variant, drawn))
         self.data = mujoco.MjData(self.model)
-        self.pads = [f"thumb{k}" for k in range(len(THUMB_Z_M))] + [f"finger{k}" for k in range(len(FINGER_Z_M))]
+        self.pads = [f"thumb{k}" for k in range(len(THUMB_Z_M))] + [
+            f"finger{k}" for k in range(len(FINGER_Z_M))
+        ]
         self.person(False)
 
     def run(self, seconds: float) -> float:
@@ -204,7 +219,8 @@ class Hold:
 
 
 def drawn_for(scene: Scene, step_s: float, variant: Variant, rounds: int = 8) -> float:
-    """How much further the springs are to be drawn for the asked grip; without gravity, so that nothing slides."""
+    """How much further the springs are to be drawn for the asked grip; without gravity, so that
+    nothing slides."""
     drawn = 1.0
     for _ in range(rounds):
         held = Hold(scene, step_s, variant, drawn)
@@ -217,8 +233,9 @@ def drawn_for(scene: Scene, step_s: float, variant: Variant, rounds: int = 8) ->
 def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> dict[str, Any]:
     """Hold for scene.hold_s, or until a pad has lost the object.
 
-    creep_m: how far it sank from settled_s on, None where it did not stay; creep_m_s: in a second, while it was held;
-    slip_m: the part of it that is slip along the pads; held_s; cpu_s_per_s: CPU s per simulated s.
+    creep_m: how far it sank from settled_s on, None where it did not stay; creep_m_s: in a second,
+    while it was held; slip_m: the part of it that is slip along the pads; held_s; cpu_s_per_s: CPU
+    s per simulated s.
     """
     one = Hold(scene, step_s, variant, drawn)
     cpu_s = one.run(scene.settled_s)
@@ -240,11 +257,14 @@ def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> dict[st
     }
 
 
-def pull(scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: float) -> dict[str, Any]:
+def pull(
+    scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: float
+) -> dict[str, Any]:
     """Hold until settled, then pull down with at most cap_n for scene.pull_s.
 
-    slip_s: when the object has slid 2 mm along the pads, from the pull's begin, or None; peak_load_n: the most that
-    weight and person loaded the contacts with until then; travel_m: how far it slid by the end, None where it left.
+    slip_s: when the object has slid 2 mm along the pads, from the pull's begin, or None;
+    peak_load_n: the most that weight and person loaded the contacts with until then; travel_m: how
+    far it slid by the end, None where it left.
     """
     one = Hold(scene, step_s, variant, drawn)
     one.run(scene.settled_s)
@@ -268,24 +288,37 @@ def pull(scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: flo
     }
 
 
-def measure(scene: Scene | None = None, steps_s: Sequence[float] = STEPS_S, repeats: int = REPEATS) -> dict[str, Any]:
-    """All variants at all steps; CPU time is the median of `repeats` holds, in turns. UsageError without MuJoCo."""
-    about = {"mujoco": _mujoco().__version__, "numpy": np.__version__, "python": platform.python_version()}
+def measure(
+    scene: Scene | None = None, steps_s: Sequence[float] = STEPS_S, repeats: int = REPEATS
+) -> dict[str, Any]:
+    """All variants at all steps; CPU time is the median of `repeats` holds, in turns. UsageError
+    without MuJoCo."""
+    about = {
+        "mujoco": _mujoco().__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
     scene = scene or Scene()
     cases = [(name, step_s) for name in VARIANTS for step_s in steps_s]
     drawn = {case: drawn_for(scene, case[1], VARIANTS[case[0]]) for case in cases}
-    holds = [{case: hold(scene, case[1], VARIANTS[case[0]], drawn[case]) for case in cases} for _ in range(repeats)]
+    holds = [
+        {case: hold(scene, case[1], VARIANTS[case[0]], drawn[case]) for case in cases}
+        for _ in range(repeats)
+    ]
     return {
         "simulated": True,
         "versions": about,
         "host": {"machine": platform.machine(), "cpus": os.cpu_count()},
-        "scene": asdict(scene) | {"limit_n": scene.limit_n, "weight_n": scene.mass_kg * GRAVITY_M_S2},
+        "scene": asdict(scene)
+        | {"limit_n": scene.limit_n, "weight_n": scene.mass_kg * GRAVITY_M_S2},
         "repeats": repeats,
         "runs": [_run(scene, case, drawn[case], [turn[case] for turn in holds]) for case in cases],
     }
 
 
-def _run(scene: Scene, case: tuple[str, float], drawn: float, holds: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _run(
+    scene: Scene, case: tuple[str, float], drawn: float, holds: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
     (name, step_s), cpu = case, [one["cpu_s_per_s"] for one in holds]
     return {
         "variant": name,
@@ -310,9 +343,14 @@ def _mujoco() -> Any:
 
 
 def _row(run: dict[str, Any]) -> str:
-    creep = f"{run['held_s']:.0f} s, then dropped" if run["creep_m"] is None else f"crept {1e3 * run['creep_m']:.4f} mm"
+    creep = (
+        f"{run['held_s']:.0f} s, then dropped"
+        if run["creep_m"] is None
+        else f"crept {1e3 * run['creep_m']:.4f} mm"
+    )
     slips = ", ".join(
-        f"{p['cap_n']:g} N " + ("holds" if p["slip_s"] is None else f"slips after {1e3 * p['slip_s']:.0f} ms")
+        f"{p['cap_n']:g} N "
+        + ("holds" if p["slip_s"] is None else f"slips after {1e3 * p['slip_s']:.0f} ms")
         for p in run["pulls"]
     )
     return (
@@ -323,8 +361,12 @@ def _row(run: dict[str, Any]) -> str:
 
 def main(argv: Sequence[str]) -> int:
     """Parse, measure, write the JSON, print the table."""
-    parser = Parser(prog="mujoco_peer", description="hold and pull in MuJoCo: CPU time, creep, slip")
-    parser.add_argument("--out", type=path_argument, default=Path("build/bench/mujoco.json"), metavar="FILE")
+    parser = Parser(
+        prog="mujoco_peer", description="hold and pull in MuJoCo: CPU time, creep, slip"
+    )
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("build/bench/mujoco.json"), metavar="FILE"
+    )
     args = parser.parse_args(argv)
     _mujoco()
     require_writable(args.out.parent)

@@ -1,7 +1,8 @@
-"""How well a camera tells when an object began to slip: drawn tags through the camera's own graph, times against truth.
+"""How well a camera tells when an object began to slip: drawn tags through the camera's own graph,
+times against truth.
 
-Simulated. Perspective, tilt, fingers before the tag, defocus, uneven light and a rolling shutter are not in it, so
-these errors are a lower bound.
+Simulated. Perspective, tilt, fingers before the tag, defocus, uneven light and a rolling shutter
+are not in it, so these errors are a lower bound.
 """
 
 from __future__ import annotations
@@ -16,7 +17,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.camera.graph import watch
-from drivers.camera.onset import GROSS_MM, Hidden, Motion, Slip, find_slip, gross_distance_mm, largest_move_mm, motion
+from drivers.camera.onset import (
+    GROSS_MM,
+    Hidden,
+    Motion,
+    Slip,
+    find_slip,
+    gross_distance_mm,
+    largest_move_mm,
+    motion,
+)
 from drivers.camera.recording import read_tracks
 from drivers.camera.sources import Frame, Lens, Stored
 from edge_runtime.contract import FloatArray
@@ -60,7 +70,8 @@ count = 5
 
 @dataclass(frozen=True)
 class Case:
-    """A path of the object in mm over t_s [T], and when it truly began to slip and was gross_mm away, s."""
+    """A path of the object in mm over t_s [T], and when it truly began to slip and was gross_mm
+    away, s."""
 
     t_s: FloatArray
     object_m: FloatArray
@@ -75,8 +86,13 @@ def small_camera(fps: float) -> Camera:
 
 def seen(case: Case, camera: Camera, seed: int) -> Motion:
     """What the camera's graph makes of a case."""
-    stamps_s, images = camera.film(case.t_s, case.object_m, 0.0 * case.object_m, np.random.default_rng(seed))
-    frames = [Frame(k, end_s, image) for k, (end_s, image) in enumerate(zip(stamps_s.tolist(), images, strict=True))]
+    stamps_s, images = camera.film(
+        case.t_s, case.object_m, 0.0 * case.object_m, np.random.default_rng(seed)
+    )
+    frames = [
+        Frame(k, end_s, image)
+        for k, (end_s, image) in enumerate(zip(stamps_s.tolist(), images, strict=True))
+    ]
     lens = Lens(camera.fps, camera.exposure_ms, camera.tag_mm, "trial")
     with tempfile.TemporaryDirectory() as folder:
         watch(Stored("drawn", lens, frames), Path(folder), say=lambda line: None)
@@ -91,10 +107,14 @@ def ramp(acceleration_mm_s2: float, camera: Camera, rng: np.random.Generator) ->
     t_s = np.arange(0.0, start_s + lasts_s, 1e-3)
     object_m = np.zeros((len(t_s), 3))
     object_m[:, 2] = -0.5e-3 * acceleration_mm_s2 * np.maximum(t_s - start_s, 0.0) ** 2
-    return Case(t_s, object_m, start_s, start_s + float(np.sqrt(2.0 * GROSS_MM / acceleration_mm_s2)))
+    return Case(
+        t_s, object_m, start_s, start_s + float(np.sqrt(2.0 * GROSS_MM / acceleration_mm_s2))
+    )
 
 
-def ramps(accelerations: Sequence[float] = ACCELERATIONS_MM_S2, each: int = EACH) -> list[dict[str, Any]]:
+def ramps(
+    accelerations: Sequence[float] = ACCELERATIONS_MM_S2, each: int = EACH
+) -> list[dict[str, Any]]:
     """A row for every acceleration and frame rate."""
     rows = []
     for fps in FPS:
@@ -106,26 +126,33 @@ def ramps(accelerations: Sequence[float] = ACCELERATIONS_MM_S2, each: int = EACH
 
 
 def pulls(total: int | None = None, rates: Sequence[float] = FPS) -> list[dict[str, Any]]:
-    """Author pulls of the simulator, a row for every frame rate; their start is the first element that slides."""
+    """Author pulls of the simulator, a row for every frame rate; their start is the first element
+    that slides."""
     cases = _simulated(CARD, total)
     return [{"fps": fps} | _row(cases, small_camera(fps)) for fps in rates]
 
 
 def held(total: int | None = None) -> list[dict[str, Any]]:
-    """Loaded, and held: how far the pads give, and how often a slip was seen where there was none."""
+    """Loaded, and held: how far the pads give, and how often a slip was seen where there was
+    none."""
     camera = small_camera(FPS[0])
     moved = [seen(case, camera, k) for k, case in enumerate(_simulated(LOADED, total))]
     gross_mm = gross_distance_mm(moved)
     found = [find_slip(one, gross_mm) for one in moved]
     shear_mm = max(largest_move_mm(one) for one in moved)
-    return [{
-        "n": len(moved), "elastic_shear_mm": round(shear_mm, 3), "gross_mm": round(gross_mm, 3),
-        "onsets": sum(isinstance(one, Slip) for one in found),
-    }]  # fmt: skip
+    return [
+        {
+            "n": len(moved),
+            "elastic_shear_mm": round(shear_mm, 3),
+            "gross_mm": round(gross_mm, 3),
+            "onsets": sum(isinstance(one, Slip) for one in found),
+        }
+    ]
 
 
 def _simulated(card: str, total: int | None) -> list[Case]:
-    """Trials of a card, cut: pulls to the moments about the slip, held ones to the hold that is loaded."""
+    """Trials of a card, cut: pulls to the moments about the slip, held ones to the hold that is
+    loaded."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "camera.toml"
         path.write_text(card, encoding="utf-8")
@@ -148,20 +175,25 @@ def _simulated(card: str, total: int | None) -> list[Case]:
 
 
 def _row(cases: Sequence[Case], camera: Camera) -> dict[str, Any]:
-    """Errors in ms of the fitted start, of the first frame beyond the threshold, and of the gross distance.
+    """Errors in ms of the fitted start, of the first frame beyond the threshold, and of the gross
+    distance.
 
     hidden: the object was out of the picture, or blurred, before three frames had seen it leave.
     """
     found = [(case, find_slip(seen(case, camera, k))) for k, case in enumerate(cases)]
     slips = [(case, slip) for case, slip in found if isinstance(slip, Slip)]
-    off = 1e3 * np.array([[s.start_s - c.start_s, s.seen_s - c.start_s, s.gross_s - c.gross_s] for c, s in slips])
+    off = 1e3 * np.array(
+        [[s.start_s - c.start_s, s.seen_s - c.start_s, s.gross_s - c.gross_s] for c, s in slips]
+    )
     hidden = sum(isinstance(slip, Hidden) for _, slip in found)
     row: dict[str, Any] = {"n": len(cases), "found": len(slips), "hidden": hidden}
     for name, column in zip(("start", "seen", "gross"), off.T if len(slips) else (), strict=False):
         row |= {f"{name}_p{q}_ms": round(float(np.percentile(column, q)), 2) for q in (5, 50, 95)}
     if slips:
         row["start_worst_ms"] = round(float(np.abs(off[:, 0]).max()), 2)
-        row["sd_p50_ms"] = round(1e3 * float(np.median([slip.uncertainty_s for _, slip in slips])), 2)
+        row["sd_p50_ms"] = round(
+            1e3 * float(np.median([slip.uncertainty_s for _, slip in slips])), 2
+        )
         within = [abs(s.start_s - c.start_s) <= 2.0 * s.uncertainty_s for c, s in slips]
         row["within_10_ms"] = round(float(np.mean(np.abs(off[:, 0]) < 10.0)), 3)
         row["within_two_sd"] = round(float(np.mean(within)), 3)

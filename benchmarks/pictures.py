@@ -1,4 +1,5 @@
-"""The picture that `holdfast bench WHAT` leaves beside its JSON: one function a measure, figures in, SVG out."""
+"""The picture that `holdfast bench WHAT` leaves beside its JSON: one function a measure, figures
+in, SVG out."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ def effects(figures: Figures) -> str:
     with mpl.rc_context(STYLE):
         drawn, axes = _figure(height=0.22 * len(rows) + 0.8)
         colours = [OURS if row["stage"] == "core" else QUIET for row in rows]
-        _bars(axes, [row["effect"] for row in rows], [row["ns_per_sample"] for row in rows], colours)
+        _bars(
+            axes, [row["effect"] for row in rows], [row["ns_per_sample"] for row in rows], colours
+        )
         axes.set(xlabel="ns a sample", xscale="log")
         return svg(drawn)
 
@@ -33,12 +36,24 @@ def latency(figures: Figures) -> str:
     with mpl.rc_context(STYLE):
         drawn, axes = _figure(height=0.34 * len(rows) + 0.9)
         for place, row in enumerate(rows):
-            colour = OURS if row["what"].startswith("ours") else WARNING if row["what"] == "floor" else QUIET
+            colour = (
+                OURS
+                if row["what"].startswith("ours")
+                else WARNING
+                if row["what"] == "floor"
+                else QUIET
+            )
             axes.plot([row[tail] for tail in TAIL], [place] * 3, "-", color=colour, linewidth=2)
             for tail, mark in zip(TAIL, ("o", "|", "|"), strict=True):
                 axes.plot(row[tail], place, mark, color=colour, markersize=8 if mark == "|" else 5)
-            axes.annotate(f"{row['p50']:,.0f}", (row["p50"], place), (0, 5), textcoords="offset points", ha="center",
-                          fontsize=7)  # fmt: skip
+            axes.annotate(
+                f"{row['p50']:,.0f}",
+                (row["p50"], place),
+                (0, 5),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7,
+            )
         axes.set_yticks(range(len(rows)), [row["what"] for row in rows])
         axes.set(xlabel="us a decision: median, and 99 and 99.9 % of the calls", xscale="log")
         axes.invert_yaxis()
@@ -48,8 +63,18 @@ def latency(figures: Figures) -> str:
 def training(figures: Figures) -> str:
     """CPU seconds of every stage against the number of trials."""
     rows = figures["rows"]
-    return _curves([(name.removesuffix("_cpu_s").replace("_", " "), [(row["trials"], row[name]) for row in rows])
-                    for name in rows[0] if name.endswith("_cpu_s")], "trials", "CPU seconds")  # fmt: skip
+    return _curves(
+        [
+            (
+                name.removesuffix("_cpu_s").replace("_", " "),
+                [(row["trials"], row[name]) for row in rows],
+            )
+            for name in rows[0]
+            if name.endswith("_cpu_s")
+        ],
+        "trials",
+        "CPU seconds",
+    )
 
 
 def instructions(figures: Figures) -> str:
@@ -57,7 +82,12 @@ def instructions(figures: Figures) -> str:
     with mpl.rc_context(STYLE):
         rows = figures["rows"]
         drawn, axes = _figure(height=0.4 * len(rows) + 0.8)
-        _bars(axes, [row["what"] for row in rows], [row["instructions"] for row in rows], [OURS] * len(rows))
+        _bars(
+            axes,
+            [row["what"] for row in rows],
+            [row["instructions"] for row in rows],
+            [OURS] * len(rows),
+        )
         axes.set(xlabel="instructions a call (callgrind)")
         return svg(drawn)
 
@@ -65,23 +95,35 @@ def instructions(figures: Figures) -> str:
 def hand(figures: Figures) -> str:
     """A scan of six fingers by bridge, layout and clock."""
     rows = figures["scans"]
-    names = [f"{row['bridge']}, {row['reads']}, {row['layout']}, {row['bus_khz']} kHz" for row in rows]
+    names = [
+        f"{row['bridge']}, {row['reads']}, {row['layout']}, {row['bus_khz']} kHz" for row in rows
+    ]
     with mpl.rc_context(STYLE):
         drawn, axes = _figure(height=0.24 * len(rows) + 0.8)
         _bars(
-            axes, names, [row["scan_ms"] for row in rows], [OURS if row["serves_model_hz"] else QUIET for row in rows]
+            axes,
+            names,
+            [row["scan_ms"] for row in rows],
+            [OURS if row["serves_model_hz"] else QUIET for row in rows],
         )
-        axes.set(xlabel="ms a scan of six fingers, of the virtual hand; grey: too slow for any model", xscale="log")
+        axes.set(
+            xlabel="ms a scan of six fingers, of the virtual hand; grey: too slow for any model",
+            xscale="log",
+        )
         return svg(drawn)
 
 
 def simulator(figures: Figures) -> str:
     """What the slip time's error costs in CPU time, step by step."""
     rows = figures["step"]
-    points = [(f"{name} % of slips", [(1e3 * row["cpu_s_per_trial"], row[key]) for row in rows])
-              for name, key in ((50, "p50_ms"), (90, "p90_ms"))]  # fmt: skip
+    points = [
+        (f"{name} % of slips", [(1e3 * row["cpu_s_per_trial"], row[key]) for row in rows])
+        for name, key in ((50, "p50_ms"), (90, "p90_ms"))
+    ]
     return _curves(
-        points, "CPU ms a trial; every point half the step of the one before", "error of the slip's time, ms"
+        points,
+        "CPU ms a trial; every point half the step of the one before",
+        "error of the slip's time, ms",
     )
 
 
@@ -90,8 +132,16 @@ def onset(figures: Figures) -> str:
     rows = figures["ramps"]
     rates = dict.fromkeys(row["fps"] for row in rows)
     return _curves(
-        [(f"{fps:g} fps", [(row["mm_per_s2"], row["start_worst_ms"]) for row in rows if row["fps"] == fps])
-         for fps in rates], "acceleration, mm/s2", "worst error of the slip's start, ms")  # fmt: skip
+        [
+            (
+                f"{fps:g} fps",
+                [(row["mm_per_s2"], row["start_worst_ms"]) for row in rows if row["fps"] == fps],
+            )
+            for fps in rates
+        ],
+        "acceleration, mm/s2",
+        "worst error of the slip's start, ms",
+    )
 
 
 def cost(figures: Figures) -> str:
@@ -100,9 +150,15 @@ def cost(figures: Figures) -> str:
 
 
 PICTURES: dict[str, Callable[[Figures], str]] = {
-    "latency": latency, "cost": cost, "training": training, "instructions": instructions, "effects": effects,
-    "hand": hand, "onset": onset, "simulator": simulator,
-}  # fmt: skip
+    "latency": latency,
+    "cost": cost,
+    "training": training,
+    "instructions": instructions,
+    "effects": effects,
+    "hand": hand,
+    "onset": onset,
+    "simulator": simulator,
+}
 
 
 def _figure(height: float) -> tuple[Figure, Axes]:
@@ -110,11 +166,19 @@ def _figure(height: float) -> tuple[Figure, Axes]:
     return drawn, drawn.subplots()
 
 
-def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], colours: Sequence[str]) -> None:
+def _bars(
+    axes: Axes, names: Sequence[str], values: Sequence[float], colours: Sequence[str]
+) -> None:
     axes.barh(range(len(names)), list(values), color=list(colours))
     for place, value in enumerate(values):
-        axes.annotate(f"{value:,.3g}" if value < 1000 else f"{value:,.0f}", (value, place), (3, 0),
-                      textcoords="offset points", va="center", fontsize=7)  # fmt: skip
+        axes.annotate(
+            f"{value:,.3g}" if value < 1000 else f"{value:,.0f}",
+            (value, place),
+            (3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7,
+        )
     axes.set_yticks(range(len(names)), list(names))
     axes.invert_yaxis()
 
@@ -124,10 +188,18 @@ def _curves(curves: Sequence[tuple[str, Sequence[tuple[float, float]]]], x: str,
     with mpl.rc_context(STYLE):
         drawn, axes = _figure(height=3.6)
         for place, (name, points) in enumerate(curves):
-            axes.plot([at for at, _ in points], [value for _, value in points], "o-", markersize=4,
-                      color=(OURS, WARNING, INK, QUIET, "#5b8c5a")[place % 5], label=name)  # fmt: skip
+            axes.plot(
+                [at for at, _ in points],
+                [value for _, value in points],
+                "o-",
+                markersize=4,
+                color=(OURS, WARNING, INK, QUIET, "#5b8c5a")[place % 5],
+                label=name,
+            )
         axes.set(xlabel=x, ylabel=y, xscale="log", yscale="log")
-        axes.set_xticks([at for at, _ in curves[0][1]], [f"{at:.3g}" for at, _ in curves[0][1]], minor=False)
+        axes.set_xticks(
+            [at for at, _ in curves[0][1]], [f"{at:.3g}" for at, _ in curves[0][1]], minor=False
+        )
         axes.set_xticks([], minor=True)
         axes.legend(frameon=False, fontsize=8)
         axes.grid(color="#e4e7eb")

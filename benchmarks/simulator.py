@@ -1,4 +1,5 @@
-"""What accuracy costs in time, of the simulator itself: step against slip time, trials and elements against CPU time.
+"""What accuracy costs in time, of the simulator itself: step against slip time, trials and elements
+against CPU time.
 
 And whether it is plausible: the medians from load onset to gross slip, style by style.
 """
@@ -17,13 +18,18 @@ from simulation.scene import Scene, SimulatedTrial
 STEPS_S = (4e-3, 2e-3, 1.667e-3, 8.334e-4, 4.167e-4, 2.084e-4)
 REFERENCE_S = 2.5e-5
 EXPECTED_MS = {
-    ("thesis", "pull"): 26, ("thesis", "fall"): 19, ("p1", "pull"): 13, ("p2", "pull"): 56, ("p2", "fall"): 67,
-}  # fmt: skip
+    ("thesis", "pull"): 26,
+    ("thesis", "fall"): 19,
+    ("p1", "pull"): 13,
+    ("p2", "pull"): 56,
+    ("p2", "fall"): 67,
+}
 """Medians of a prototype (simulated too), which styles were fitted to."""
 
 
 def step_curve(*, trials: int = 60, seed: int = 0) -> list[dict[str, float]]:
-    """Step, ms -> median and p90 error of the time of gross slip against a 25 us reference, ms, and CPU time."""
+    """Step, ms -> median and p90 error of the time of gross slip against a 25 us reference, ms, and
+    CPU time."""
     card = _losses(read_card("thesis"))
     reference, _ = _slip_times_s(replace(card, step_s=REFERENCE_S), trials, seed)
     rows = []
@@ -32,19 +38,31 @@ def step_curve(*, trials: int = 60, seed: int = 0) -> list[dict[str, float]]:
         error = 1e3 * np.abs(times - reference)
         error = error[np.isfinite(error)]
         p50, p90 = np.percentile(error, [50, 90])
-        rows.append({"step_ms": 1e3 * step_s, "p50_ms": p50, "p90_ms": p90, "cpu_s_per_trial": cpu_s / trials})
+        rows.append(
+            {
+                "step_ms": 1e3 * step_s,
+                "p50_ms": p50,
+                "p90_ms": p90,
+                "cpu_s_per_trial": cpu_s / trials,
+            }
+        )
     return rows
 
 
-def size_curve(*, lanes: tuple[int, ...] = (15, 60, 200, 500), elements: tuple[int, ...] = (1, 2, 5, 10, 20)) -> Any:
-    """CPU time a trial of the thesis card by trials at once (five elements) and by elements (200 at once)."""
+def size_curve(
+    *, lanes: tuple[int, ...] = (15, 60, 200, 500), elements: tuple[int, ...] = (1, 2, 5, 10, 20)
+) -> Any:
+    """CPU time a trial of the thesis card by trials at once (five elements) and by elements (200 at
+    once)."""
     card = read_card("thesis")
     by_trials = [{"trials": n, "cpu_s_per_trial": _cpu_s(card, n)} for n in lanes]
     by_elements = []
     for count in elements:
         changed = replace(card, effects=card.effects | {"brush": {"count": count}})
         told, cpu_s = _timed(changed, 200)
-        by_elements.append({"elements": count, "cpu_s_per_trial": cpu_s / 200, "incipient_ms": _incipient_ms(told)})
+        by_elements.append(
+            {"elements": count, "cpu_s_per_trial": cpu_s / 200, "incipient_ms": _incipient_ms(told)}
+        )
     return {"by_trials": by_trials, "by_elements": by_elements}
 
 
@@ -58,14 +76,23 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[dict[str, Any]]:
         for told in scene.run(losses):
             truth = told.truth
             if truth.gross_slip_s is not None and truth.load_onset_s is not None:
-                by_action.setdefault(told.trial.action, []).append(1e3 * (truth.gross_slip_s - truth.load_onset_s))
+                by_action.setdefault(told.trial.action, []).append(
+                    1e3 * (truth.gross_slip_s - truth.load_onset_s)
+                )
         for action in ("pull", "fall"):
             leads = np.array(by_action.get(action, [np.nan]))
             p5, p50, p95 = (float(value) for value in np.percentile(leads, [5, 50, 95]))
             rows.append(
-                {"card": name, "action": action, "n": len(leads), "p5_ms": p5, "p50_ms": p50, "p95_ms": p95,
-                 "expected_ms": EXPECTED_MS.get((name, action))}
-            )  # fmt: skip
+                {
+                    "card": name,
+                    "action": action,
+                    "n": len(leads),
+                    "p5_ms": p5,
+                    "p50_ms": p50,
+                    "p95_ms": p95,
+                    "expected_ms": EXPECTED_MS.get((name, action)),
+                }
+            )
     return rows
 
 

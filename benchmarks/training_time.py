@@ -33,13 +33,20 @@ def _row(place: Path, trials: int) -> dict[str, Any]:
     data, read_s = _cpu_s(lambda: load(place))
     features, features_s = _cpu_s(lambda: features_of(data, spec_for(data, plan.groups)))
     task = data.tasks["classes"]
-    _, fit_s = _cpu_s(lambda: fit_forest(data, features["classes"], plan, "classes", np.arange(len(task)), 0))
+    _, fit_s = _cpu_s(
+        lambda: fit_forest(data, features["classes"], plan, "classes", np.arange(len(task)), 0)
+    )
     _, validated_s = _cpu_s(lambda: cross_validate(data, features, plan))
     return {
-        "trials": trials, "windows": len(task), "samples": sum(len(one.samples) for one in data.recordings),
-        "simulated_cpu_s": simulated_s, "read_and_labelled_cpu_s": read_s, "features_cpu_s": features_s,
-        "forest_cpu_s": fit_s, f"cross_validated_{plan.folds}_folds_cpu_s": validated_s,
-    }  # fmt: skip
+        "trials": trials,
+        "windows": len(task),
+        "samples": sum(len(one.samples) for one in data.recordings),
+        "simulated_cpu_s": simulated_s,
+        "read_and_labelled_cpu_s": read_s,
+        "features_cpu_s": features_s,
+        "forest_cpu_s": fit_s,
+        f"cross_validated_{plan.folds}_folds_cpu_s": validated_s,
+    }
 
 
 def _cpu_s(call: Callable[[], Any]) -> tuple[Any, float]:

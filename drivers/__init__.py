@@ -1,1 +1,2 @@
-"""Where samples come from. Every source yields edge_runtime's Sample; today: replay of a recorded trial."""
+"""Where samples come from. Every source yields edge_runtime's Sample; today: replay of a recorded
+trial."""

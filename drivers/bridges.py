@@ -10,12 +10,22 @@ from drivers.bus import Bus
 from edge_runtime.errors import UsageError
 
 BRIDGES = {
-    "ft232h": ("drivers.ft232h:Ft232h", "drivers.virtual.ft232h:VirtualFt232h", "drivers.ft232h:FT232H_IDS"),
-    "tiny-usb": (
-        "drivers.tiny_usb:TinyUsb", "drivers.virtual.tiny_usb:VirtualTinyUsb", "drivers.tiny_usb:TINY_USB_IDS"
+    "ft232h": (
+        "drivers.ft232h:Ft232h",
+        "drivers.virtual.ft232h:VirtualFt232h",
+        "drivers.ft232h:FT232H_IDS",
     ),
-    "mcp2221": ("drivers.mcp2221:Mcp2221", "drivers.virtual.mcp2221:VirtualMcp2221", "drivers.mcp2221:MCP2221_IDS"),
-}  # fmt: skip
+    "tiny-usb": (
+        "drivers.tiny_usb:TinyUsb",
+        "drivers.virtual.tiny_usb:VirtualTinyUsb",
+        "drivers.tiny_usb:TINY_USB_IDS",
+    ),
+    "mcp2221": (
+        "drivers.mcp2221:Mcp2221",
+        "drivers.virtual.mcp2221:VirtualMcp2221",
+        "drivers.mcp2221:MCP2221_IDS",
+    ),
+}
 """Name -> (driver, emulation, USB ids)."""
 OWN_SPEED = ("ft232h", "mcp2221")
 """Bridges whose bus runs as fast as they are told; the others' firmware decides."""
@@ -34,7 +44,9 @@ def bridges_on_usb() -> list[str]:
 
     backend = real_backend()
     found = {name: find_usb(ids_of(name), backend) for name in BRIDGES}
-    return [f"usb://{name}?number={k}" for name, devices in found.items() for k in range(len(devices))]
+    return [
+        f"usb://{name}?number={k}" for name, devices in found.items() for k in range(len(devices))
+    ]
 
 
 def ids_of(name: str) -> Any:

@@ -1,7 +1,8 @@
-"""One TMAG5273 made ready: woken, identified, moved to an address of its own, configured, read back.
+"""One TMAG5273 made ready: woken, identified, moved to an address of its own, configured, read
+back.
 
-Nothing is written to an address before a TMAG5273 has identified itself there. A register read is a read, though it
-sends the register's number: that sets a pointer in every chip that has registers.
+Nothing is written to an address before a TMAG5273 has identified itself there. A register read is a
+read, though it sends the register's number: that sets a pointer in every chip that has registers.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Pause, *, known: boo
 
     known: a chip of ours has identified itself there before, so that it may be written to at once.
 
-    Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not keep its
-    configuration, and what the bridge raises.
+    Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not
+    keep its configuration, and what the bridge raises.
     """
     plain = dict(setup.plain.registers())
     if finger.moved is not None:
@@ -62,8 +63,9 @@ def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Pause, *, known: boo
 def identify(bus: Bus, address: int, pause: Pause, config: int = 0, *, known: bool = False) -> int:
     """Wake the chip and see that it is one: its version. Raises DeviceNotFound, WrongDevice.
 
-    Only a chip that was left in 1-byte mode is written to, once its packets have told that it is one, or at once where
-    it is known: config goes to its DEVICE_CONFIG_1, and its registers can be read again.
+    Only a chip that was left in 1-byte mode is written to, once its packets have told that it is
+    one, or at once where it is known: config goes to its DEVICE_CONFIG_1, and its registers can be
+    read again.
     """
     registers = Transfer(address, bytes([CONFIG, config]))
     if known and not bus.scan([registers])[0].acked:
@@ -77,22 +79,26 @@ def identify(bus: Bus, address: int, pause: Pause, config: int = 0, *, known: bo
     if version is None:
         maker = int.from_bytes(answer[2:4], "little")
         raise WrongDevice(
-            f"maker {maker:#06x}, version {answer[1] & 3}: no TMAG5273", where=f"{address:#04x}",
+            f"maker {maker:#06x}, version {answer[1] & 3}: no TMAG5273",
+            where=f"{address:#04x}",
             cause="another chip at this address, two at once, or one that another program left in 1-byte mode",
             next_step="holdfast scan, or switch its power off and on",
-        )  # fmt: skip
+        )
     return version
 
 
 def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
-    """Four registers from I2C_ADDRESS on. A sleeping chip does not acknowledge the read that wakes it."""
+    """Four registers from I2C_ADDRESS on. A sleeping chip does not acknowledge the read that wakes
+    it."""
     ask = Transfer(address, bytes([IDENTITY]), 4)
     reply = bus.scan([ask])[0]
     if not reply.acked:
         pause(WAKE_S)
         reply = bus.scan([ask])[0]
     if not reply.acked:
-        raise DeviceNotFound("does not answer", where=f"{address:#04x}", cause="no power, or a broken wire")
+        raise DeviceNotFound(
+            "does not answer", where=f"{address:#04x}", cause="no power, or a broken wire"
+        )
     return reply.data
 
 
@@ -105,11 +111,15 @@ def _version(identity: bytes) -> int | None:
 def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
     """Whether a TMAG5273 in 1-byte mode answers, told by a dozen register reads.
 
-    It answers its packet, whatever register is asked for: its CRC fits them all, or its status has the bits of a good
-    conversion in each and a count that goes on. The highest bit of the register number starts a conversion in a chip
-    that waits for one; the pauses differ, so that no count seems to stand still.
+    It answers its packet, whatever register is asked for: its CRC fits them all, or its status has
+    the bits of a good conversion in each and a count that goes on. The highest bit of the register
+    number starts a conversion in a chip that waits for one; the pauses differ, so that no count
+    seems to stand still.
     """
-    asked = [Transfer(address, bytes([number]), CHECKED_BYTES) for number in (IDENTITY, TRIGGER | RESULTS)]
+    asked = [
+        Transfer(address, bytes([number]), CHECKED_BYTES)
+        for number in (IDENTITY, TRIGGER | RESULTS)
+    ]
     packets: list[bytes] = []
     for k in range(PACKETS_LOOKED_AT):
         packets.append(bus.scan([asked[k % 2]])[0].data)
@@ -120,7 +130,8 @@ def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
 
 
 def _crcs_agree(address: int, packets: list[bytes]) -> bool:
-    """Whether every packet's CRC fits, or is off by the same bits, and they are not one and the same packet."""
+    """Whether every packet's CRC fits, or is off by the same bits, and they are not one and the
+    same packet."""
     different = set(packets)
     offsets = {one[-1] ^ packet_crc(address, one[:-1]) for one in different}
     return len(offsets) == 1 and len(different) >= CRCS_TO_AGREE
@@ -128,11 +139,15 @@ def _crcs_agree(address: int, packets: list[bytes]) -> bool:
 
 def _counts_go_on(packets: list[bytes]) -> bool:
     found = [packet(one[:PACKET_BYTES]) for one in packets]
-    return all(one.status & 0x1F == CONVERTED for one in found) and len({o.set_count for o in found}) >= COUNTS_TO_SEE
+    return (
+        all(one.status & 0x1F == CONVERTED for one in found)
+        and len({o.set_count for o in found}) >= COUNTS_TO_SEE
+    )
 
 
 def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> None:
-    """Give a chip an address of its own, unless it still has it from before. Raises as identify does."""
+    """Give a chip an address of its own, unless it still has it from before. Raises as identify
+    does."""
     try:
         identify(bus, moved, pause, known=known)
     except DeviceNotFound:
@@ -141,15 +156,19 @@ def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> N
 
 
 def _configure(bus: Bus, address: int, plain: Mapping[int, int]) -> None:
-    """Write what is not there yet, read back, and only then clear POR: until then a loss of power would go unseen."""
+    """Write what is not there yet, read back, and only then clear POR: until then a loss of power
+    would go unseen."""
     wanted = bytes(plain.get(register, 0) for register in range(READ_BACK))
     read_back = Transfer(address, b"\0", READ_BACK)
-    held = bus.scan([Transfer(address, bytes([DEVICE.address, DEVICE.write_one_clears])), read_back])[1]
+    held = bus.scan(
+        [Transfer(address, bytes([DEVICE.address, DEVICE.write_one_clears])), read_back]
+    )[1]
     if held.data != wanted:
         held = bus.scan([*(Transfer(address, bytes(one)) for one in plain.items()), read_back])[-1]
     if held.data != wanted:
         raise WrongDevice(
-            f"does not keep its configuration ({held.data.hex()}, not {wanted.hex()})", where=f"{address:#04x}",
+            f"does not keep its configuration ({held.data.hex()}, not {wanted.hex()})",
+            where=f"{address:#04x}",
             cause="two chips at one address, or noise on the bus",
-        )  # fmt: skip
+        )
     bus.scan([Transfer(address, bytes([STATUS.address, STATUS.write_one_clears]))])

@@ -1,8 +1,8 @@
 """What every bridge does: a list of I2C transfers in, a reply for each out, in one call.
 
-A bridge that can carry a whole list in one round trip does (that is what the list is for). A transfer that
-nobody acknowledges is no error: its reply says so, and the others are as good as ever. What is an error is a
-bridge that does not answer, which is a DeviceError.
+A bridge that can carry a whole list in one round trip does (that is what the list is for). A
+transfer that nobody acknowledges is no error: its reply says so, and the others are as good as
+ever. What is an error is a bridge that does not answer, which is a DeviceError.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from edge_runtime.errors import BusStuck
 MOST_CLEARS = 9
 """A chip may hold SDA low behind each of a mux's eight channels, and only while that is joined."""
 
+
 @dataclass(frozen=True)
 class Transfer:
-    """START address, what is written, then (after a repeated start) `read` bytes, STOP. address: 7 bits."""
+    """START address, what is written, then (after a repeated start) `read` bytes, STOP. address: 7
+    bits."""
 
     address: int
     write: bytes = b""
@@ -27,7 +29,8 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Reply:
-    """What came back: acked is False where the address, or a byte written, was not acknowledged; then data is empty."""
+    """What came back: acked is False where the address, or a byte written, was not acknowledged;
+    then data is empty."""
 
     data: bytes
     acked: bool
@@ -43,7 +46,8 @@ class Bus(Protocol):
     """For messages, such as "ft232h"."""
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """Carry out the transfers in order, a reply for each. Raises a DeviceError where the bridge fails."""
+        """Carry out the transfers in order, a reply for each. Raises a DeviceError where the bridge
+        fails."""
         ...
 
     def clear(self) -> None:

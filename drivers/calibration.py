@@ -1,7 +1,8 @@
 """Field to force, in one place; and the bias of an unloaded hand, with a check of how good it is.
 
-A calibration is one matrix [3, 3] N/uT a sensor. Where several sensors lie under one load (a pad, or six fingertips
-pressed in turn), each answers with its share and the load is the sum of the shares.
+A calibration is one matrix [3, 3] N/uT a sensor. Where several sensors lie under one load (a pad,
+or six fingertips pressed in turn), each answers with its share and the load is the sum of the
+shares.
 """
 
 from __future__ import annotations
@@ -39,16 +40,17 @@ NEXT = {
 MIN_FIT_ROWS = 10
 MIN_BIAS_ROWS = 30
 QUIET: Mapping[Unit, float] = {"N": 0.12, "uT": 40.0}
-"""The spread of an untouched channel stays below this: the TMAG5273's noise is 22 uT in x and y, 11 uT in z."""
+"""The spread of an untouched channel stays below this: the TMAG5273's noise is 22 uT in x and y, 11
+uT in z."""
 
 
 @dataclass(frozen=True)
 class Meta:
     """Where a calibration comes from.
 
-    source: of the loads. date: as the caller gave it. load_unit: what the loads were read in. n: rows fitted.
-    residual_n: [S, 3] RMSE over the fitted rows, nan where an axis was never loaded; sensors that lie under one load
-    have the residual of that load in common.
+    source: of the loads. date: as the caller gave it. load_unit: what the loads were read in. n:
+    rows fitted. residual_n: [S, 3] RMSE over the fitted rows, nan where an axis was never loaded;
+    sensors that lie under one load have the residual of that load in common.
     """
 
     source: str
@@ -60,10 +62,12 @@ class Meta:
 
 @dataclass(frozen=True)
 class Calibration:
-    """matrix [S, 3, 3] N/uT; rest_ut [S, 3] the resting field, None where fields come tared; reversed [S].
+    """matrix [S, 3, 3] N/uT; rest_ut [S, 3] the resting field, None where fields come tared;
+    reversed [S].
 
-    A row of zeros in a matrix is an axis that was never loaded. The matrix is that of a magnet the right way up: a
-    reversed magnet has the field of the other sign on all three axes, and is turned here.
+    A row of zeros in a matrix is an axis that was never loaded. The matrix is that of a magnet the
+    right way up: a reversed magnet has the field of the other sign on all three axes, and is turned
+    here.
     """
 
     matrix: FloatArray
@@ -72,7 +76,8 @@ class Calibration:
     meta: Meta
 
     def apply(self, field_ut: FloatArray) -> FloatArray:
-        """[.., S, 3] uT -> [.., S, 3] N; a lost value (nan) makes its whole sensor nan. Raises ChannelError."""
+        """[.., S, 3] uT -> [.., S, 3] N; a lost value (nan) makes its whole sensor nan. Raises
+        ChannelError."""
         if field_ut.shape[-2:] != self.matrix.shape[:2]:
             raise ChannelError(
                 f"a field of shape {list(field_ut.shape)} for {len(self.matrix)} sensors",
@@ -86,7 +91,8 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Fit:
-    """A calibration, and what it would have done unseen: held_out_n [G, 3] RMSE on each block by the other blocks."""
+    """A calibration, and what it would have done unseen: held_out_n [G, 3] RMSE on each block by
+    the other blocks."""
 
     calibration: Calibration
     held_out_n: FloatArray
@@ -94,7 +100,8 @@ class Fit:
 
 @dataclass(frozen=True)
 class Bias:
-    """What an unloaded hand reads: values [C] median, spread [C] standard deviation, over n rows; reversed [S].
+    """What an unloaded hand reads: values [C] median, spread [C] standard deviation, over n rows;
+    reversed [S].
 
     The values are as read; a reversed magnet is only pointed out, not turned.
     """
@@ -117,7 +124,8 @@ def rmse_normal(error_n: FloatArray) -> float:
 
 
 def rmse_shear(error_n: FloatArray) -> float:
-    """Root mean square of [.., 3] errors over the shear axes that were loaded (not nan); nan without any."""
+    """Root mean square of [.., 3] errors over the shear axes that were loaded (not nan); nan
+    without any."""
     shear = np.delete(error_n, NORMAL_AXIS, axis=-1)
     known = shear[np.isfinite(shear)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
@@ -136,10 +144,11 @@ def fit(
 ) -> Fit:
     """Least squares through the resting field: force = sum over sensors of matrix (field - rest).
 
-    field_ut: [M, 3], or [M, S, 3] for S sensors under one load. force_n: [M, 3], a column of nan for an axis that was
-    not measured; or [M], the normal alone. blocks: [M], which probing a row belongs to; each is held out in turn.
-    rest_ut: [S, 3], None where the field is tared. Raises ChannelError, NotANumber, EmptyRecording, TooFewGroups, or
-    DataError where the loads do not move the field in as many directions as they have.
+    field_ut: [M, 3], or [M, S, 3] for S sensors under one load. force_n: [M, 3], a column of nan
+    for an axis that was not measured; or [M], the normal alone. blocks: [M], which probing a row
+    belongs to; each is held out in turn. rest_ut: [S, 3], None where the field is tared. Raises
+    ChannelError, NotANumber, EmptyRecording, TooFewGroups, or DataError where the loads do not move
+    the field in as many directions as they have.
     """
     field = field_ut[:, None, :] if field_ut.ndim == 2 else field_ut
     force = _three_axes(force_n)
@@ -167,11 +176,15 @@ def _check_rows(field: FloatArray, force: FloatArray, blocks: npt.NDArray[Any]) 
             next_step="give [M, S, 3], [M, 3] and [M]",
         )
     if len(field) < MIN_FIT_ROWS:
-        raise EmptyRecording(f"{len(field)} rows to fit", next_step=f"press for at least {MIN_FIT_ROWS} rows")
+        raise EmptyRecording(
+            f"{len(field)} rows to fit", next_step=f"press for at least {MIN_FIT_ROWS} rows"
+        )
     loaded = _loaded_axes(force)
     if not loaded.any() or not (np.isfinite(field).all() and np.isfinite(force[:, loaded]).all()):
         raise NotANumber(
-            "fields or forces are not finite", cause="rows where a sensor was lost", next_step="leave those rows out"
+            "fields or forces are not finite",
+            cause="rows where a sensor was lost",
+            next_step="leave those rows out",
         )
 
 
@@ -183,7 +196,9 @@ def _loaded_axes(force: FloatArray) -> BoolArray:
 def _solve(moved: FloatArray, force: FloatArray) -> FloatArray:
     """[S, 3, 3] by least squares; zeros for axes that were not measured."""
     n_sensors, loaded = moved.shape[1], _loaded_axes(force)
-    solution, _, rank, _ = np.linalg.lstsq(moved.reshape(len(moved), -1), force[:, loaded], rcond=None)
+    solution, _, rank, _ = np.linalg.lstsq(
+        moved.reshape(len(moved), -1), force[:, loaded], rcond=None
+    )
     if rank < loaded.sum():
         raise DataError(
             f"loads along {loaded.sum()} axes move the field in {rank} directions only",
@@ -206,7 +221,9 @@ def _held_out(moved: FloatArray, force: FloatArray, blocks: npt.NDArray[Any]) ->
     names = np.unique(blocks)
     if len(names) < 2:
         raise TooFewGroups(
-            f"{len(names)} block of loads", cause="one probing", next_step="press at least twice; one is held out"
+            f"{len(names)} block of loads",
+            cause="one probing",
+            next_step="press at least twice; one is held out",
         )
     return np.array([_one_held_out(moved, force, blocks == name) for name in names])
 
@@ -218,11 +235,13 @@ def _one_held_out(moved: FloatArray, force: FloatArray, out: BoolArray) -> Float
 def bias_of(
     values: FloatArray, unit: Unit, *, normal_floor: float | None = None, quiet: float | None = None
 ) -> tuple[Bias, tuple[str, ...]]:
-    """The bias of unloaded rows [T, C], and warnings that name the channels: rows lost, restless, drifting, reversed.
+    """The bias of unloaded rows [T, C], and warnings that name the channels: rows lost, restless,
+    drifting, reversed.
 
-    normal_floor: a resting normal below minus that is a magnet upside down. quiet: the largest spread of an untouched
-    channel, and the largest drift between the first and the last third; both in `unit`, and both have a default for N
-    and uT. Raises EmptyRecording, NotANumber (a channel without MIN_BIAS_ROWS finite rows), ChannelError, UnitError.
+    normal_floor: a resting normal below minus that is a magnet upside down. quiet: the largest
+    spread of an untouched channel, and the largest drift between the first and the last third; both
+    in `unit`, and both have a default for N and uT. Raises EmptyRecording, NotANumber (a channel
+    without MIN_BIAS_ROWS finite rows), ChannelError, UnitError.
     """
     floor, quiet = _or_default(normal_floor, NORMAL_FLOOR, unit), _or_default(quiet, QUIET, unit)
     _check_bias_rows(values)
@@ -235,13 +254,19 @@ def bias_of(
 
 def _or_default(given: float | None, defaults: Mapping[Unit, float], unit: Unit) -> float:
     if given is None and unit not in defaults:
-        raise UnitError(f"no usual noise is known in {unit}", next_step="give normal_floor and quiet in that unit")
+        raise UnitError(
+            f"no usual noise is known in {unit}",
+            next_step="give normal_floor and quiet in that unit",
+        )
     return defaults[unit] if given is None else given
 
 
 def _check_bias_rows(values: FloatArray) -> None:
     if values.ndim != 2 or values.shape[1] == 0 or values.shape[1] % 3:
-        raise ChannelError(f"rows of shape {list(values.shape)}", next_step="give [T, C] with three channels a sensor")
+        raise ChannelError(
+            f"rows of shape {list(values.shape)}",
+            next_step="give [T, C] with three channels a sensor",
+        )
     if len(values) < MIN_BIAS_ROWS:
         raise EmptyRecording(
             f"{len(values)} rows for a bias",
@@ -263,7 +288,10 @@ def _bias_warnings(masked: FloatArray, bias: Bias, quiet: float) -> tuple[str, .
     drift = np.abs(_middle(masked[-third:]) - _middle(masked[:third]))
     upside_down = np.repeat(bias.reversed, 3) & (np.arange(masked.shape[1]) % 3 == NORMAL_AXIS)
     found = (
-        (lost > 0, f"up to {lost.max()} of {len(masked)} rows are lost in {{}}; next: look at that finger's wires"),
+        (
+            lost > 0,
+            f"up to {lost.max()} of {len(masked)} rows are lost in {{}}; next: look at that finger's wires",
+        ),
         (
             bias.spread > quiet,
             f"more restless than {quiet:g} {bias.unit}: {{}}; likely cause: someone touched it; next: take it again",
@@ -273,14 +301,19 @@ def _bias_warnings(masked: FloatArray, bias: Bias, quiet: float) -> tuple[str, .
             f"drifts by more than {quiet:g} {bias.unit}: {{}}; likely cause: it warms up, or a load creeps; "
             "next: wait a minute and take it again",
         ),
-        (upside_down, "the magnet is reversed (normal field below zero at rest) in {}; next: turn it, or its sign"),
+        (
+            upside_down,
+            "the magnet is reversed (normal field below zero at rest) in {}; next: turn it, or its sign",
+        ),
     )
     return tuple(text.format(_named(which)) for which, text in found if which.any())
 
 
 def _middle(rows: FloatArray) -> FloatArray:
     """[C] median of the finite rows; nan, and no warning of numpy's, where there is none."""
-    return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in rows.T])
+    return np.array(
+        [np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in rows.T]
+    )
 
 
 def _named(which: BoolArray) -> str:
@@ -301,15 +334,20 @@ def write_calibration(path: str | Path, calibration: Calibration) -> Path:
         "date": meta.date,
         "load_unit": meta.load_unit,
         "n": meta.n,
-        "residual_n": [[None if np.isnan(value) else value for value in row] for row in meta.residual_n.tolist()],
+        "residual_n": [
+            [None if np.isnan(value) else value for value in row]
+            for row in meta.residual_n.tolist()
+        ],
     }
     return write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read and check. Raises DataNotFound, DataError (not JSON, another format, singular), ChannelError, NotANumber.
+    """Read and check. Raises DataNotFound, DataError (not JSON, another format, singular),
+    ChannelError, NotANumber.
 
-    Singular: two loaded axes are made one, or no field is a force, and the finger would read a calm zero for ever.
+    Singular: two loaded axes are made one, or no field is a force, and the finger would read a calm
+    zero for ever.
     """
     file = _File(Path(path), CALIBRATION)
     matrix = file.numbers("matrix_n_per_ut", (None, 3, 3))
@@ -329,7 +367,8 @@ def read_calibration(path: str | Path) -> Calibration:
 
 
 def _is_singular(matrix: FloatArray) -> bool:
-    """Whether the rows of the axes that were loaded (not all zero) do not lead to as many directions, or are none."""
+    """Whether the rows of the axes that were loaded (not all zero) do not lead to as many
+    directions, or are none."""
     largest = np.abs(matrix).max(axis=1)
     rows = matrix[largest > 0.0] / largest[largest > 0.0, None]
     return not len(rows) or int(np.linalg.matrix_rank(rows)) < len(rows)
@@ -364,7 +403,8 @@ def read_bias(path: str | Path) -> Bias:
 
 
 class _File:
-    """A JSON object of ours, opened and of the right format and kind; its values are checked as they are taken."""
+    """A JSON object of ours, opened and of the right format and kind; its values are checked as
+    they are taken."""
 
     def __init__(self, path: Path, kind: str) -> None:
         self._path, self._kind = path, kind
@@ -373,13 +413,20 @@ class _File:
             raise self.wrong(DataError, "not a JSON object")
         self._values: dict[str, Any] = content
         if self.value("format") != FORMAT or isinstance(self.value("format"), bool):
-            raise self.wrong(DataError, f"format {self.value('format')!r} is not known, only {FORMAT}")
+            raise self.wrong(
+                DataError, f"format {self.value('format')!r} is not known, only {FORMAT}"
+            )
         if self.value("kind") != kind:
             raise self.wrong(DataError, f"this is a {self.value('kind')!r}, not a {kind}")
 
     def wrong(self, error: type[DataError], what: str) -> DataError:
         """The error, with where and the next step."""
-        return error(what, where=self._path, cause="written by hand or by something else", next_step=NEXT[self._kind])
+        return error(
+            what,
+            where=self._path,
+            cause="written by hand or by something else",
+            next_step=NEXT[self._kind],
+        )
 
     def value(self, name: str) -> Any:
         """A value; DataError where it is missing."""
@@ -404,18 +451,26 @@ class _File:
     def flags(self, name: str, n: int) -> BoolArray:
         """[n] of true and false."""
         value = self.value(name)
-        if not isinstance(value, list) or len(value) != n or not all(isinstance(one, bool) for one in value):
+        if (
+            not isinstance(value, list)
+            or len(value) != n
+            or not all(isinstance(one, bool) for one in value)
+        ):
             raise self.wrong(ChannelError, f"{name} is not {n} times true or false")
         return np.array(value, dtype=np.bool_)
 
-    def numbers(self, name: str, shape: tuple[int | None, ...], *, gaps: bool = False) -> FloatArray:
+    def numbers(
+        self, name: str, shape: tuple[int | None, ...], *, gaps: bool = False
+    ) -> FloatArray:
         """Finite numbers of a shape, None for any length from 1; with gaps, null stands for nan."""
         leaves: list[Any] = []
         found = _shape(self.value(name), leaves)
         if not _fits(found, shape):
             wanted = ["S" if one is None else one for one in shape]
             told = "no rectangle" if found is None else list(found)
-            raise self.wrong(ChannelError, f"{name} has shape {told}, not {wanted}".replace("'", ""))
+            raise self.wrong(
+                ChannelError, f"{name} has shape {told}, not {wanted}".replace("'", "")
+            )
         return np.array([self._number(name, leaf, gaps) for leaf in leaves]).reshape(found or ())
 
     def _number(self, name: str, leaf: object, gaps: bool) -> float:
@@ -432,16 +487,22 @@ class _File:
             require_file(self._path)
             return json_of(text_of(self._path))
         except FileNotFoundError:
-            raise DataNotFound("no such file", where=self._path, next_step=NEXT[self._kind]) from None
+            raise DataNotFound(
+                "no such file", where=self._path, next_step=NEXT[self._kind]
+            ) from None
         except OSError as error:
-            raise DataNotFound(f"cannot be read ({error.strerror})", where=self._path, next_step="check it") from None
+            raise DataNotFound(
+                f"cannot be read ({error.strerror})", where=self._path, next_step="check it"
+            ) from None
         except ValueError:
             raise self.wrong(DataError, "not JSON") from None
 
 
 def _fits(found: tuple[int, ...] | None, shape: tuple[int | None, ...]) -> bool:
     same_depth = found is not None and len(found) == len(shape)
-    return same_depth and all(wanted in (None, size) for wanted, size in zip(shape, found or (), strict=True))
+    return same_depth and all(
+        wanted in (None, size) for wanted, size in zip(shape, found or (), strict=True)
+    )
 
 
 def _shape(value: object, leaves: list[Any]) -> tuple[int, ...] | None:

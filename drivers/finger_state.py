@@ -5,7 +5,15 @@ from __future__ import annotations
 from drivers.bus import Reply, Transfer
 from drivers.layout import Finger
 from drivers.packet_check import PacketCheck
-from drivers.tmag5273 import CHECKED_BYTES, PACKET_BYTES, RESERVED_STATUS, RESULTS, Packet, Setup, packet
+from drivers.tmag5273 import (
+    CHECKED_BYTES,
+    PACKET_BYTES,
+    RESERVED_STATUS,
+    RESULTS,
+    Packet,
+    Setup,
+    packet,
+)
 
 STALE_NS = 20_000_000
 TRY_AGAIN_NS = 50_000_000
@@ -14,7 +22,8 @@ NACKS_TO_BRING_UP = 2
 EDGE = 32767
 GARBAGE = (bytes(PACKET_BYTES), b"\xff" * PACKET_BYTES)
 REINIT_REASONS = ("reset", "missing", "stale", "garbage", "diagnosis")
-"""Why a finger is brought up anew, beside missing acknowledges and packets that do not fit their CRC."""
+"""Why a finger is brought up anew, beside missing acknowledges and packets that do not fit their
+CRC."""
 
 
 class FingerState:
@@ -63,7 +72,8 @@ class FingerState:
         return distrusted or self.nacks >= NACKS_TO_BRING_UP or why in REINIT_REASONS
 
     def judge(self, reply: Reply | None, came_ns: int) -> tuple[Packet | None, str]:
-        """A reply's packet, and one word for why it is not a valid reading, "" where it is. None: it was not read."""
+        """A reply's packet, and one word for why it is not a valid reading, "" where it is. None:
+        it was not read."""
         if reply is None:
             return None, "missing"
         if not reply.acked or len(reply.data) != self.transfer.read:
@@ -87,12 +97,16 @@ class FingerState:
             return "reset"
         if found.failing:
             return "diagnosis"
-        return self._stale(data, came_ns) or ("saturated" if max(found.raw) >= EDGE or min(found.raw) <= -EDGE else "")
+        return self._stale(data, came_ns) or (
+            "saturated" if max(found.raw) >= EDGE or min(found.raw) <= -EDGE else ""
+        )
 
     def _stale(self, data: bytes, came_ns: int) -> str:
-        """Whether the chip has converted anew within 20 ms; until a second packet differs, that is not known.
+        """Whether the chip has converted anew within 20 ms; until a second packet differs, that is
+        not known.
 
-        Nor is it after a missing acknowledge and a longer pause: the chip may have been asleep since it converted.
+        Nor is it after a missing acknowledge and a longer pause: the chip may have been asleep
+        since it converted.
         """
         if data != self._last:
             slept = self._missed and came_ns - self._changed_ns > STALE_NS

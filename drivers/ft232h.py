@@ -1,9 +1,11 @@
-"""FT232H: a whole scan as one batch for its MPSSE engine, one bulk transfer out and one in (FTDI AN 108, AN 255).
+"""FT232H: a whole scan as one batch for its MPSSE engine, one bulk transfer out and one in (FTDI AN
+108, AN 255).
 
-SCL is AD0; SDA is AD1 and AD2 tied together. Both are driven open-drain (0x9E), data change with three clock
-phases (0x8C). Every byte's acknowledge bit comes back, so a chip that does not answer costs only itself. The idle
-lines are looked at before and after a batch: SDA low means that a chip is stuck in the middle of a byte (and then
-every byte reads as an acknowledged zero); nine clocks free it.
+SCL is AD0; SDA is AD1 and AD2 tied together. Both are driven open-drain (0x9E), data change with
+three clock phases (0x8C). Every byte's acknowledge bit comes back, so a chip that does not answer
+costs only itself. The idle lines are looked at before and after a batch: SDA low means that a chip
+is stuck in the middle of a byte (and then every byte reads as an acknowledged zero); nine clocks
+free it.
 """
 
 from __future__ import annotations
@@ -21,13 +23,15 @@ OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81
 PACKET, STATUS_BYTES = 512, 2
 """Every packet that comes in begins with two bytes of modem status."""
 MOST_IN = PACKET - STATUS_BYTES - 4
-"""A batch answers with at most one packet: a mark, the idle lines twice, and so many bytes of transfers."""
+"""A batch answers with at most one packet: a mark, the idle lines twice, and so many bytes of
+transfers."""
 EMPTY_READS = 100
 
 VENDOR_OUT, INTERFACE_A = 0x40, 1
 SIO_RESET, SIO_LATENCY, SIO_BITMODE = 0x00, 0x09, 0x0B
 PURGE_SENT, PURGE_ANSWERS = 1, 2
-"""What the host sent and what waits for the host. The chip's names are its own: what it receives is what we send."""
+"""What the host sent and what waits for the host. The chip's names are its own: what it receives is
+what we send."""
 MPSSE_MODE = 0x0200
 LATENCY_MS = 1
 
@@ -37,7 +41,8 @@ SETUP = bytes([0x8A, 0x97, 0x8C, 0x9E, 0x07, 0x00, 0x85])
 """60 MHz, no adaptive clock, three phases, AD0 .. AD2 drive only zeros, no loopback."""
 DIVIDER, FLUSH = 0x86, 0x87
 BAD_COMMANDS, REFUSED = (0xAA, 0xAB), 0xFA
-"""Commands there are none of: the engine answers 0xFA and the command, which marks where an answer begins."""
+"""Commands there are none of: the engine answers 0xFA and the command, which marks where an answer
+begins."""
 
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 DRIVEN = SCL | SDA
@@ -45,7 +50,8 @@ HOLD = 4
 """A pin write is repeated so often, for the times that START and STOP must hold."""
 MASTER_HZ = 60e6
 SLOWEST_HZ, FASTEST_HZ = 10_000, 1_000_000
-"""Slower, a scan would outlast the reads that wait for it; and below 306 Hz the divider has no bits left."""
+"""Slower, a scan would outlast the reads that wait for it; and below 306 Hz the divider has no bits
+left."""
 
 
 def _pins(levels: int, times: int = HOLD) -> bytes:
@@ -65,7 +71,8 @@ SDA_PULSE = _pins(SDA) + _pins(0) + bytes([GET_LOW_PINS]) + _pins(SDA) + _pins(S
 class Ft232h:
     """An I2C bus behind an FT232H. bus_hz: 10 kHz to 1 MHz; number: of the FT232Hs on USB.
 
-    Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed, or BusStuck where SDA is not wired.
+    Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed, or BusStuck where
+    SDA is not wired.
     """
 
     name = "ft232h"
@@ -73,7 +80,8 @@ class Ft232h:
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
         if not SLOWEST_HZ <= bus_hz <= FASTEST_HZ:
             raise UsageError(
-                f"bus_hz={bus_hz} is not a bus speed of the {self.name}", next_step=f"{SLOWEST_HZ} .. {FASTEST_HZ} Hz"
+                f"bus_hz={bus_hz} is not a bus speed of the {self.name}",
+                next_step=f"{SLOWEST_HZ} .. {FASTEST_HZ} Hz",
             )
         self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
         self._turn, self._doubtful = 0, True
@@ -85,7 +93,8 @@ class Ft232h:
             raise
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """All transfers, in as few round trips as their answers fit packets: six fingers are one."""
+        """All transfers, in as few round trips as their answers fit packets: six fingers are
+        one."""
         replies: list[Reply] = []
         for batch in _batches(transfers):
             replies += self._carry(batch)
@@ -98,10 +107,11 @@ class Ft232h:
         low = [name for name, pin in (("SCL", SCL), ("SDA", SDA_IN)) if not pins & pin]
         if low:
             raise BusStuck(
-                f"{' and '.join(low)} low even after nine clocks", where=self.name,
+                f"{' and '.join(low)} low even after nine clocks",
+                where=self.name,
                 cause="a sensor without supply, a short, pull-ups missing, or SDA and SCL swapped",
                 next_step="switch the sensors' power off and on",
-            )  # fmt: skip
+            )
 
     def close(self) -> None:
         """Give the bridge back."""
@@ -121,16 +131,20 @@ class Ft232h:
         self._check_wiring()
 
     def _check_wiring(self) -> None:
-        """Pull SDA low by AD1 and see it by AD2, SCL low meanwhile: no chip takes that for a START or a STOP.
+        """Pull SDA low by AD1 and see it by AD2, SCL low meanwhile: no chip takes that for a START
+        or a STOP.
 
-        A line that is not tied reads high, so that no chip ever seems to acknowledge. Raises BusStuck.
+        A line that is not tied reads high, so that no chip ever seems to acknowledge. Raises
+        BusStuck.
         """
         pins = self._ask(SDA_PULSE, 1)[0]
         if pins & SDA_IN:
             raise BusStuck(
-                "SDA cannot be read back", where=self.name, cause="AD1 and AD2 are not tied together",
+                "SDA cannot be read back",
+                where=self.name,
+                cause="AD1 and AD2 are not tied together",
                 next_step="wire AD1 and AD2 both to SDA",
-            )  # fmt: skip
+            )
 
     def _carry(self, transfers: Sequence[Transfer]) -> list[Reply]:
         commands = b"".join(_commands(transfer) for transfer in transfers)
@@ -138,7 +152,11 @@ class Ft232h:
         look = bytes([GET_LOW_PINS])
         answer = self._ask(look + commands + look, expected + 2)
         if any(pins & (SCL | SDA_IN) != SCL | SDA_IN for pins in (answer[0], answer[-1])):
-            raise BusStuck("SCL or SDA is held low", where=self.name, cause="a chip cut off in the middle of a byte")
+            raise BusStuck(
+                "SCL or SDA is held low",
+                where=self.name,
+                cause="a chip cut off in the middle of a byte",
+            )
         replies, at = [], 1
         for transfer in transfers:
             replies.append(_reply(transfer, answer[at : at + _answers(transfer)]))
@@ -146,7 +164,8 @@ class Ft232h:
         return replies
 
     def _ask(self, commands: bytes, expected: int) -> bytes:
-        """Send commands and collect what they answer. Where the last time failed, what it left is thrown away first.
+        """Send commands and collect what they answer. Where the last time failed, what it left is
+        thrown away first.
 
         Marks take turns, so a late answer to an earlier question is never taken for this one's.
         """
@@ -160,7 +179,9 @@ class Ft232h:
         self._port.write(OUT_ENDPOINT, bytes([mark]) + commands + bytes([FLUSH]))
         answer = self._collect(expected + 2)
         if answer[:2] != bytes([REFUSED, mark]):
-            raise TransferFailed("an answer to another question", where=self.name, cause="a reply that came late")
+            raise TransferFailed(
+                "an answer to another question", where=self.name, cause="a reply that came late"
+            )
         self._doubtful = False
         return answer[2:]
 
@@ -181,10 +202,13 @@ class Ft232h:
 
 @lru_cache(maxsize=64)
 def _commands(transfer: Transfer) -> bytes:
-    """One transfer: every byte written is followed by its acknowledge bit. A hand asks the same again and again."""
+    """One transfer: every byte written is followed by its acknowledge bit. A hand asks the same
+    again and again."""
     parts = []
     if transfer.write or not transfer.read:
-        parts.append(START + b"".join(_written(byte) for byte in (transfer.address << 1, *transfer.write)))
+        parts.append(
+            START + b"".join(_written(byte) for byte in (transfer.address << 1, *transfer.write))
+        )
     if transfer.read:
         parts.append(_pins(SDA, 1) + START + _written(transfer.address << 1 | 1))
         parts += [_read(last=k == transfer.read - 1) for k in range(transfer.read)]
@@ -222,7 +246,10 @@ def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
     for transfer in transfers:
         needed = _answers(transfer)
         if needed > MOST_IN:
-            raise UsageError(f"{transfer.read} bytes do not fit a transfer", next_step=f"read fewer than {MOST_IN - 2}")
+            raise UsageError(
+                f"{transfer.read} bytes do not fit a transfer",
+                next_step=f"read fewer than {MOST_IN - 2}",
+            )
         if needed > room:
             batches.append([])
             room = MOST_IN

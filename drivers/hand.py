@@ -1,12 +1,14 @@
 """Six fingertips on a bus: brought up, read in one scan, and brought back when something fails.
 
-A reading is valid only where the chip acknowledged, its CRC fits (drivers/packet_check.py), it has converted anew
-within 20 ms, kept its power, found no fault in itself, and is not at the end of its range. It has converted anew where
-its packet differs: results and SET_COUNT change with a conversion and with nothing else. (SET_COUNT alone rolls over
-every 8 conversions, 19.4 ms, and seems to stand still when read at 50 Hz.)
+A reading is valid only where the chip acknowledged, its CRC fits (drivers/packet_check.py), it has
+converted anew within 20 ms, kept its power, found no fault in itself, and is not at the end of its
+range. It has converted anew where its packet differs: results and SET_COUNT change with a
+conversion and with nothing else. (SET_COUNT alone rolls over every 8 conversions, 19.4 ms, and
+seems to stand still when read at 50 Hz.)
 
-A mux is part of every reading behind it: a select that was not acknowledged makes these readings invalid, and while
-anything on the bus was in doubt in the last ten seconds, each mux is read back after its fingers.
+A mux is part of every reading behind it: a select that was not acknowledged makes these readings
+invalid, and while anything on the bus was in doubt in the last ten seconds, each mux is read back
+after its fingers.
 
 A failure costs only itself, and is repaired while the others are read on (the recovery ladder):
 
@@ -53,7 +55,8 @@ Crc = Literal["auto", "on", "off"]
 
 @dataclass(frozen=True)
 class Reading:
-    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], and why not: one word a finger, "" where valid."""
+    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], and why not: one word a
+    finger, "" where valid."""
 
     t_ns: int
     field_ut: FloatArray
@@ -63,9 +66,11 @@ class Reading:
 
 @dataclass
 class _Group:
-    """Fingers that are read behind the same channels. A place is an index of a scan's transfers and replies.
+    """Fingers that are read behind the same channels. A place is an index of a scan's transfers and
+    replies.
 
-    fingers: number -> place; selects: places; masks: of every mux meanwhile; read_backs: place -> mask that came back.
+    fingers: number -> place; selects: places; masks: of every mux meanwhile; read_backs: place ->
+    mask that came back.
     """
 
     fingers: dict[int, int]
@@ -74,7 +79,8 @@ class _Group:
     read_backs: dict[int, int]
 
     def joined(self, replies: Sequence[Reply]) -> bool:
-        """Whether every select was acknowledged, and every mux held its mask where it was read back."""
+        """Whether every select was acknowledged, and every mux held its mask where it was read
+        back."""
         held = all(replies[place].data == bytes([mask]) for place, mask in self.read_backs.items())
         return held and all(replies[place].acked for place in self.selects)
 
@@ -97,18 +103,20 @@ def _read_back(transfers: list[Transfer], groups: list[_Group], doubtful: bool) 
 
 @dataclass(frozen=True)
 class _Scanned:
-    """A reply for each finger, None where it was not read; unjoined: fingers whose mux did not do as it was told."""
+    """A reply for each finger, None where it was not read; unjoined: fingers whose mux did not do
+    as it was told."""
 
     replies: list[Reply | None]
     unjoined: set[int]
 
 
 class Hand:
-    """Fingers behind a bridge that open_bus opens. now_ns, pause (s): the clock; say: told what fails and comes back.
+    """Fingers behind a bridge that open_bus opens. now_ns, pause (s): the clock; say: told what
+    fails and comes back.
 
-    crc: "auto" checks each chip that sends a CRC, says which do not and reads them unchecked; "on" refuses those;
-    "off" checks none. start raises what keeps every finger from being read; later nothing is raised, and readings say
-    what is wrong.
+    crc: "auto" checks each chip that sends a CRC, says which do not and reads them unchecked; "on"
+    refuses those; "off" checks none. start raises what keeps every finger from being read; later
+    nothing is raised, and readings say what is wrong.
     """
 
     def __init__(
@@ -124,7 +132,9 @@ class Hand:
     ) -> None:
         self.fingers, self.setup, self.crc = tuple(fingers), setup or Setup(), crc
         self._open_bus, self._now_ns, self._pause, self._say = open_bus, now_ns, pause, say
-        self._states = [FingerState(finger, replace(self.setup, crc=crc != "off")) for finger in self.fingers]
+        self._states = [
+            FingerState(finger, replace(self.setup, crc=crc != "off")) for finger in self.fingers
+        ]
         self._bus: Bus | None = None
         self._muxes = muxes_of(self.fingers)
         self._behind = [read_behind(self.fingers, finger) for finger in self.fingers]
@@ -141,8 +151,9 @@ class Hand:
     def start(self) -> None:
         """Open the bridge and bring up every finger that answers; a bus that is held low is freed.
 
-        Raises a DeviceError, and gives the bridge back: the bridge's, DeviceNotFound where no finger or no mux answers,
-        WrongDevice for another chip, two at one address, or (crc "on") one without a CRC.
+        Raises a DeviceError, and gives the bridge back: the bridge's, DeviceNotFound where no
+        finger or no mux answers, WrongDevice for another chip, two at one address, or (crc "on")
+        one without a CRC.
         """
         try:
             bus = self._bus = self._open_bus()
@@ -176,21 +187,32 @@ class Hand:
         return reading
 
     def about(self) -> dict[str, object]:
-        """What is known of what is read: the bridge, the place and variant of every finger, and how they convert.
+        """What is known of what is read: the bridge, the place and variant of every finger, and how
+        they convert.
 
         The chip has no serial number, and the bridges do not tell their firmware.
         """
         sensors = [
-            {"finger": k, "address": f"0x{finger.address:02x}", "channel": finger.channel,
-             "mux": None if finger.channel is None else f"0x{finger.mux:02x}", "ready": state.ready,
-             "range_mt": self.setup.range_mt(state.version).tolist(), "version": state.version, "serial": None,
-             "crc": state.setup.crc}
+            {
+                "finger": k,
+                "address": f"0x{finger.address:02x}",
+                "channel": finger.channel,
+                "mux": None if finger.channel is None else f"0x{finger.mux:02x}",
+                "ready": state.ready,
+                "range_mt": self.setup.range_mt(state.version).tolist(),
+                "version": state.version,
+                "serial": None,
+                "crc": state.setup.crc,
+            }
             for k, (finger, state) in enumerate(zip(self.fingers, self._states, strict=True), 1)
-        ]  # fmt: skip
+        ]
         return {
-            "bridge": None if self._bus is None else self._bus.name, "firmware": None, "chip": "TMAG5273",
-            "averages": self.setup.averages, "sensors": sensors,
-        }  # fmt: skip
+            "bridge": None if self._bus is None else self._bus.name,
+            "firmware": None,
+            "chip": "TMAG5273",
+            "averages": self.setup.averages,
+            "sensors": sensors,
+        }
 
     def close(self) -> None:
         """Give the bridge back."""
@@ -208,15 +230,18 @@ class Hand:
         if not any(state.ready for state in self._states):
             assert self._bus is not None
             raise DeviceNotFound(
-                "no finger answers", where=self._bus.name, cause="no power, SDA and SCL swapped, or another layout",
+                "no finger answers",
+                where=self._bus.name,
+                cause="no power, SDA and SCL swapped, or another layout",
                 next_step="holdfast scan",
-            )  # fmt: skip
+            )
         for k, trouble in enumerate(troubles):
             if trouble is not None:
                 self._say(f"finger {k + 1}: {trouble}")
 
     def _find_muxes(self) -> None:
-        """See that a mux is where the layout has one, before it is written to. Raises DeviceNotFound, WrongDevice."""
+        """See that a mux is where the layout has one, before it is written to. Raises
+        DeviceNotFound, WrongDevice."""
         bus = self._bus
         assert bus is not None
         self._masks = {}
@@ -225,15 +250,18 @@ class Hand:
                 self._masks[mux] = 0
             elif plain_read(bus, mux):
                 raise WrongDevice(
-                    "another chip, no mux (TCA9548A)", where=f"{mux:#04x}", cause="the mux has another address",
+                    "another chip, no mux (TCA9548A)",
+                    where=f"{mux:#04x}",
+                    cause="the mux has another address",
                     next_step="holdfast scan; layout=mux@71 for a mux at 0x71",
-                )  # fmt: skip
+                )
             else:
                 raise DeviceNotFound(
-                    "no mux answers", where=f"{mux:#04x}",
+                    "no mux answers",
+                    where=f"{mux:#04x}",
                     cause="no power, SDA and SCL swapped, or its address pins A0 to A2 make 0x70 to 0x77 of it",
                     next_step="holdfast scan; layout=mux@71 for a mux at 0x71",
-                )  # fmt: skip
+                )
 
     def _tried_to_bring_up(self, k: int) -> DeviceError | None:
         """Bring a finger up, again where it seems another chip; what is wrong with it, or None."""
@@ -244,7 +272,8 @@ class Hand:
         return trouble
 
     def _settle(self) -> None:
-        """Read until each finger has converted and its CRC is tested, so that the first reading can be valid.
+        """Read until each finger has converted and its CRC is tested, so that the first reading can
+        be valid.
 
         Raises WrongDevice where a CRC does not pass its test.
         """
@@ -263,19 +292,22 @@ class Hand:
         for k, state in enumerate(self._states):
             if state.ready and state.check.failures:
                 raise WrongDevice(
-                    f"finger {k + 1}: its CRC does not fit its packets", where=f"{state.finger.read_at:#04x}",
+                    f"finger {k + 1}: its CRC does not fit its packets",
+                    where=f"{state.finger.read_at:#04x}",
                     cause="two chips at one address, noise on the bus, or a chip whose CRC is broken",
                     next_step="holdfast scan; shorter wires or bus_hz=100000; crc=off reads all fingers unchecked",
-                )  # fmt: skip
+                )
 
     def _go_without_crc(self, k: int) -> None:
         """Read a chip that sends no CRC without. Raises WrongDevice where it must."""
         state = self._states[k]
         if self.crc == "on":
             raise WrongDevice(
-                f"finger {k + 1}: sends no CRC", where=f"{state.finger.read_at:#04x}",
-                cause="a chip whose CRC does not work", next_step="crc=auto reads this finger unchecked",
-            )  # fmt: skip
+                f"finger {k + 1}: sends no CRC",
+                where=f"{state.finger.read_at:#04x}",
+                cause="a chip whose CRC does not work",
+                next_step="crc=auto reads this finger unchecked",
+            )
         self._say(f"finger {k + 1}: sends no CRC, its readings are unchecked (crc=auto)")
         state.configure(self.setup)
         self._plans.clear()
@@ -284,7 +316,8 @@ class Hand:
     # -- a scan
 
     def _scan(self, bus: Bus) -> _Scanned:
-        """A reply for each finger that is ready, and which of them cannot be relied on because of a mux."""
+        """A reply for each finger that is ready, and which of them cannot be relied on because of a
+        mux."""
         if self.setup.together:
             self._convert(bus)
         plan = self._plan()
@@ -314,7 +347,8 @@ class Hand:
         return plan
 
     def _planned(self, doubtful: bool) -> _Plan:
-        """By groups of fingers behind the same channels, each read back while the bus is in doubt."""
+        """By groups of fingers behind the same channels, each read back while the bus is in
+        doubt."""
         transfers: list[Transfer] = []
         groups: list[_Group] = []
         for k, state in enumerate(self._states):
@@ -352,13 +386,18 @@ class Hand:
         why = tuple([word for _, word in judged])
         if not DOUBTS.isdisjoint(why):
             self._doubtful_until_ns = came_ns + DOUBT_NS
-        raw = np.array([NO_READING if found is None else found.raw for found, _ in judged], dtype=np.float64)
-        return Reading(t_ns, raw * (1e3 / 32768.0) * self._range_mt, np.array([not word for word in why]), why)
+        raw = np.array(
+            [NO_READING if found is None else found.raw for found, _ in judged], dtype=np.float64
+        )
+        return Reading(
+            t_ns, raw * (1e3 / 32768.0) * self._range_mt, np.array([not word for word in why]), why
+        )
 
     # -- the ladder
 
     def _repair(self, reading: Reading) -> None:
-        """Bring up one finger that needs it, the one that waits longest, so that the others are read on time."""
+        """Bring up one finger that needs it, the one that waits longest, so that the others are
+        read on time."""
         due = [
             (state.tried_ns, k)
             for k, (state, why) in enumerate(zip(self._states, reading.why, strict=True))
@@ -411,9 +450,11 @@ class Hand:
     def _nothing(self, t_ns: int, why: str) -> Reading:
         self._masks = {}
         reading = Reading(
-            t_ns, np.full((len(self.fingers), 3), np.nan), np.zeros(len(self.fingers), dtype=np.bool_),
+            t_ns,
+            np.full((len(self.fingers), 3), np.nan),
+            np.zeros(len(self.fingers), dtype=np.bool_),
             tuple(why for _ in self.fingers),
-        )  # fmt: skip
+        )
         self._tell(reading.why)
         return reading
 
@@ -447,10 +488,14 @@ class Hand:
         """Join a finger's channel alone, and see that it is. Raises DeviceNotFound."""
         self._masks = {}
         selects = self._select(finger.behind)
-        held = bus.scan([*selects, *(Transfer(one.address, b"", 1) for one in selects)])[len(selects) :]
+        held = bus.scan([*selects, *(Transfer(one.address, b"", 1) for one in selects)])[
+            len(selects) :
+        ]
         if any(reply.data != select.write for reply, select in zip(held, selects, strict=True)):
             self._masks = {}
             raise DeviceNotFound(
-                "its mux does not switch", where=f"{finger.mux:#04x}", cause="no power, or noise on the bus",
+                "its mux does not switch",
+                where=f"{finger.mux:#04x}",
+                cause="no power, or noise on the bus",
                 next_step="holdfast scan",
-            )  # fmt: skip
+            )

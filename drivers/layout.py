@@ -1,7 +1,8 @@
 """Where the six fingertips answer: four addresses are not enough, so channels of a mux share them.
 
-Or each is given an address of its own at bring-up, behind its channel, and then all channels are joined at once: a
-scan that never switches. Such an address is lost with the chip's power, and given again.
+Or each is given an address of its own at bring-up, behind its channel, and then all channels are
+joined at once: a scan that never switches. Such an address is lost with the chip's power, and given
+again.
 
 A layout in a URL is a name (`mux`, `mux@71` for a mux at 0x71), or a place for each finger:
 
@@ -31,9 +32,11 @@ Masks = Mapping[int, int]
 
 @dataclass(frozen=True)
 class Finger:
-    """Where a fingertip answers: its factory address, behind a channel of a mux or straight on the bus.
+    """Where a fingertip answers: its factory address, behind a channel of a mux or straight on the
+    bus.
 
-    moved: the address it is given at bring-up, and read at from then on. mux: the address of its mux.
+    moved: the address it is given at bring-up, and read at from then on. mux: the address of its
+    mux.
     """
 
     address: int
@@ -53,29 +56,41 @@ class Finger:
 
 
 LAYOUTS: dict[str, tuple[Finger, ...]] = {
-    "mux": tuple(Finger(a, c) for c, a in ((0, 0x35), (0, 0x22), (0, 0x78), (0, 0x44), (1, 0x35), (1, 0x22))),
+    "mux": tuple(
+        Finger(a, c) for c, a in ((0, 0x35), (0, 0x22), (0, 0x78), (0, 0x44), (1, 0x35), (1, 0x22))
+    ),
     "mux6": tuple(Finger(0x35, channel) for channel in range(6)),
     "moved": tuple(
         Finger(a, c, moved)
-        for c, a, moved in ((0, 0x35, 0x50), (0, 0x22, 0x51), (0, 0x78, 0x52), (0, 0x44, 0x53), (1, 0x35, 0x54),
-                            (1, 0x22, 0x55))
+        for c, a, moved in (
+            (0, 0x35, 0x50),
+            (0, 0x22, 0x51),
+            (0, 0x78, 0x52),
+            (0, 0x44, 0x53),
+            (1, 0x35, 0x54),
+            (1, 0x22, 0x55),
+        )
     ),
-}  # fmt: skip
-"""Four addresses on one channel and two on another; one finger a channel; or wired as the first, each moved."""
+}
+"""Four addresses on one channel and two on another; one finger a channel; or wired as the first,
+each moved."""
 
 
 def read_layout(text: str) -> tuple[Finger, ...]:
     """A layout by name, or a place for each finger (see above). Raises UsageError.
 
     >>> read_layout("1:35,22,72/0:35>50")[1:]
-    (Finger(address=34, channel=None, moved=None, mux=112), Finger(address=53, channel=0, moved=80, mux=114))
+    (Finger(address=34, channel=None, moved=None, mux=112), Finger(address=53, channel=0, moved=80,
+    mux=114))
     >>> read_layout("mux@71")[5]
     Finger(address=34, channel=1, moved=None, mux=113)
     """
     name, at, mux = text.partition("@")
     try:
         if name in LAYOUTS:
-            return tuple(replace(one, mux=_mux(mux)) for one in LAYOUTS[name]) if at else LAYOUTS[name]
+            return (
+                tuple(replace(one, mux=_mux(mux)) for one in LAYOUTS[name]) if at else LAYOUTS[name]
+            )
         fingers = tuple(_finger(one) for one in text.split(","))
     except ValueError:
         raise UsageError(
@@ -88,12 +103,23 @@ def read_layout(text: str) -> tuple[Finger, ...]:
 
 
 def _check(text: str, fingers: Sequence[Finger]) -> None:
-    places, own = [(one.behind, one.address) for one in fingers], [one.moved for one in fingers if one.moved]
+    places, own = (
+        [(one.behind, one.address) for one in fingers],
+        [one.moved for one in fingers if one.moved],
+    )
     read_at = {one.read_at for one in fingers}
-    if len(set(places)) < len(places) or len(set(own)) < len(own) or {one.address for one in fingers} & {*own}:
-        raise UsageError(f"{text!r}: two fingers at one place", next_step="give each its own address or channel")
+    if (
+        len(set(places)) < len(places)
+        or len(set(own)) < len(own)
+        or {one.address for one in fingers} & {*own}
+    ):
+        raise UsageError(
+            f"{text!r}: two fingers at one place", next_step="give each its own address or channel"
+        )
     if taken := (read_at | {one.address for one in fingers}) & muxes_of(fingers):
-        raise UsageError(f"{text!r}: a finger at a mux's address, {min(taken):#04x}", next_step="give it another")
+        raise UsageError(
+            f"{text!r}: a finger at a mux's address, {min(taken):#04x}", next_step="give it another"
+        )
 
 
 def _finger(text: str) -> Finger:
@@ -103,9 +129,11 @@ def _finger(text: str) -> Finger:
     if (channel and int(channel) not in CHANNELS) or (mux and not channel):
         raise ValueError(where)
     return Finger(
-        _address(address), int(channel) if channel else None, _address(moved) if moved else None,
+        _address(address),
+        int(channel) if channel else None,
+        _address(moved) if moved else None,
         _mux(mux) if mux else MUX_ADDRESS,
-    )  # fmt: skip
+    )
 
 
 def _address(text: str) -> int:
@@ -128,7 +156,8 @@ def muxes_of(fingers: Sequence[Finger]) -> frozenset[int]:
 def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]:
     """Channels joined while a finger is read: its own, or those of all that were moved.
 
-    A chip that lost its power answers at its factory address again: it then meets no finger that is read there.
+    A chip that lost its power answers at its factory address again: it then meets no finger that is
+    read there.
     """
     if finger.moved is None:
         return finger.behind
@@ -136,6 +165,7 @@ def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]
 
 
 def masks_of(channels: frozenset[Channel], muxes: frozenset[int]) -> dict[int, int]:
-    """The mask of each mux that joins these channels and no others; those with nothing to join come first."""
+    """The mask of each mux that joins these channels and no others; those with nothing to join come
+    first."""
     masks = {mux: sum(1 << number for at, number in channels if at == mux) for mux in muxes}
     return dict(sorted(masks.items(), key=lambda item: (item[1] != 0, item[0])))

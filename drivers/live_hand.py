@@ -10,9 +10,12 @@ from edge_runtime.live import Measured
 
 
 class LiveHand:
-    """A started hand. to_force: field [S, 3] in uT -> force [S, 3] in N, or None for the field itself."""
+    """A started hand. to_force: field [S, 3] in uT -> force [S, 3] in N, or None for the field
+    itself."""
 
-    def __init__(self, hand: Hand, to_force: Callable[[FloatArray], FloatArray] | None = None) -> None:
+    def __init__(
+        self, hand: Hand, to_force: Callable[[FloatArray], FloatArray] | None = None
+    ) -> None:
         self._hand, self._to_force = hand, to_force
         self.unit: Unit = "uT" if to_force is None else "N"
         self.n_channels = 3 * len(hand.fingers)

@@ -1,9 +1,9 @@
 """MCP2221A: an I2C engine with a memory for grudges, asked by HID reports, one command at a time.
 
-A scan begins with a look at the engine; every write, and the first half of a write-then-read, is followed by one. A
-chip that did not acknowledge, a time-out, and an engine that saw SDA move while it was idle ("confused": its next
-transfer would be bogus) all need a cancel, and an engine that was never used must not be given one. The reply to a
-cancel says nothing; the state afterwards does.
+A scan begins with a look at the engine; every write, and the first half of a write-then-read, is
+followed by one. A chip that did not acknowledge, a time-out, and an engine that saw SDA move while
+it was idle ("confused": its next transfer would be bogus) all need a cancel, and an engine that was
+never used must not be given one. The reply to a cancel says nothing; the state afterwards does.
 """
 
 from __future__ import annotations
@@ -27,7 +27,26 @@ STATE_AT, CONFUSED_AT, USED_AT, SCL_AT, SDA_AT = 8, 18, 21, 22, 23
 CONFUSED = 8
 IDLE, NACK, WRITTEN_NO_STOP, DATA_READY = 0x00, 0x25, 0x45, 0x55
 WORKING = frozenset(
-    {0x10, 0x11, 0x15, 0x16, 0x20, 0x21, 0x22, 0x24, 0x40, 0x41, 0x42, 0x43, 0x50, 0x51, 0x53, 0x54, 0x60, 0x61}
+    {
+        0x10,
+        0x11,
+        0x15,
+        0x16,
+        0x20,
+        0x21,
+        0x22,
+        0x24,
+        0x40,
+        0x41,
+        0x42,
+        0x43,
+        0x50,
+        0x51,
+        0x53,
+        0x54,
+        0x60,
+        0x61,
+    }
 )
 """States that pass by themselves."""
 MOST_BYTES = 60
@@ -65,10 +84,14 @@ class Mcp2221:
 
     def __init__(self, backend: Any, number: int = 0, bus_hz: int = 400_000) -> None:
         if not SLOWEST_HZ <= bus_hz <= FASTEST_HZ:
-            raise UsageError(f"{bus_hz} Hz is no speed of the bus", next_step=f"{SLOWEST_HZ} .. {FASTEST_HZ} Hz")
+            raise UsageError(
+                f"{bus_hz} Hz is no speed of the bus", next_step=f"{SLOWEST_HZ} .. {FASTEST_HZ} Hz"
+            )
         self._divider = round(12e6 / bus_hz) - 3
         self._doubtful = True
-        self._port = UsbPort(self.name, MCP2221_IDS, backend, interface=HID_INTERFACE, number=number)
+        self._port = UsbPort(
+            self.name, MCP2221_IDS, backend, interface=HID_INTERFACE, number=number
+        )
         try:
             self._begin()
         except BaseException:
@@ -76,7 +99,8 @@ class Mcp2221:
             raise
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """One transfer after the other: two commands for a write, four for a write-then-read, and one before all."""
+        """One transfer after the other: two commands for a write, four for a write-then-read, and
+        one before all."""
         for transfer in transfers:
             _check(transfer)
         self._make_ready()
@@ -102,7 +126,8 @@ class Mcp2221:
             return self._read(transfer)
         if transfer.write:
             return Reply(b"", acked=True) if self._write(WRITE, transfer, IDLE) else NOT_ACKED
-        present = self._read(Transfer(transfer.address, read=1))  # a write of nothing is not to be had
+        # a write of nothing is not to be had
+        present = self._read(Transfer(transfer.address, read=1))
         return Reply(b"", present.acked)
 
     def _write(self, command: int, transfer: Transfer, done: int) -> bool:
@@ -116,10 +141,13 @@ class Mcp2221:
         return status.state == done
 
     def _read(self, transfer: Transfer) -> Reply:
-        """A write without STOP first, if there is one: what reads on from a NACK would read something else."""
+        """A write without STOP first, if there is one: what reads on from a NACK would read
+        something else."""
         if transfer.write and not self._write(WRITE_NO_STOP, transfer, WRITTEN_NO_STOP):
             return NOT_ACKED
-        self._start(READ_AGAIN if transfer.write else READ, transfer.read, transfer.address << 1 | 1)
+        self._start(
+            READ_AGAIN if transfer.write else READ, transfer.read, transfer.address << 1 | 1
+        )
         for _ in range(POLLS):
             reply = self._ask(bytes([GET_DATA]))
             state, count = reply[2], reply[3]
@@ -145,10 +173,13 @@ class Mcp2221:
             raise self._gave_up(reply[2])
 
     def _gave_up(self, state: int) -> TransferFailed:
-        """Cancel a transfer that does not end well; the error to raise. Raises BusStuck where a line is low."""
+        """Cancel a transfer that does not end well; the error to raise. Raises BusStuck where a
+        line is low."""
         self._cancel()
         return TransferFailed(
-            f"the transfer ended in state {state:#04x}", where=self.name, cause="noise, or a chip that holds a line"
+            f"the transfer ended in state {state:#04x}",
+            where=self.name,
+            cause="noise, or a chip that holds a line",
         )
 
     # -- the engine
@@ -157,7 +188,9 @@ class Mcp2221:
         """Make it ready and set the speed."""
         self._make_ready()
         if self._ask(bytes([STATUS_SET, 0, 0, SET_SPEED, self._divider]))[3] != SPEED_IS_SET:
-            raise TransferFailed("does not take its speed", where=self.name, next_step="unplug it and plug it in")
+            raise TransferFailed(
+                "does not take its speed", where=self.name, next_step="unplug it and plug it in"
+            )
 
     def _make_ready(self) -> None:
         self._synchronise()
@@ -169,7 +202,8 @@ class Mcp2221:
         self._cancel()
 
     def _settled(self) -> Status:
-        """The status once it is no longer one that passes by itself, or the last that was asked for."""
+        """The status once it is no longer one that passes by itself, or the last that was asked
+        for."""
         for _ in range(POLLS):
             status = self._status()
             if status.state not in WORKING:
@@ -177,7 +211,8 @@ class Mcp2221:
         return status
 
     def _cancel(self) -> None:
-        """Bring a used engine back to idle. Raises BusStuck where a line stays low, TransferFailed where it hangs."""
+        """Bring a used engine back to idle. Raises BusStuck where a line stays low, TransferFailed
+        where it hangs."""
         for _ in range(CANCELS):
             self._ask(bytes([STATUS_SET, 0, CANCEL]))
             status = self._settled()
@@ -188,15 +223,17 @@ class Mcp2221:
     def _not_ready(self, status: Status) -> BusStuck | TransferFailed:
         if not (status.scl and status.sda):
             return BusStuck(
-                f"{'SDA' if status.scl else 'SCL'} is held low", where=self.name,
+                f"{'SDA' if status.scl else 'SCL'} is held low",
+                where=self.name,
                 cause="a chip cut off in the middle of a byte, which this bridge cannot clock free, or no pull-ups",
                 next_step="switch the sensors' power off and on",
-            )  # fmt: skip
+            )
         return TransferFailed(
-            f"its engine hangs in state {status.state:#04x}", where=self.name,
+            f"its engine hangs in state {status.state:#04x}",
+            where=self.name,
             cause="a cancel before its first transfer" if not status.used else "",
             next_step="unplug it and plug it in",
-        )  # fmt: skip
+        )
 
     def _status(self) -> Status:
         reply = self._ask(bytes([STATUS_SET]))
@@ -212,7 +249,8 @@ class Mcp2221:
     # -- reports
 
     def _ask(self, command: bytes) -> bytes:
-        """A report out, and the one that answers it. After a failure nobody knows what the next one will answer."""
+        """A report out, and the one that answers it. After a failure nobody knows what the next one
+        will answer."""
         try:
             self._port.write(OUT_ENDPOINT, command.ljust(REPORT, b"\0"), TIMEOUT_MS)
             reply = self._port.read(IN_ENDPOINT, REPORT, TIMEOUT_MS)
@@ -226,10 +264,11 @@ class Mcp2221:
         return reply
 
     def _synchronise(self) -> None:
-        """After a failure: read away late replies, which only by their command can be told from the next ones.
+        """After a failure: read away late replies, which only by their command can be told from the
+        next ones.
 
-        One that comes later still meets another command, since no scan asks the same thing twice in its first two
-        commands: that is a failure again.
+        One that comes later still meets another command, since no scan asks the same thing twice in
+        its first two commands: that is a failure again.
         """
         if not self._doubtful:
             return
@@ -245,5 +284,7 @@ def _check(transfer: Transfer) -> None:
     longest = max(len(transfer.write), transfer.read)
     if longest > MOST_BYTES:
         raise TransferFailed(
-            f"{longest} bytes in one transfer", where=Mcp2221.name, cause=f"a report carries {MOST_BYTES} at most"
+            f"{longest} bytes in one transfer",
+            where=Mcp2221.name,
+            cause=f"a report carries {MOST_BYTES} at most",
         )

@@ -10,7 +10,8 @@ from edge_runtime.live import Measured
 
 
 class Paced:
-    """A stream [T] as a live source. A reader that comes late finds the newest row, as it would on a hand."""
+    """A stream [T] as a live source. A reader that comes late finds the newest row, as it would on
+    a hand."""
 
     def __init__(self, replay: Replay, now_ns: Callable[[], int]) -> None:
         self._replay, self._now_ns = replay, now_ns

@@ -1,16 +1,18 @@
-"""Whether a chip's packets can be believed: by the CRC it sends after each, which is tested before it counts.
+"""Whether a chip's packets can be believed: by the CRC it sends after each, which is tested before
+it counts.
 
-The CRC finds every error of one to three bits in a packet, and of the others all but one in 256. Two chips at one
-address are another matter: zeros win bit by bit, and about one such packet in a hundred has a CRC that fits by chance.
-So no packet is believed alone:
+The CRC finds every error of one to three bits in a packet, and of the others all but one in 256.
+Two chips at one address are another matter: zeros win bit by bit, and about one such packet in a
+hundred has a CRC that fits by chance. So no packet is believed alone:
 
     at first                        8 different packets in a row must fit
     after one that does not fit     two in a row must fit, of which the second is believed
     after two that do not           8 again, and the chip is brought up anew
 
-In the field some chips begin their CRC with another seed than the data sheet says (TI E2E 1200004, 1558871). Such a CRC
-is off by the same bits in every packet, which two chips at one address never are: the test finds these bits and
-allows for them. A chip whose last byte is the same for different packets sends no CRC at all.
+In the field some chips begin their CRC with another seed than the data sheet says (TI E2E 1200004,
+1558871). Such a CRC is off by the same bits in every packet, which two chips at one address never
+are: the test finds these bits and allows for them. A chip whose last byte is the same for different
+packets sends no CRC at all.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ class PacketCheck:
         self.absent = False
         """The chip sends no CRC."""
         self.failures = 0
-        """How often a test was not passed within its packets, or the chip was distrusted, since it was last trusted."""
+        """How often a test was not passed within its packets, or the chip was distrusted, since it
+        was last trusted."""
         self.offset = 0
         """Bits by which the chip's CRC differs from the data sheet's."""
         self._last = b""

@@ -18,7 +18,8 @@ from edge_runtime.trial_layout import TACTILE
 META = "meta.json"
 DEFAULT_UNIT: Unit = "N"
 META_LEVELS = 3
-"""A meta.json stands beside the trial or at most this many folders up (<set>/<object>/<action>/)."""
+"""A meta.json stands beside the trial or at most this many folders up
+(<set>/<object>/<action>/)."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,9 @@ class Replay:
 
     def prepared(self, preparation: Preparation) -> Replay:
         """The same stream with its bias removed, as the model's card says."""
-        return Replay(self.t_ns, preparation.apply(self.values), self.valid, self.rate_hz, self.unit)
+        return Replay(
+            self.t_ns, preparation.apply(self.values), self.valid, self.rate_hz, self.unit
+        )
 
     def __iter__(self) -> Iterator[Sample]:
         """Every sample in turn, without waiting."""
@@ -47,7 +50,9 @@ def open_replay(path: str | Path) -> Replay:
     require_file(path)
     file = path / TACTILE if path.is_dir() else path
     if path.is_dir() and not file.is_file():
-        raise DataNotFound(f"no {TACTILE} in this folder", where=path, next_step="name a trial's CSV file")
+        raise DataNotFound(
+            f"no {TACTILE} in this folder", where=path, next_step="name a trial's CSV file"
+        )
     trial = read_trial(file)
     t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
     return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, _unit(file))
@@ -61,7 +66,9 @@ def _unit(file: Path) -> Unit:
             try:
                 unit = json_of(text_of(meta)).get("unit")
             except (ValueError, AttributeError):
-                raise UnitError("not a JSON object", where=meta, next_step='write {"unit": "N"}') from None
+                raise UnitError(
+                    "not a JSON object", where=meta, next_step='write {"unit": "N"}'
+                ) from None
             if unit is not None and unit not in UNITS:
                 raise UnitError(f"unit {unit!r} is not one of {', '.join(UNITS)}", where=meta)
             if unit is not None:

@@ -1,9 +1,10 @@
 """What is on a bus: muxes, sensors, their variants, and what is wrong with them.
 
-Found by reading. Nothing is written to an address before a chip of ours has identified itself there (drivers/mux.py,
-drivers/bring_up.py), and nothing goes to the general call, which resets some foreign chips. A register read sends the
-register's number; a chip without registers would take that for data. So a chip whose plain read is the same byte again
-and again is asked for its identity only at the sensor's own addresses and at those that a layout names.
+Found by reading. Nothing is written to an address before a chip of ours has identified itself there
+(drivers/mux.py, drivers/bring_up.py), and nothing goes to the general call, which resets some
+foreign chips. A register read sends the register's number; a chip without registers would take that
+for data. So a chip whose plain read is the same byte again and again is asked for its identity only
+at the sensor's own addresses and at those that a layout names.
 """
 
 from __future__ import annotations
@@ -21,8 +22,12 @@ from edge_runtime.errors import DeviceNotFound, WrongDevice
 FIRST_ADDRESS, LAST_ADDRESS = 0x08, 0x7F
 """0x78 is a factory address of the sensor, which tools that stop at 0x77 never see."""
 LETTERS = dict(zip(FACTORY_ADDRESSES, "ABCD", strict=True))
-SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES) | {one.read_at for layout in LAYOUTS.values() for one in layout}
-NOT_ASKED = "answers one byte again and again, so it may have no registers, and was not asked who it is"
+SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES) | {
+    one.read_at for layout in LAYOUTS.values() for one in layout
+}
+NOT_ASKED = (
+    "answers one byte again and again, so it may have no registers, and was not asked who it is"
+)
 
 
 @dataclass(frozen=True)
@@ -42,8 +47,11 @@ class Found:
         return f"{'' if self.mux == MUX_ADDRESS or not channel else f'{self.mux:02x}/'}{channel}{self.address:02x}"
 
 
-def look_at(bus: Bus, pause: Callable[[float], None], named: frozenset[int] = frozenset()) -> list[Found]:
-    """Everything on the bus, and behind every channel of each mux on it; a bus that is held low is freed.
+def look_at(
+    bus: Bus, pause: Callable[[float], None], named: frozenset[int] = frozenset()
+) -> list[Found]:
+    """Everything on the bus, and behind every channel of each mux on it; a bus that is held low is
+    freed.
 
     named: addresses where the user says that a sensor is. Raises what the bridge raises.
     """
@@ -64,7 +72,9 @@ def _look_at(bus: Bus, pause: Callable[[float], None], asked: frozenset[int]) ->
     return found
 
 
-def _chips(bus: Bus, taken: set[int], asked: frozenset[int], pause: Callable[[float], None]) -> list[Found]:
+def _chips(
+    bus: Bus, taken: set[int], asked: frozenset[int], pause: Callable[[float], None]
+) -> list[Found]:
     """What answers now, but for what is taken."""
     there = answering(bus, [a for a in range(FIRST_ADDRESS, LAST_ADDRESS + 1) if a not in taken])
     return [
@@ -88,18 +98,26 @@ def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> Found
 def _health(bus: Bus, address: int) -> str:
     """What the status registers complain of."""
     status, device = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
-    told = bus.scan([Transfer(address, bytes([device.address]), 1), Transfer(address, bytes([status.address]), 1)])
+    told = bus.scan(
+        [
+            Transfer(address, bytes([device.address]), 1),
+            Transfer(address, bytes([status.address]), 1),
+        ]
+    )
     if not all(reply.acked for reply in told):
         return "stopped answering"
     troubles = ["its own diagnosis failed"] if status.read(told[1].data[0], "DIAG_STATUS") else []
-    troubles += [name for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER") if device.read(told[0].data[0], name)]
+    troubles += [
+        name for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER") if device.read(told[0].data[0], name)
+    ]
     if address not in FACTORY_ADDRESSES:
         troubles.append("not a factory address: re-addressed, which is lost with its power")
     return ", ".join(troubles)
 
 
 def as_layout(found: list[Found]) -> str:
-    """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35: by mux and channel, then A, B, C, D."""
+    """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35: by mux and channel, then A, B,
+    C, D."""
     order = {address: k for k, address in enumerate(FACTORY_ADDRESSES)}
     sensors = [one for one in found if one.what.startswith("TMAG5273")]
 

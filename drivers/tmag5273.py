@@ -1,8 +1,8 @@
 """The TMAG5273, a 3-axis Hall sensor: its registers as data, its numbers as formulas (TI SLYS045A).
 
-The same table is used by the driver and by the virtual chip (drivers/virtual/chip.py). Four factory addresses
-(A1 0x35, B1 0x22, C1 0x78, D1 0x44), so six on one bus need a mux or new addresses. Versions 1 and 2 differ in
-range: 40 / 80 mT and 133 / 266 mT.
+The same table is used by the driver and by the virtual chip (drivers/virtual/chip.py). Four factory
+addresses (A1 0x35, B1 0x22, C1 0x78, D1 0x44), so six on one bus need a mux or new addresses.
+Versions 1 and 2 differ in range: 40 / 80 mT and 133 / 266 mT.
 """
 
 from __future__ import annotations
@@ -61,20 +61,46 @@ class Register:
 
 
 REGISTERS: dict[str, Register] = {
-    "DEVICE_CONFIG_1": Register(0x00, fields={"CRC_EN": (7, 1), "MAG_TEMPCO": (5, 2), "CONV_AVG": (2, 3),
-                                              "I2C_RD": (0, 2)}),
-    "DEVICE_CONFIG_2": Register(0x01, fields={"THR_HYST": (5, 3), "LP_LN": (4, 1), "I2C_GLITCH_FILTER": (3, 1),
-                                              "TRIGGER_MODE": (2, 1), "OPERATING_MODE": (0, 2)}),
+    "DEVICE_CONFIG_1": Register(
+        0x00, fields={"CRC_EN": (7, 1), "MAG_TEMPCO": (5, 2), "CONV_AVG": (2, 3), "I2C_RD": (0, 2)}
+    ),
+    "DEVICE_CONFIG_2": Register(
+        0x01,
+        fields={
+            "THR_HYST": (5, 3),
+            "LP_LN": (4, 1),
+            "I2C_GLITCH_FILTER": (3, 1),
+            "TRIGGER_MODE": (2, 1),
+            "OPERATING_MODE": (0, 2),
+        },
+    ),
     "SENSOR_CONFIG_1": Register(0x02, fields={"MAG_CH_EN": (4, 4), "SLEEPTIME": (0, 4)}),
-    "SENSOR_CONFIG_2": Register(0x03, writable=0x7F, fields={"THRX_COUNT": (6, 1), "MAG_THR_DIR": (5, 1),
-                                                             "MAG_GAIN_CH": (4, 1), "ANGLE_EN": (2, 2),
-                                                             "X_Y_RANGE": (1, 1), "Z_RANGE": (0, 1)}),
+    "SENSOR_CONFIG_2": Register(
+        0x03,
+        writable=0x7F,
+        fields={
+            "THRX_COUNT": (6, 1),
+            "MAG_THR_DIR": (5, 1),
+            "MAG_GAIN_CH": (4, 1),
+            "ANGLE_EN": (2, 2),
+            "X_Y_RANGE": (1, 1),
+            "Z_RANGE": (0, 1),
+        },
+    ),
     "X_THR_CONFIG": Register(0x04),
     "Y_THR_CONFIG": Register(0x05),
     "Z_THR_CONFIG": Register(0x06),
     "T_CONFIG": Register(0x07, fields={"T_THR": (1, 7), "T_CH_EN": (0, 1)}),
-    "INT_CONFIG_1": Register(0x08, fields={"RSLT_INT": (7, 1), "THRSLD_INT": (6, 1), "INT_STATE": (5, 1),
-                                           "INT_MODE": (2, 3), "MASK_INTB": (0, 1)}),
+    "INT_CONFIG_1": Register(
+        0x08,
+        fields={
+            "RSLT_INT": (7, 1),
+            "THRSLD_INT": (6, 1),
+            "INT_STATE": (5, 1),
+            "INT_MODE": (2, 3),
+            "MASK_INTB": (0, 1),
+        },
+    ),
     "MAG_GAIN_CONFIG": Register(0x09),
     "MAG_OFFSET_CONFIG_1": Register(0x0A),
     "MAG_OFFSET_CONFIG_2": Register(0x0B),
@@ -90,20 +116,35 @@ REGISTERS: dict[str, Register] = {
     "Y_LSB_RESULT": Register(0x15, writable=0),
     "Z_MSB_RESULT": Register(0x16, writable=0),
     "Z_LSB_RESULT": Register(0x17, writable=0),
-    "CONV_STATUS": Register(0x18, reset=0x10, writable=0, write_one_clears=0x10,
-                            fields={"SET_COUNT": (5, 3), "POR": (4, 1), "DIAG_STATUS": (1, 1),
-                                    "RESULT_STATUS": (0, 1)}),
+    "CONV_STATUS": Register(
+        0x18,
+        reset=0x10,
+        writable=0,
+        write_one_clears=0x10,
+        fields={"SET_COUNT": (5, 3), "POR": (4, 1), "DIAG_STATUS": (1, 1), "RESULT_STATUS": (0, 1)},
+    ),
     "ANGLE_RESULT_MSB": Register(0x19, writable=0),
     "ANGLE_RESULT_LSB": Register(0x1A, writable=0),
     "MAGNITUDE_RESULT": Register(0x1B, writable=0),
-    "DEVICE_STATUS": Register(0x1C, reset=0x10, writable=0, write_one_clears=0x0F,
-                              fields={"INTB_RB": (4, 1), "OSC_ER": (3, 1), "INT_ER": (2, 1), "OTP_CRC_ER": (1, 1),
-                                      "VCC_UV_ER": (0, 1)}),
-}  # fmt: skip
+    "DEVICE_STATUS": Register(
+        0x1C,
+        reset=0x10,
+        writable=0,
+        write_one_clears=0x0F,
+        fields={
+            "INTB_RB": (4, 1),
+            "OSC_ER": (3, 1),
+            "INT_ER": (2, 1),
+            "OTP_CRC_ER": (1, 1),
+            "VCC_UV_ER": (0, 1),
+        },
+    ),
+}
 STANDBY, SLEEP, CONTINUOUS = 0, 1, 2
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 REGISTER_READS, BURST_16, BURST_8 = 0, 1, 2
-"""DEVICE_CONFIG_1.I2C_RD: register reads, or packets without a register byte (16 and 8 bits an axis)."""
+"""DEVICE_CONFIG_1.I2C_RD: register reads, or packets without a register byte (16 and 8 bits an
+axis)."""
 XYZ = 7
 """SENSOR_CONFIG_1.MAG_CH_EN."""
 RESULTS = REGISTERS["X_MSB_RESULT"].address
@@ -167,7 +208,8 @@ def crc8(data: bytes) -> int:
 
 
 def packet_crc(address: int, data: bytes) -> int:
-    """The CRC of a packet from a chip at this address: over the address byte of the read, then the packet.
+    """The CRC of a packet from a chip at this address: over the address byte of the read, then the
+    packet.
 
     >>> hex(packet_crc(0x35, bytes(7)))
     '0xc4'
@@ -177,11 +219,13 @@ def packet_crc(address: int, data: bytes) -> int:
 
 @dataclass(frozen=True)
 class Setup:
-    """How a chip is configured: averages 1 .. 32, wide ranges for x and y, and for z; 1-byte reads; together.
+    """How a chip is configured: averages 1 .. 32, wide ranges for x and y, and for z; 1-byte reads;
+    together.
 
     One-byte reads are shorter (no register byte), but then no register can be read back any more.
-    together: all chips convert at one moment, when a general call asks them to; otherwise each at its own times.
-    crc: a CRC after each packet, which only 1-byte reads have for all of it: it implies them.
+    together: all chips convert at one moment, when a general call asks them to; otherwise each at
+    its own times. crc: a CRC after each packet, which only 1-byte reads have for all of it: it
+    implies them.
     """
 
     averages: int = 32
@@ -202,12 +246,15 @@ class Setup:
         return replace(self, burst=False, crc=False)
 
     def registers(self) -> list[tuple[int, int]]:
-        """(address, byte) in the order to write: the reads' format last but one, the operating mode last."""
+        """(address, byte) in the order to write: the reads' format last but one, the operating mode
+        last."""
         one = REGISTERS
         config = one["DEVICE_CONFIG_1"].value(
-            CRC_EN=int(self.crc), MAG_TEMPCO=1, CONV_AVG=self.averages.bit_length() - 1,
+            CRC_EN=int(self.crc),
+            MAG_TEMPCO=1,
+            CONV_AVG=self.averages.bit_length() - 1,
             I2C_RD=BURST_16 if self.packets else REGISTER_READS,
-        )  # fmt: skip
+        )
         mode = STANDBY if self.together else CONTINUOUS
         ranges = one["SENSOR_CONFIG_2"].value(X_Y_RANGE=int(self.wide_xy), Z_RANGE=int(self.wide_z))
         return [
@@ -216,7 +263,10 @@ class Setup:
             (one["SENSOR_CONFIG_2"].address, ranges),
             (one["T_CONFIG"].address, 0),
             (one["DEVICE_CONFIG_1"].address, config),
-            (one["DEVICE_CONFIG_2"].address, one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=mode)),
+            (
+                one["DEVICE_CONFIG_2"].address,
+                one["DEVICE_CONFIG_2"].value(LP_LN=1, OPERATING_MODE=mode),
+            ),
         ]
 
     def range_mt(self, version: int) -> FloatArray:

@@ -1,4 +1,5 @@
-"""A USB device through pyusb, with typed errors: the one place that imports usb and libusb_package."""
+"""A USB device through pyusb, with typed errors: the one place that imports usb and
+libusb_package."""
 
 from __future__ import annotations
 
@@ -11,7 +12,14 @@ import usb.backend.libusb1
 import usb.core
 import usb.util
 
-from edge_runtime.errors import AccessDenied, DeviceError, DeviceLost, DeviceNotFound, LibraryMissing, TransferFailed
+from edge_runtime.errors import (
+    AccessDenied,
+    DeviceError,
+    DeviceLost,
+    DeviceNotFound,
+    LibraryMissing,
+    TransferFailed,
+)
 
 TIMEOUT_MS = 10
 """A live stream cannot wait longer: at 150 Hz this is a sample and a half."""
@@ -28,13 +36,16 @@ def real_backend() -> Any:
     backend = usb.backend.libusb1.get_backend() or libusb_package.get_libusb1_backend()
     if backend is None:
         raise LibraryMissing(
-            "no libusb", cause="neither the system's nor the packaged library loads", next_step="holdfast doctor"
+            "no libusb",
+            cause="neither the system's nor the packaged library loads",
+            next_step="holdfast doctor",
         )
     return backend
 
 
 def find_usb(ids: Iterable[UsbId], backend: Any) -> list[Any]:
-    """Devices with one of these ids, as pyusb has them; unopened. Raises AccessDenied or TransferFailed."""
+    """Devices with one of these ids, as pyusb has them; unopened. Raises AccessDenied or
+    TransferFailed."""
     wanted = set(ids)
     with named_errors("USB"):
         found = usb.core.find(find_all=True, backend=backend)
@@ -85,7 +96,13 @@ class UsbPort:
             return bytes(self.device.read(endpoint, length, timeout_ms))
 
     def control_out(
-        self, request_type: int, request: int, value: int, index: int, data: bytes = b"", timeout_ms: int = TIMEOUT_MS
+        self,
+        request_type: int,
+        request: int,
+        value: int,
+        index: int,
+        data: bytes = b"",
+        timeout_ms: int = TIMEOUT_MS,
     ) -> None:
         """A control transfer out; all of the data must go."""
         with named_errors(self.name):
@@ -94,14 +111,23 @@ class UsbPort:
             raise TransferFailed(f"{sent} of {len(data)} bytes went out", where=self.name)
 
     def control_in(
-        self, request_type: int, request: int, value: int, index: int, length: int, timeout_ms: int = TIMEOUT_MS
+        self,
+        request_type: int,
+        request: int,
+        value: int,
+        index: int,
+        length: int,
+        timeout_ms: int = TIMEOUT_MS,
     ) -> bytes:
         """A control transfer in: what it brought, which may be less than length."""
         with named_errors(self.name):
-            return bytes(self.device.ctrl_transfer(request_type, request, value, index, length, timeout_ms))
+            return bytes(
+                self.device.ctrl_transfer(request_type, request, value, index, length, timeout_ms)
+            )
 
     def drain(self, endpoint: int, length: int, *, empty: int = 0) -> None:
-        """Read away what a transfer that timed out left behind: its late reply must not answer the next question.
+        """Read away what a transfer that timed out left behind: its late reply must not answer the
+        next question.
 
         empty: length of what the device answers when it has nothing to say.
         """
@@ -119,7 +145,8 @@ class UsbPort:
 
     @contextmanager
     def _unhalting(self, endpoint: int) -> Iterator[None]:
-        """Typed errors; an endpoint that stalls stays halted until the host clears it, so it is cleared at once."""
+        """Typed errors; an endpoint that stalls stays halted until the host clears it, so it is
+        cleared at once."""
         try:
             with named_errors(self.name):
                 yield
@@ -135,7 +162,8 @@ class UsbPort:
             usb.util.claim_interface(self.device, self.interface)
 
     def close(self) -> None:
-        """Give the interface back to the kernel driver it was taken from; never raises, twice does no harm."""
+        """Give the interface back to the kernel driver it was taken from; never raises, twice does
+        no harm."""
         if self._closed:
             return
         self._closed = True
@@ -162,7 +190,9 @@ def named_errors(name: str) -> Iterator[None]:
     try:
         yield
     except usb.core.USBTimeoutError:
-        raise TransferFailed("no answer in time", where=name, cause="a bridge or bus that hangs") from None
+        raise TransferFailed(
+            "no answer in time", where=name, cause="a bridge or bus that hangs"
+        ) from None
     except usb.core.NoBackendError:
         raise LibraryMissing("no libusb", where=name, next_step="holdfast doctor") from None
     except usb.core.USBError as error:
@@ -173,9 +203,13 @@ def _named(error: Any, name: str) -> DeviceError:
     if error.errno == NO_DEVICE:
         return DeviceLost("no longer on USB", where=name, cause="unplugged, or its power dipped")
     if error.errno == NO_ACCESS:
-        return AccessDenied("not allowed to open it", where=name, cause="no udev rule", next_step="holdfast doctor")
+        return AccessDenied(
+            "not allowed to open it", where=name, cause="no udev rule", next_step="holdfast doctor"
+        )
     if error.errno == BUSY:
-        return AccessDenied("busy", where=name, cause="another program has it open", next_step="holdfast doctor")
+        return AccessDenied(
+            "busy", where=name, cause="another program has it open", next_step="holdfast doctor"
+        )
     if error.errno == TIMED_OUT:
         return TransferFailed("no answer in time", where=name, cause="a bridge or bus that hangs")
     if error.errno == STALL:

@@ -1,4 +1,5 @@
-"""Whether a model's answers can be what they say: checked on its golden sequences when it is opened."""
+"""Whether a model's answers can be what they say: checked on its golden sequences when it is
+opened."""
 
 from __future__ import annotations
 
@@ -21,9 +22,11 @@ def require_in_range(answers: Outputs, card: ModelCard, path: str | Path) -> Non
     wrong = sorted({*_wrong(answers, card)})
     if wrong:
         raise NotAModel(
-            f"its answers are out of range: {', '.join(wrong)}", where=path,
-            cause="a graph that was altered and sealed again", next_step="export the model again with holdfast export",
-        )  # fmt: skip
+            f"its answers are out of range: {', '.join(wrong)}",
+            where=path,
+            cause="a graph that was altered and sealed again",
+            next_step="export the model again with holdfast export",
+        )
 
 
 def _wrong(answers: Outputs, card: ModelCard) -> Iterator[str]:
@@ -35,10 +38,15 @@ def _wrong(answers: Outputs, card: ModelCard) -> Iterator[str]:
         name = "votes" if head == "situation" else f"votes_{head}"
         votes, told = answers[name], card.raw["heads"][head]
         whole = (votes >= 0) & (votes == np.floor(votes))
-        if not whole.all() or (votes.sum(axis=1, dtype=np.float64) != told["trees"] << told["vote_bits"]).any():
+        if (
+            not whole.all()
+            or (votes.sum(axis=1, dtype=np.float64) != told["trees"] << told["vote_bits"]).any()
+        ):
             yield name
     for name in ("p_situation", *(("p_class",) if card.has_weight else ())):
-        if not (_probable(answers[name]) and (np.abs(answers[name].sum(axis=1) - 1.0) <= ROUNDING).all()):
+        if not (
+            _probable(answers[name]) and (np.abs(answers[name].sum(axis=1) - 1.0) <= ROUNDING).all()
+        ):
             yield name
     yield from (name for name in card.heads if not _probable(answers[name]))
 

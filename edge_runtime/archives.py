@@ -1,7 +1,9 @@
-"""Zip archives of arrays (npz, skops): what they would unpack to is read from their headers before any of it is.
+"""Zip archives of arrays (npz, skops): what they would unpack to is read from their headers before
+any of it is.
 
-A zip archive can unpack to a thousand times its size, and an array can claim any shape, so both are looked at first.
-https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html and APPNOTE.TXT of PKWARE describe the headers.
+A zip archive can unpack to a thousand times its size, and an array can claim any shape, so both are
+looked at first. https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html and
+APPNOTE.TXT of PKWARE describe the headers.
 """
 
 from __future__ import annotations
@@ -17,13 +19,22 @@ import numpy as np
 from edge_runtime.errors import TooLarge
 
 NOT_AN_ARCHIVE = (
-    OSError, ValueError, EOFError, TypeError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""What zipfile, zlib and numpy raise for files cut short, damaged, encrypted, pickled, or no archive at all."""
+    OSError,
+    ValueError,
+    EOFError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What zipfile, zlib and numpy raise for files cut short, damaged, encrypted, pickled, or no
+archive at all."""
 MOST_BYTES = 4 << 30
 """Of all members together: two minutes of a camera, forty times the largest public set."""
 MOST_RATIO, SMALL_BYTES = 500, 16 << 20
-"""Measured numbers shrink to a fifth, drawn pictures to a hundredth; a small archive of zeros does no harm."""
+"""Measured numbers shrink to a fifth, drawn pictures to a hundredth; a small archive of zeros does
+no harm."""
 MOST_DIRECTORY_BYTES = 1 << 20
 """The list of members is read whole: some ten thousand of them."""
 _END, _END_BYTES, _LONGEST_COMMENT = b"PK\x05\x06", 22, 65535
@@ -32,18 +43,24 @@ _LOCATOR_64_BYTES = 20
 
 
 def require_modest_archive(path: Path) -> None:
-    """Raise TooLarge where an archive would unpack to too much, or its arrays claim more than there is.
+    """Raise TooLarge where an archive would unpack to too much, or its arrays claim more than there
+    is.
 
     Raises one of NOT_AN_ARCHIVE for what is none.
     """
     _require_short_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-        unpacked, packed = sum(one.file_size for one in members), sum(one.compress_size for one in members)
+        unpacked, packed = (
+            sum(one.file_size for one in members),
+            sum(one.compress_size for one in members),
+        )
         if unpacked > MOST_BYTES:
             raise _too_large(f"it would unpack to {unpacked / 1e9:.1f} GB", path)
         if unpacked > SMALL_BYTES and unpacked > MOST_RATIO * packed:
-            raise _too_large(f"it would unpack to {unpacked // max(packed, 1)} times its size", path)
+            raise _too_large(
+                f"it would unpack to {unpacked // max(packed, 1)} times its size", path
+            )
         if not {one.compress_type for one in members} <= {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
             raise ValueError("a compression that numpy and skops do not write")
         for member in members:
@@ -59,7 +76,9 @@ def _require_claim(opened: IO[bytes], member: zipfile.ZipInfo, path: Path) -> No
     shape, _, dtype = np.lib.format.read_array_header_1_0(opened)
     claimed, there = math.prod(shape) * dtype.itemsize, member.file_size - opened.tell()
     if not dtype.hasobject and claimed != there:
-        raise _too_large(f"its array {member.filename} claims {claimed} bytes and has {there}", path)
+        raise _too_large(
+            f"its array {member.filename} claims {claimed} bytes and has {there}", path
+        )
 
 
 def _require_short_directory(path: Path) -> None:
@@ -69,9 +88,13 @@ def _require_short_directory(path: Path) -> None:
         tail = file.read()
     at = tail.rfind(_END)
     long_form = at >= _LOCATOR_64_BYTES and tail[at - _LOCATOR_64_BYTES :].startswith(_LOCATOR_64)
-    if at >= 0 and (long_form or int.from_bytes(tail[at + 12 : at + 16], "little") > MOST_DIRECTORY_BYTES):
+    if at >= 0 and (
+        long_form or int.from_bytes(tail[at + 12 : at + 16], "little") > MOST_DIRECTORY_BYTES
+    ):
         raise _too_large("its list of members is too long", path)
 
 
 def _too_large(what: str, path: Path) -> TooLarge:
-    return TooLarge(what, where=path, cause="a damaged file, or one made to do harm", next_step="copy it again")
+    return TooLarge(
+        what, where=path, cause="a damaged file, or one made to do harm", next_step="copy it again"
+    )

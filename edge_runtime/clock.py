@@ -1,11 +1,14 @@
-"""Real time: the machine's monotonic clock, which nobody sets, and which goes on while the machine is suspended."""
+"""Real time: the machine's monotonic clock, which nobody sets, and which goes on while the machine
+is suspended."""
 
 from __future__ import annotations
 
 import time
 
 SINCE_BOOT = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-"""CLOCK_MONOTONIC stands still in a suspended machine: the samples before and after would seem to be neighbours."""
+"""CLOCK_MONOTONIC stands still in a suspended machine: the samples before and after would seem to
+be neighbours."""
+
 
 class MonotonicClock:
     """Time since the machine was started, and waiting for it."""

@@ -20,7 +20,8 @@ from edge_runtime.visible import one_line, visible_lines
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, with a usage error that is one line: what is wrong, what is allowed, the next command."""
+    """argparse, with a usage error that is one line: what is wrong, what is allowed, the next
+    command."""
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError instead of printing the whole usage."""
@@ -36,7 +37,8 @@ def seed(word: str) -> int:
 
 
 def path_argument(word: str) -> Path:
-    """A path from the command line; an empty one is a variable somebody forgot to set, not the folder we are in."""
+    """A path from the command line; an empty one is a variable somebody forgot to set, not the
+    folder we are in."""
     if not word.strip():
         raise argparse.ArgumentTypeError("an empty path")
     return Path(word)
@@ -64,7 +66,9 @@ def run_script(
     """A verb run as a script of its own: parse sys.argv, run, end as every program of ours ends."""
 
     def main(argv: Sequence[str]) -> int:
-        parser = Parser(prog=prog, description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser = Parser(
+            prog=prog, description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
         add_arguments(parser)
         return run(parser.parse_args(argv))
 
@@ -72,7 +76,8 @@ def run_script(
 
 
 def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
-    """Run a program's main; errors and warnings become one line each on stderr, unless --debug is given.
+    """Run a program's main; errors and warnings become one line each on stderr, unless --debug is
+    given.
 
     A stderr that takes nothing neither stops the program nor keeps it from ending.
     """
@@ -99,17 +104,20 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
             if "--debug" in argv:
                 raise
             what = one_line(str(error))
-            beside(f"error: OutputError: {what}; next: choose another place, or see the whole with --debug")
+            beside(
+                f"error: OutputError: {what}; next: choose another place, or see the whole with --debug"
+            )
             return OutputError.exit_code
         finally:
             _forget_what_cannot_be_written(sys.stdout)
 
 
 def hold_standard_descriptors() -> None:
-    """Lead standard descriptors that are closed to /dev/null, before a file of ours gets such a number.
+    """Lead standard descriptors that are closed to /dev/null, before a file of ours gets such a
+    number.
 
-    With the number it would get all that a library prints. /dev/null is only readable as stdout: a result that is
-    written there is an error, as it was before.
+    With the number it would get all that a library prints. /dev/null is only readable as stdout: a
+    result that is written there is an error, as it was before.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
@@ -121,7 +129,8 @@ def hold_standard_descriptors() -> None:
 
 
 def _forget_what_cannot_be_written(stream: TextIO) -> None:
-    """Python writes the rest of a stream when it ends, and would tell of the same error once more."""
+    """Python writes the rest of a stream when it ends, and would tell of the same error once
+    more."""
     try:
         stream.flush()
     except OSError:

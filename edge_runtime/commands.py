@@ -1,9 +1,10 @@
-"""What the user's own control commands, as datagrams: {"opening": true}, {"override": true}. A log of its own.
+"""What the user's own control commands, as datagrams: {"opening": true}, {"override": true}. A log
+of its own.
 
-opening lasts until it is taken back, or until no datagram has come for EXPIRES_NS: a sender repeats what it means, or
-sends {} to say that it is still there. override counts for the sample at which it came; how long it then lasts is the
-decision's (edge_runtime/decision.py). At most MOST_A_SAMPLE datagrams are read at one sample: a flooded port delays
-commands, and no sample.
+opening lasts until it is taken back, or until no datagram has come for EXPIRES_NS: a sender repeats
+what it means, or sends {} to say that it is still there. override counts for the sample at which it
+came; how long it then lasts is the decision's (edge_runtime/decision.py). At most MOST_A_SAMPLE
+datagrams are read at one sample: a flooded port delays commands, and no sample.
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ def command_port(
 ) -> Iterator[Callable[[], Command]]:
     """Listen on HOST:PORT; what it yields is asked once a sample and never waits.
 
-    log: every datagram that changes something or is not understood, and a sender that goes silent, one line each.
-    now_ns: monotonic. Raises UsageError where the port cannot be listened on.
+    log: every datagram that changes something or is not understood, and a sender that goes silent,
+    one line each. now_ns: monotonic. Raises UsageError where the port cannot be listened on.
     """
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal():
-        raise UsageError(f"{address!r} is no address", next_step="HOST:PORT, such as 127.0.0.1:9001")
+        raise UsageError(
+            f"{address!r} is no address", next_step="HOST:PORT, such as 127.0.0.1:9001"
+        )
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         try:
             receiver.bind((host, int(port)))
@@ -48,7 +51,9 @@ def command_port(
 class _Listener:
     """What has been commanded so far, and when a datagram last came."""
 
-    def __init__(self, receiver: socket.socket, log: Callable[[str], None], now_ns: Callable[[], int]) -> None:
+    def __init__(
+        self, receiver: socket.socket, log: Callable[[str], None], now_ns: Callable[[], int]
+    ) -> None:
         self._receiver, self._log, self._now_ns = receiver, log, now_ns
         self._opening = False
         self._heard_ns: int | None = None
@@ -98,6 +103,10 @@ def _read(datagram: bytes) -> dict[str, bool] | None:
         found = json_of(datagram)
     except ValueError:
         return None
-    if not isinstance(found, dict) or not set(found) <= KEYS or not all(isinstance(v, bool) for v in found.values()):
+    if (
+        not isinstance(found, dict)
+        or not set(found) <= KEYS
+        or not all(isinstance(v, bool) for v in found.values())
+    ):
         return None
     return found

@@ -1,18 +1,21 @@
 """From one label a sample to one request: a pure integer state machine, no floats, no clock.
 
-arm: a risky slip has been seen for `arm_samples` in a row. act: for `act_samples` in a row; the hand should tighten.
-A risky label with less than `min_risky_permille` of the votes does not count (rejection by confidence).
+arm: a risky slip has been seen for `arm_samples` in a row. act: for `act_samples` in a row; the
+hand should tighten. A risky label with less than `min_risky_permille` of the votes does not count
+(rejection by confidence).
 
-Once acting it goes on when the alarm ends, because letting go then would drop the object. An act ends
+Once acting it goes on when the alarm ends, because letting go then would drop the object. An act
+ends
 
 - "released": the situation is "nothing" for `release_samples` in a row;
 - "timed_out": no risky label for `evidence_ms` of known samples;
 - "opened": the user opens the hand, which also prevents a new act;
-- "overridden": the user overrides. The override lasts until the hand has been empty (as above) or for `override_ms`
-  after its last sample; meanwhile nothing arms and nothing is counted.
+- "overridden": the user overrides. The override lasts until the hand has been empty (as above) or
+  for `override_ms` after its last sample; meanwhile nothing arms and nothing is counted.
 
-While the state is unknown nothing is counted and nothing is released. docs/safety.md has the invariants as a table;
-tests/edge_runtime/test_decision_invariants.py searches every reachable state.
+While the state is unknown nothing is counted and nothing is released. docs/safety.md has the
+invariants as a table; tests/edge_runtime/test_decision_invariants.py searches every reachable
+state.
 """
 
 from __future__ import annotations
@@ -26,12 +29,14 @@ UNKNOWN = -1
 ActEnd = Literal["released", "timed_out", "opened", "overridden"]
 
 LIMITS = {
-    "arm_samples": (1, 10_000), "act_samples": (1, 10_000), "release_samples": (1, 10_000),
-    "min_risky_permille": (0, 1000), "override_ms": (1, 600_000), "evidence_ms": (1, 600_000),
-}  # fmt: skip
+    "arm_samples": (1, 10_000),
+    "act_samples": (1, 10_000),
+    "release_samples": (1, 10_000),
+    "min_risky_permille": (0, 1000),
+    "override_ms": (1, 600_000),
+    "evidence_ms": (1, 600_000),
+}
 """Least and largest value of every parameter."""
-
-
 
 
 def period_us(rate_hz: float) -> int:
@@ -41,7 +46,8 @@ def period_us(rate_hz: float) -> int:
 
 @dataclass(frozen=True)
 class DecisionRules:
-    """Parameters in samples, thousandths and ms; they travel in the model's metadata. Raises ValueError."""
+    """Parameters in samples, thousandths and ms; they travel in the model's metadata. Raises
+    ValueError."""
 
     arm_samples: int = 1
     act_samples: int = 2
@@ -54,7 +60,9 @@ class DecisionRules:
         for one in fields(self):
             value, (least, most) = getattr(self, one.name), LIMITS[one.name]
             if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-                raise ValueError(f"{one.name} = {value!r:.40}, which is no whole number from {least} to {most}")
+                raise ValueError(
+                    f"{one.name} = {value!r:.40}, which is no whole number from {least} to {most}"
+                )
 
     def to_json(self) -> dict[str, int]:
         """As a JSON object of integers."""
@@ -63,9 +71,11 @@ class DecisionRules:
 
 @dataclass(frozen=True)
 class DecisionState:
-    """Risky samples in a row, samples of no contact in a row, what is requested now, and what time is left.
+    """Risky samples in a row, samples of no contact in a row, what is requested now, and what time
+    is left.
 
-    override_us, evidence_us: until the override, and the act, end by themselves. ended: how the last act ended.
+    override_us, evidence_us: until the override, and the act, end by themselves. ended: how the
+    last act ended.
     """
 
     risky_run: int = 0
@@ -94,7 +104,8 @@ def decide(
 ) -> DecisionState:
     """Next state after one sample's label (UNKNOWN, or 0..3) and the risky share of the votes.
 
-    period_us: time from one sample to the next. opening, override: what the user commands at this sample.
+    period_us: time from one sample to the next. opening, override: what the user commands at this
+    sample.
     """
     if override:
         ended = "overridden" if state.act else state.ended
@@ -107,7 +118,9 @@ def decide(
     return _known(rules, _counted(rules, state, situation, risky, period_us), opening)
 
 
-def _counted(rules: DecisionRules, state: DecisionState, situation: int, risky: bool, period_us: int) -> DecisionState:
+def _counted(
+    rules: DecisionRules, state: DecisionState, situation: int, risky: bool, period_us: int
+) -> DecisionState:
     """The runs and the time left after one known sample; what is requested is as before."""
     return replace(
         state,
@@ -138,11 +151,19 @@ def _ended(rules: DecisionRules, state: DecisionState, how: ActEnd) -> DecisionS
     return _armed(rules, replace(state, act=False, ended=how))
 
 
-def _overridden(rules: DecisionRules, state: DecisionState, situation: int, period_us: int) -> DecisionState:
+def _overridden(
+    rules: DecisionRules, state: DecisionState, situation: int, period_us: int
+) -> DecisionState:
     """One sample of an override that lasts: only its own end is counted."""
-    nothing_run = state.nothing_run if situation == UNKNOWN else _nothing_run(rules, state, situation)
+    nothing_run = (
+        state.nothing_run if situation == UNKNOWN else _nothing_run(rules, state, situation)
+    )
     empty = nothing_run >= rules.release_samples
-    return replace(state, nothing_run=nothing_run, override_us=0 if empty else max(0, state.override_us - period_us))
+    return replace(
+        state,
+        nothing_run=nothing_run,
+        override_us=0 if empty else max(0, state.override_us - period_us),
+    )
 
 
 def _nothing_run(rules: DecisionRules, state: DecisionState, situation: int) -> int:

@@ -46,11 +46,14 @@ from edge_runtime.visible import one_line
 
 
 class HoldfastError(Exception):
-    """Root of all errors raised on purpose: what happened, where, likely why, and what to do next."""
+    """Root of all errors raised on purpose: what happened, where, likely why, and what to do
+    next."""
 
     exit_code = 1
 
-    def __init__(self, what: str, *, where: str | Path = "", cause: str = "", next_step: str = "") -> None:
+    def __init__(
+        self, what: str, *, where: str | Path = "", cause: str = "", next_step: str = ""
+    ) -> None:
         self.what = what
         self.where = str(where)
         self.cause = cause
@@ -95,7 +98,8 @@ class NotANumber(DataError):
 
 
 class TooLarge(DataError):
-    """Input that is larger than such a file can be, or says that it is; refused before it is read."""
+    """Input that is larger than such a file can be, or says that it is; refused before it is
+    read."""
 
 
 class TimeError(DataError):
@@ -119,7 +123,8 @@ class LabelError(DataError):
 
 
 class TagError(LabelError):
-    """Printed tags contradict each other, or the size they are said to have: no millimetre can be believed."""
+    """Printed tags contradict each other, or the size they are said to have: no millimetre can be
+    believed."""
 
 
 class CardError(DataError):

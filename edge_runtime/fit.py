@@ -9,8 +9,11 @@ from edge_runtime.errors import ChannelError, RateError, UnitError
 from edge_runtime.model_file import ModelCard
 
 
-def require_fit(card: ModelCard, *, n_channels: int, unit: str, rate_hz: float, where: str | Path) -> None:
-    """Raise ChannelError, UnitError or RateError where a source is not what the model was made for."""
+def require_fit(
+    card: ModelCard, *, n_channels: int, unit: str, rate_hz: float, where: str | Path
+) -> None:
+    """Raise ChannelError, UnitError or RateError where a source is not what the model was made
+    for."""
     if n_channels != card.n_channels:
         raise ChannelError(
             f"{n_channels} channels, the model wants {card.n_channels}",

@@ -2,7 +2,8 @@
 
 The input is made by an integer formula, so that it is the same to the last bit everywhere and never
 comes from a recording: a pressed, shaken hand with lost, non-finite and out-of-range samples in it,
-from a zero state. Labels and flags must be equal; float64 within 1e-9, float32 within 1e-6 relative.
+from a zero state. Labels and flags must be equal; float64 within 1e-9, float32 within 1e-6
+relative.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ def _integers(count: int) -> npt.NDArray[np.int64]:
     return numbers
 
 
-def golden_answers(session: ort.InferenceSession, n_channels: int, unit: str, settle_samples: int) -> Outputs:
+def golden_answers(
+    session: ort.InferenceSession, n_channels: int, unit: str, settle_samples: int
+) -> Outputs:
     """Every stored output on the golden input."""
     names = [output.name for output in session.get_outputs() if output.name not in SKIPPED]
     values, valid = golden_input(n_channels, unit, settle_samples)
@@ -77,15 +80,20 @@ def golden_to_json(answers: Outputs) -> dict[str, Any]:
 
 
 def golden_from_json(text: str, where: str = "") -> Outputs:
-    """The inverse of `golden_to_json`, from the metadata's text; NotAModel where it is missing or garbled."""
+    """The inverse of `golden_to_json`, from the metadata's text; NotAModel where it is missing or
+    garbled."""
     try:
         return {
-            name: np.frombuffer(base64.b64decode(entry["data"]), _dtype(entry["dtype"])).reshape(entry["shape"])
+            name: np.frombuffer(base64.b64decode(entry["data"]), _dtype(entry["dtype"])).reshape(
+                entry["shape"]
+            )
             for name, entry in json_of(text).items()
         }
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise NotAModel(
-            "its golden sequences are missing or garbled", where=where, next_step="export the model again"
+            "its golden sequences are missing or garbled",
+            where=where,
+            next_step="export the model again",
         ) from None
 
 
@@ -97,7 +105,8 @@ def _dtype(name: object) -> np.dtype[Any]:
 
 
 def check_golden(stored: Outputs, answers: Outputs, where: str = "") -> None:
-    """Raise GoldenMismatch naming the first output that is missing or differs by more than it may."""
+    """Raise GoldenMismatch naming the first output that is missing or differs by more than it
+    may."""
     for name in {**answers, **stored}:
         if name not in stored or name not in answers or not _agree(stored[name], answers[name]):
             raise GoldenMismatch(

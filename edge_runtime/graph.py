@@ -23,7 +23,8 @@ _DTYPES: dict[str, npt.DTypeLike] = {
     "tensor(int64)": np.int64,
 }
 BATCH = 64
-"""Recordings stepped together: enough to hide the call, few enough for the state to stay in cache."""
+"""Recordings stepped together: enough to hide the call, few enough for the state to stay in
+cache."""
 
 Outputs = dict[str, npt.NDArray[Any]]
 
@@ -46,7 +47,9 @@ class StepGraph:
     outputs: which outputs to compute (default: all but the state, which is always kept).
     """
 
-    def __init__(self, session: ort.InferenceSession, batch: int = 1, outputs: Sequence[str] | None = None):
+    def __init__(
+        self, session: ort.InferenceSession, batch: int = 1, outputs: Sequence[str] | None = None
+    ):
         inputs = {i.name: i for i in session.get_inputs()}
         described = {o.name: o for o in session.get_outputs()}
         self._session = session
@@ -58,13 +61,18 @@ class StepGraph:
         self._reset: BoolArray = self._inputs["reset"].reshape(batch)
         self._reset[:] = True
         self._states = [_buffer(inputs["state"], batch) for _ in range(2)]
-        names = [name for name in described if name != "state_out"] if outputs is None else list(outputs)
+        names = (
+            [name for name in described if name != "state_out"]
+            if outputs is None
+            else list(outputs)
+        )
         self.out: Outputs = {name: _buffer(described[name], batch) for name in names}
         self._bindings = [self._bind(turn) for turn in range(2)]
         self._turn = 0
 
     def step(self) -> Outputs:
-        """Advance by the sample now in `sample` and `valid`; returns the output buffers (overwritten next time)."""
+        """Advance by the sample now in `sample` and `valid`; returns the output buffers
+        (overwritten next time)."""
         self._session.run_with_iobinding(self._bindings[self._turn])
         self._turn = 1 - self._turn
         if self._reset[0]:
@@ -107,8 +115,9 @@ def run_recordings(
 ) -> list[Outputs]:
     """Step many recordings together, each from a fresh state; keep the wanted rows of each.
 
-    values: recordings [T_i, C]. rows: ascending row numbers to keep, per recording. Recordings of like
-    length share a batch; shorter ones are padded at the tail, and nothing of the padding is kept.
+    values: recordings [T_i, C]. rows: ascending row numbers to keep, per recording. Recordings of
+    like length share a batch; shorter ones are padded at the tail, and nothing of the padding is
+    kept.
     """
     results: list[Outputs] = [{} for _ in values]
     for batch in _batches(values):
@@ -133,7 +142,9 @@ class _Rows:
     def __init__(self, rows: npt.NDArray[np.int64], buffers: Outputs) -> None:
         self._rows = rows.tolist()
         self._next = 0
-        self.out = {k: np.empty((len(rows), *b.shape[1:]), dtype=b.dtype) for k, b in buffers.items()}
+        self.out = {
+            k: np.empty((len(rows), *b.shape[1:]), dtype=b.dtype) for k, b in buffers.items()
+        }
 
     def offer(self, t: int, position: int, out: Outputs) -> None:
         if self._next < len(self._rows) and self._rows[self._next] == t:
@@ -148,7 +159,9 @@ def _batches(values: Sequence[FloatArray]) -> Iterator[list[int]]:
         yield order[start : start + BATCH]
 
 
-def _pad(values: Sequence[FloatArray], valid: Sequence[BoolArray], batch: list[int]) -> tuple[FloatArray, BoolArray]:
+def _pad(
+    values: Sequence[FloatArray], valid: Sequence[BoolArray], batch: list[int]
+) -> tuple[FloatArray, BoolArray]:
     """[T, B, C] and [T, B, n], time first so that a step reads one block of memory."""
     longest = max(len(values[index]) for index in batch)
     stacked = np.zeros((longest, len(batch), values[batch[0]].shape[1]))

@@ -1,4 +1,5 @@
-"""Whether what comes in can be believed at all, beside the graph's own guard: repeats, the rate, a loaded start.
+"""Whether what comes in can be believed at all, beside the graph's own guard: repeats, the rate, a
+loaded start.
 
 Each watch takes one sample at a time and answers yes or no; none knows a clock or a model.
 """
@@ -14,8 +15,8 @@ from edge_runtime.contract import RATE_TOLERANCE, BoolArray, FloatArray
 RING = 8
 """A hand that is stuck in so many readings or fewer, over and over, repeats itself."""
 ONE_NUMBER = np.sqrt(np.array([2.0, 3.0, 5.0]))
-"""Makes one number of a sensor's three: two readings of different numbers hardly ever give the same, and never for
-long."""
+"""Makes one number of a sensor's three: two readings of different numbers hardly ever give the
+same, and never for long."""
 LEAST_SPAN = 8
 """Samples: a rate is not judged on fewer."""
 EMPTY_S = 0.2
@@ -23,10 +24,11 @@ EMPTY_S = 0.2
 
 
 class RepeatWatch:
-    """Counts, for each sensor, readings in a row that equal an earlier one of its own at the same distance.
+    """Counts, for each sensor, readings in a row that equal an earlier one of its own at the same
+    distance.
 
-    A live sensor has noise: no distance of 1 to RING readings fits for long. Readings are counted only where the
-    sensor is usable, so a lost sample in between does not hide that it is stuck.
+    A live sensor has noise: no distance of 1 to RING readings fits for long. Readings are counted
+    only where the sensor is usable, so a lost sample in between does not hide that it is stuck.
     """
 
     def __init__(self, n_sensors: int, most: int) -> None:
@@ -36,9 +38,12 @@ class RepeatWatch:
         self._runs: FloatArray = np.zeros((RING, n_sensors))
 
     def stuck(self, values: FloatArray, usable: BoolArray) -> bool:
-        """Take a sample, values [C] and usable [S]; whether every usable sensor, at least one, is stuck."""
+        """Take a sample, values [C] and usable [S]; whether every usable sensor, at least one, is
+        stuck."""
         whole = bool(usable.all())
-        reading = (values if whole else np.where(np.repeat(usable, 3), values, 0.0)).reshape(-1, 3) @ ONE_NUMBER
+        reading = (values if whole else np.where(np.repeat(usable, 3), values, 0.0)).reshape(
+            -1, 3
+        ) @ ONE_NUMBER
         runs = (self._runs + 1.0) * (self._past == reading)  # -0.0 equals 0.0, and NaN nothing
         if whole:
             self._runs = runs
@@ -56,8 +61,8 @@ class RepeatWatch:
 class RateWatch:
     """Compares the time that passed over the last `span` samples with what they should have taken.
 
-    The rate is wrong where both the mean and the median of the intervals are: a gap spoils the mean alone, and
-    regular jitter the median alone. Losses that `sequence` counts spoil neither.
+    The rate is wrong where both the mean and the median of the intervals are: a gap spoils the mean
+    alone, and regular jitter the median alone. Losses that `sequence` counts spoil neither.
     """
 
     def __init__(self, rate_hz: float, span: int) -> None:
@@ -81,7 +86,8 @@ class RateWatch:
         return abs(passed_ns / (steps * self._period_ns) - 1.0) <= RATE_TOLERANCE
 
     def _median(self) -> tuple[float, int]:
-        """The middle one of the intervals, each over the steps that its sequence numbers are apart."""
+        """The middle one of the intervals, each over the steps that its sequence numbers are
+        apart."""
         stamps = np.array(self._past, dtype=np.int64)
         steps = np.maximum(np.diff(stamps[:, 1]), 1)
         return float(np.median(np.diff(stamps[:, 0]) / steps)), 1
@@ -90,11 +96,13 @@ class RateWatch:
 class LoadedStart:
     """Whether the hand has been seen empty since the start, as its stored unloaded bias says.
 
-    Until then "nothing" must not be answered. loaded: it was not empty when first judged, and has not been since.
+    Until then "nothing" must not be answered. loaded: it was not empty when first judged, and has
+    not been since.
     """
 
     def __init__(self, empty_below: float, rate_hz: float, least_sensors: int) -> None:
-        """empty_below: a finger whose force or field is larger, in the stream's unit, carries something.
+        """empty_below: a finger whose force or field is larger, in the stream's unit, carries
+        something.
 
         least_sensors: samples with fewer usable sensors are not judged.
         """

@@ -1,11 +1,14 @@
-"""Lines written to a file descriptor by a thread of its own: the caller never waits, whatever the descriptor does.
+"""Lines written to a file descriptor by a thread of its own: the caller never waits, whatever the
+descriptor does.
 
-A write to a terminal, a pipe or a disk may take for ever: `poll` promises a terminal less room than a line needs, and a
-regular file is always "ready". So only a thread that nothing depends on writes. Between it and the caller stands a
-bounded queue; when the queue is full, its oldest line is dropped, because the newest is worth more.
+A write to a terminal, a pipe or a disk may take for ever: `poll` promises a terminal less room than
+a line needs, and a regular file is always "ready". So only a thread that nothing depends on writes.
+Between it and the caller stands a bounded queue; when the queue is full, its oldest line is
+dropped, because the newest is worth more.
 
-A line is written whole or not at all. One that a full disk cut off is taken back from the file; a reader that goes
-away in the middle of a line gets no other half later, because the first error ends the writer.
+A line is written whole or not at all. One that a full disk cut off is taken back from the file; a
+reader that goes away in the middle of a line gets no other half later, because the first error ends
+the writer.
 """
 
 from __future__ import annotations
@@ -19,22 +22,28 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 
 STREAM_LINES = 128
-"""Lines that may wait for a terminal or a pipe: not quite a second at 150 Hz, and more than a summary has."""
+"""Lines that may wait for a terminal or a pipe: not quite a second at 150 Hz, and more than a
+summary has."""
 FILE_LINES = 4096
 """Lines that may wait for a disk: half a minute at 150 Hz, about 4 MB."""
 CLOSING_S = 0.2
-"""So long closing waits for lines under way. `holdfast run` closes three times in a row and ends within a second."""
+"""So long closing waits for lines under way. `holdfast run` closes three times in a row and ends
+within a second."""
 STUCK_S = 0.1
-"""A writer that has not finished one line in so long while it closes waits for something that is dead."""
+"""A writer that has not finished one line in so long while it closes waits for something that is
+dead."""
 RETRY_S = 0.01
-"""Between attempts on a descriptor that is non-blocking and says that it is ready when it is not."""
+"""Between attempts on a descriptor that is non-blocking and says that it is ready when it is
+not."""
 
 
 class LineWriter:
-    """Hands lines to a thread that writes them to `handle`, which the writer owns from now on and closes.
+    """Hands lines to a thread that writes them to `handle`, which the writer owns from now on and
+    closes.
 
-    handle: an open descriptor, or None for one that is closed already. header: the first line, which no newer replaces.
-    failure: the first error, or None. After it nothing more is written. offered, written: lines so far.
+    handle: an open descriptor, or None for one that is closed already. header: the first line,
+    which no newer replaces. failure: the first error, or None. After it nothing more is written.
+    offered, written: lines so far.
     """
 
     def __init__(self, handle: int | None, header: str | None = None) -> None:
@@ -46,16 +55,20 @@ class LineWriter:
             self.failure = OSError(errno.EBADF, os.strerror(errno.EBADF))
             return
         self._most = FILE_LINES if is_regular(handle) else STREAM_LINES
-        self._thread = Thread(target=self._write_all, args=(handle, header), name="line writer", daemon=True)
+        self._thread = Thread(
+            target=self._write_all, args=(handle, header), name="line writer", daemon=True
+        )
         self._thread.start()
 
     @property
     def dropped(self) -> int:
-        """Lines offered and not written; before `close` has returned, those that still wait are among them."""
+        """Lines offered and not written; before `close` has returned, those that still wait are
+        among them."""
         return self.offered - self.written
 
     def put(self, line: str) -> bool:
-        """Queue one line, without its line break; False where it, or the oldest instead of it, is dropped."""
+        """Queue one line, without its line break; False where it, or the oldest instead of it, is
+        dropped."""
         self.offered += 1
         if self.failure is not None or self._closed:
             return False
@@ -72,7 +85,8 @@ class LineWriter:
             self._waiting.put(None)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """`end`, and wait for the last line while lines are written, at most wait_s; the others are dropped."""
+        """`end`, and wait for the last line while lines are written, at most wait_s; the others are
+        dropped."""
         self.end()
         if self.failure is not None or self._given_up:
             return
@@ -83,7 +97,8 @@ class LineWriter:
             self._give_up()
 
     def _goes_on(self, end_s: float) -> bool:
-        """Wait a little; whether the thread wrote lines meanwhile and is to write more before end_s."""
+        """Wait a little; whether the thread wrote lines meanwhile and is to write more before
+        end_s."""
         before = self.written
         self._thread.join(max(0.0, min(STUCK_S, end_s - time.monotonic())))
         return self._thread.is_alive() and self.written > before and time.monotonic() < end_s
@@ -103,7 +118,8 @@ class LineWriter:
         return True
 
     def _write_all(self, handle: int, header: str | None) -> None:
-        """What the thread does: every line until the end or the first error, which a close can be too."""
+        """What the thread does: every line until the end or the first error, which a close can be
+        too."""
         try:
             try:
                 if header is not None:
@@ -118,7 +134,8 @@ class LineWriter:
 
 
 def write_whole_line(handle: int, data: bytes) -> None:
-    """Write all of it, waiting as long as it takes. Raises OSError; a regular file is then as long as it was before."""
+    """Write all of it, waiting as long as it takes. Raises OSError; a regular file is then as long
+    as it was before."""
     done = 0
     try:
         while done < len(data):
@@ -142,7 +159,8 @@ def _write_some(handle: int, data: bytes) -> int:
 
 
 def _take_back(handle: int, n_bytes: int) -> None:
-    """Shorten the file by the bytes just written, where they are its last ones (another program may append too)."""
+    """Shorten the file by the bytes just written, where they are its last ones (another program may
+    append too)."""
     end = os.lseek(handle, 0, os.SEEK_CUR)
     if end == os.fstat(handle).st_size:
         os.ftruncate(handle, end - n_bytes)
@@ -152,4 +170,3 @@ def _take_back(handle: int, n_bytes: int) -> None:
 def is_regular(handle: int) -> bool:
     """Whether it is a file on a disk."""
     return stat.S_ISREG(os.fstat(handle).st_mode)
-

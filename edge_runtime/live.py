@@ -2,14 +2,16 @@
 
     due --(wait)--> read --> convert --> step --> decide --> emit
 
-The k-th sample is due at start + k periods, so a late one delays no other. A sample that would be due in the past
-is not read: it counts as an overrun, and the monitor takes it as lost (a stalled machine loses samples, it is
-never silently late). A recording is due at its own rate, so that every row of it is met once.
+The k-th sample is due at start + k periods, so a late one delays no other. A sample that would be
+due in the past is not read: it counts as an overrun, and the monitor takes it as lost (a stalled
+machine loses samples, it is never silently late). A recording is due at its own rate, so that every
+row of it is met once.
 
-A reading is used once. One with the stamp of the last is the same again (repeated); one a little older came late
-(late): both count, and the sample is lost. Stamps more than a second back are another clock's: the stream begins anew
-(restarts), unknown until it has settled, while a request goes on. A line that its consumer does not take is dropped
-(edge_runtime/sinks.py) and counts: nobody who reads too slowly delays an answer to anybody else.
+A reading is used once. One with the stamp of the last is the same again (repeated); one a little
+older came late (late): both count, and the sample is lost. Stamps more than a second back are
+another clock's: the stream begins anew (restarts), unknown until it has settled, while a request
+goes on. A line that its consumer does not take is dropped (edge_runtime/sinks.py) and counts:
+nobody who reads too slowly delays an answer to anybody else.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ REMEMBERED = 1 << 16
 """Latencies of so many last samples are kept for the summary."""
 PERCENTS = (50.0, 99.0, 99.9)
 ANOTHER_CLOCK_NS = 1_000_000_000
-"""No reading is under way for so long: stamps further back come from a clock that was set, or that wrapped."""
+"""No reading is under way for so long: stamps further back come from a clock that was set, or that
+wrapped."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,8 @@ class Clock(Protocol):
 
 @dataclass
 class Summary:
-    """What a run did: samples by state, what was lost and why, acts, and microseconds by stage of the last samples."""
+    """What a run did: samples by state, what was lost and why, acts, and microseconds by stage of
+    the last samples."""
 
     samples: int = 0
     overruns: int = 0
@@ -114,17 +118,33 @@ class Summary:
 
     def to_json(self) -> dict[str, Any]:
         """As a JSON object."""
-        told = {"samples": self.samples, "overruns": self.overruns, "acts": self.acts, "states": self.states}
-        return {**told, **self.lost(), "lost_sinks": self.lost_sinks, "latency_us": self.latency_us()}
+        told = {
+            "samples": self.samples,
+            "overruns": self.overruns,
+            "acts": self.acts,
+            "states": self.states,
+        }
+        return {
+            **told,
+            **self.lost(),
+            "lost_sinks": self.lost_sinks,
+            "latency_us": self.latency_us(),
+        }
 
     def lost(self) -> dict[str, int]:
         """What else went wrong, by its name above."""
-        return {name: getattr(self, name) for name in ("repeated", "late", "restarts", "too_old", "dropped")}
+        return {
+            name: getattr(self, name)
+            for name in ("repeated", "late", "restarts", "too_old", "dropped")
+        }
 
 
 def _percentile(values: FloatArray, percent: float) -> float:
-    """As numpy.percentile, whose first call imports numpy.ma: 0.1 s, of the second in which SIGTERM ends a run."""
-    return float(np.interp(percent / 100.0 * (len(values) - 1), np.arange(len(values)), np.sort(values)))
+    """As numpy.percentile, whose first call imports numpy.ma: 0.1 s, of the second in which SIGTERM
+    ends a run."""
+    return float(
+        np.interp(percent / 100.0 * (len(values) - 1), np.arange(len(values)), np.sort(values))
+    )
 
 
 class Stamps:
@@ -136,7 +156,8 @@ class Stamps:
         self._given_ns = 0
 
     def judge(self, t_ns: int) -> tuple[str, int]:
-        """("", "repeated", "late" or "restarts"; time of the sample, which never runs backwards but at a restart)."""
+        """("", "repeated", "late" or "restarts"; time of the sample, which never runs backwards but
+        at a restart)."""
         newest_ns = self._newest_ns
         if newest_ns is None or t_ns < newest_ns - ANOTHER_CLOCK_NS:
             self._newest_ns = self._given_ns = t_ns
@@ -150,7 +171,8 @@ class Stamps:
 
 @dataclass(frozen=True)
 class Command:
-    """What the user commands at a sample: opening ends an act and prevents one, override ends every request for long.
+    """What the user commands at a sample: opening ends an act and prevents one, override ends every
+    request for long.
 
     link: whether commands come at all, and still.
     """
@@ -170,7 +192,8 @@ def run_live(
     stopped: Callable[[], bool],
     command: Callable[[], Command] = Command,
 ) -> Summary:
-    """Read, answer and emit until stopped, or until the source ends. Raises what the source and emit raise.
+    """Read, answer and emit until stopped, or until the source ends. Raises what the source and
+    emit raise.
 
     emit returns how many lines were dropped, where it counts them.
     """
@@ -189,13 +212,24 @@ def run_live(
         if trouble:
             setattr(summary, trouble, getattr(summary, trouble) + 1)
         lost = trouble in ("repeated", "late")
-        values, valid = tare.prepare(measured.values, np.zeros_like(measured.valid) if lost else measured.valid)
+        values, valid = tare.prepare(
+            measured.values, np.zeros_like(measured.valid) if lost else measured.valid
+        )
         sample = Sample(t_ns, values, valid, turn)
         converted_ns = clock.now_ns()
         told = command()
-        prediction = monitor.feed(sample, opening=told.opening, override=told.override, commands=told.link)
+        prediction = monitor.feed(
+            sample, opening=told.opening, override=told.override, commands=told.link
+        )
         summary.dropped += emit(prediction, sample, measured) or 0
-        times = [began_ns, read_ns, converted_ns, monitor.stepped_ns, prediction.t_decided_ns, clock.now_ns()]
+        times = [
+            began_ns,
+            read_ns,
+            converted_ns,
+            monitor.stepped_ns,
+            prediction.t_decided_ns,
+            clock.now_ns(),
+        ]
         summary.note(prediction, acted, times)
         acted = prediction.act
         turn += 1

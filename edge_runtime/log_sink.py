@@ -42,7 +42,8 @@ class Sink(Protocol):
 
 
 class LogSink:
-    """A descriptor that a thread of its own writes; `close` also takes it from what is closed when Python ends."""
+    """A descriptor that a thread of its own writes; `close` also takes it from what is closed when
+    Python ends."""
 
     kind: Kind = "log"
 
@@ -59,7 +60,8 @@ class LogSink:
 
     @property
     def dropped(self) -> int:
-        """Lines that were not written; those that still wait are among them until `close` has returned."""
+        """Lines that were not written; those that still wait are among them until `close` has
+        returned."""
         return self._writer.dropped
 
     def __call__(self, line: str) -> bool:
@@ -67,7 +69,8 @@ class LogSink:
         return self._writer.put(line)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """Wait at most wait_s for the lines under way; the descriptor is closed after the last of them."""
+        """Wait at most wait_s for the lines under way; the descriptor is closed after the last of
+        them."""
         atexit.unregister(self.close)
         self._writer.close(wait_s)
 
@@ -96,7 +99,8 @@ class TextSink:
 
 
 def stream_sink(stream: TextIO, name: str = "") -> Sink:
-    """A sink that writes to a stream's descriptor, one line at a time: what reads a pipe waits for no buffer.
+    """A sink that writes to a stream's descriptor, one line at a time: what reads a pipe waits for
+    no buffer.
 
     It stays open until its `close`, or until Python ends; the stream itself may be closed before.
     """

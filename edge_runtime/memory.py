@@ -7,7 +7,8 @@ import gc
 
 
 def give_back() -> None:
-    """Return what loading left free to the system: the default model's 114 MB become 82. Nothing where libc cannot.
+    """Return what loading left free to the system: the default model's 114 MB become 82. Nothing
+    where libc cannot.
 
     onnxruntime takes a forest apart node by node, and glibc keeps the freed pieces for itself.
     """

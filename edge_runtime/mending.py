@@ -1,4 +1,5 @@
-"""The end of a file of lines that a kill or a power cut has torn, moved to `<file>.torn`; nothing is deleted.
+"""The end of a file of lines that a kill or a power cut has torn, moved to `<file>.torn`; nothing
+is deleted.
 
 A killed program leaves a part of a line; a power cut may leave zeros behind it.
 """
@@ -18,7 +19,8 @@ TORN = ".torn"
 
 @dataclass(frozen=True)
 class Mended:
-    """What mending found: whole lines of data, bytes of a torn end, and the file they are in now (None without)."""
+    """What mending found: whole lines of data, bytes of a torn end, and the file they are in now
+    (None without)."""
 
     rows: int
     cut_bytes: int
@@ -26,7 +28,8 @@ class Mended:
 
 
 def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> Mended:
-    """Move the torn end of a file without a header aside; is_whole judges a last line without its newline.
+    """Move the torn end of a file without a header aside; is_whole judges a last line without its
+    newline.
 
     Raises EmptyRecording without a file, OutputError.
     """
@@ -39,7 +42,8 @@ def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> Mended:
 
 
 def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
-    """Write data after kept_bytes beside a file, then cut the file there; an earlier torn end is never replaced."""
+    """Write data after kept_bytes beside a file, then cut the file there; an earlier torn end is
+    never replaced."""
     torn = data[kept_bytes:]
     if not torn:
         return None
@@ -60,10 +64,14 @@ def read_damaged(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError:
-        raise EmptyRecording("is not there", where=path, cause="killed at once", next_step="record again") from None
+        raise EmptyRecording(
+            "is not there", where=path, cause="killed at once", next_step="record again"
+        ) from None
     except OSError as error:
         raise _unmended(path, error) from None
 
 
 def _unmended(path: Path, error: OSError) -> OutputError:
-    return OutputError(f"cannot be mended ({error.strerror})", where=path, next_step="copy it, mend that")
+    return OutputError(
+        f"cannot be mended ({error.strerror})", where=path, next_step="copy it, mend that"
+    )

@@ -1,8 +1,10 @@
-"""A model file, opened: its seal, its graph, its card and its golden sequences are checked before it answers anything.
+"""A model file, opened: its seal, its graph, its card and its golden sequences are checked before
+it answers anything.
 
-The seal shows that a file is as it was sealed, not who sealed it: it can be made by anyone. So everything else is
-checked too, and in this order: seal, bytes (onnx_bytes.py), card, operators, shapes and trees (onnx_rules.py), all
-before onnxruntime opens the file; then what it answers on the golden sequences.
+The seal shows that a file is as it was sealed, not who sealed it: it can be made by anyone. So
+everything else is checked too, and in this order: seal, bytes (onnx_bytes.py), card, operators,
+shapes and trees (onnx_rules.py), all before onnxruntime opens the file; then what it answers on the
+golden sequences.
 """
 
 from __future__ import annotations
@@ -16,7 +18,14 @@ from edge_runtime.errors import NotAModel
 from edge_runtime.golden import check_golden, golden_answers, golden_from_json
 from edge_runtime.graph import Outputs, open_session
 from edge_runtime.memory import give_back
-from edge_runtime.model_file import GOLDEN_KEY, ModelCard, check_runtime, read_card, read_sealed, require_own_seal
+from edge_runtime.model_file import (
+    GOLDEN_KEY,
+    ModelCard,
+    check_runtime,
+    read_card,
+    read_sealed,
+    require_own_seal,
+)
 from edge_runtime.onnx_bytes import read_onnx
 from edge_runtime.onnx_rules import require_ours
 
@@ -25,7 +34,8 @@ LONGEST_REASON = 200
 
 
 class Model:
-    """A model file whose seal holds, whose graph and card fit, and whose golden sequences were reproduced."""
+    """A model file whose seal holds, whose graph and card fit, and whose golden sequences were
+    reproduced."""
 
     def __init__(self, path: str | Path) -> None:
         check_runtime()
@@ -43,11 +53,14 @@ class Model:
         try:
             return golden_answers(self.session, card.n_channels, card.unit, card.settle_samples)
         except Exception as error:  # onnxruntime raises several unrelated types of its own
-            raise _refusal(f"onnxruntime cannot run it ({error!s:.{LONGEST_REASON}})", self.path) from None
+            raise _refusal(
+                f"onnxruntime cannot run it ({error!s:.{LONGEST_REASON}})", self.path
+            ) from None
 
 
 def read_model(data: bytes, path: str | Path) -> tuple[ModelCard, Outputs]:
-    """Card and golden sequences of a model file's bytes; NotAModel where card and graph are not ours."""
+    """Card and golden sequences of a model file's bytes; NotAModel where card and graph are not
+    ours."""
     try:
         told = read_onnx(data)
         require_own_seal(data, told.metadata)
@@ -70,6 +83,8 @@ def _opened(data: bytes, path: str | Path) -> ort.InferenceSession:
 
 def _refusal(what: str, path: str | Path) -> NotAModel:
     return NotAModel(
-        what, where=path, cause="a file that another program made or altered and sealed again",
+        what,
+        where=path,
+        cause="a file that another program made or altered and sealed again",
         next_step="export the model again with holdfast export",
-    )  # fmt: skip
+    )

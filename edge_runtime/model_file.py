@@ -1,7 +1,7 @@
 """The one file that goes onto the hand: its seal, and everything its metadata says.
 
-The SHA-256 in the metadata is that of the file with its own 64 digits zeroed, so it is checked on the
-bytes alone, before any parser sees them.
+The SHA-256 in the metadata is that of the file with its own 64 digits zeroed, so it is checked on
+the bytes alone, before any parser sees them.
 """
 
 from __future__ import annotations
@@ -28,9 +28,11 @@ CARD_SUFFIX = ".json"
 """The card beside a model file has its name with this."""
 DIGITS = 64
 MOST_BYTES = 512 << 20
-"""The largest model for a hand (100 trees, full depth) has a tenth of it; onnxruntime reads 2 GiB."""
+"""The largest model for a hand (100 trees, full depth) has a tenth of it; onnxruntime reads 2
+GiB."""
 _MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
-"""How the seal's key and the length of its value stand in the file (protobuf: field 2, 64 bytes)."""
+"""How the seal's key and the length of its value stand in the file (protobuf: field 2, 64
+bytes)."""
 
 WRONG_RUNTIMES = {"1.21.0": "crashes on a Raspberry Pi 4", "1.26.0": "mislabels binary forests"}
 
@@ -39,8 +41,8 @@ WRONG_RUNTIMES = {"1.21.0": "crashes on a Raspberry Pi 4", "1.26.0": "mislabels 
 class ModelCard:
     """What the file says about itself. `model_id` is the first 12 digits of its seal.
 
-    range_limit, normal_floor: in the model's unit; what no sensor reads, and what a finger that touches nothing reads
-    at most.
+    range_limit, normal_floor: in the model's unit; what no sensor reads, and what a finger that
+    touches nothing reads at most.
     """
 
     model_id: str
@@ -70,21 +72,31 @@ def read_sealed(path: str | Path) -> bytes:
     path = Path(path)
     if path.suffix == CARD_SUFFIX:
         model = path.with_suffix(".onnx")
-        raise NotAModel("a model's card to read, not the model", where=path, next_step=f"name the model: {model}")
+        raise NotAModel(
+            "a model's card to read, not the model",
+            where=path,
+            next_step=f"name the model: {model}",
+        )
     require_file(path)
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
             data = file.read(min(size, MOST_BYTES))
     except FileNotFoundError:
-        raise DataNotFound("no such model file", where=path, next_step="export one: holdfast export DIR") from None
+        raise DataNotFound(
+            "no such model file", where=path, next_step="export one: holdfast export DIR"
+        ) from None
     except OSError as error:
-        raise NotAModel(f"cannot be read ({error.strerror})", where=path, next_step="check the path") from None
+        raise NotAModel(
+            f"cannot be read ({error.strerror})", where=path, next_step="check the path"
+        ) from None
     if size > MOST_BYTES:
         raise NotAModel(
-            f"larger than {MOST_BYTES >> 20} MiB, which no model is", where=path, cause="another file",
+            f"larger than {MOST_BYTES >> 20} MiB, which no model is",
+            where=path,
+            cause="another file",
             next_step="check the path",
-        )  # fmt: skip
+        )
     start = _seal_at(data)
     if start < 0:
         raise _foreign(data, path)
@@ -113,7 +125,8 @@ def _digest(data: bytes, start: int) -> bytes:
 
 
 def require_own_seal(data: bytes, metadata: dict[str, str]) -> None:
-    """Raise ValueError where the digits that were checked are not the ones that the metadata name as the seal."""
+    """Raise ValueError where the digits that were checked are not the ones that the metadata name
+    as the seal."""
     start = _seal_at(data)
     if metadata.get(SEAL_KEY, "").encode() != data[start : start + DIGITS]:
         raise ValueError("its seal is not in its metadata")
@@ -146,12 +159,14 @@ def check_runtime(version: str = ort.__version__) -> None:
     """Refuse versions of onnxruntime known to be wrong, by name."""
     if version in WRONG_RUNTIMES:
         raise RuntimeRefused(
-            f"onnxruntime {version} {WRONG_RUNTIMES[version]}", next_step="install another version of onnxruntime"
+            f"onnxruntime {version} {WRONG_RUNTIMES[version]}",
+            next_step="install another version of onnxruntime",
         )
 
 
 def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
-    """The model card out of an opened file's metadata; NotAModel where something is missing or cannot be."""
+    """The model card out of an opened file's metadata; NotAModel where something is missing or
+    cannot be."""
     try:
         raw = json_of(metadata[CARD_KEY])
         if raw["format"] != FORMAT:
@@ -200,7 +215,11 @@ def _rate_hz(value: object) -> float:
 
 
 def _above_zero(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not 0.0 < value < float("inf")
+    ):
         raise ValueError(f"{value!r:.40}, which is no size in the model's unit")
     return float(value)
 

@@ -10,12 +10,23 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.clock import MonotonicClock
-from edge_runtime.contract import CLASSES, NOTHING, SITUATIONS, CommandLink, Prediction, Reason, Sample, State
+from edge_runtime.contract import (
+    CLASSES,
+    NOTHING,
+    SITUATIONS,
+    CommandLink,
+    Prediction,
+    Reason,
+    Sample,
+    State,
+)
 from edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
 from edge_runtime.errors import ChannelError, TimeError
 from edge_runtime.graph import StepGraph
 from edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
-from edge_runtime.model import Model as Model  # the README's import: a monitor and its model from one module
+
+# the README's import: a monitor and its model from one module
+from edge_runtime.model import Model as Model
 from edge_runtime.onnx_rules import ANSWERS, WEIGHS
 
 NOW_NS = MonotonicClock().now_ns
@@ -26,9 +37,10 @@ OLDEST_PERIODS = 2.0
 class GripMonitor:
     """Feeds prepared samples to a model and turns its outputs into predictions.
 
-    clock_ns: the monotonic clock that the samples' stamps come from; None for a replay, whose answers are never late
-    and whose latency is the time that computing took. bias_known: the samples' bias was measured on the unloaded hand
-    and stored, so that a start under load can be seen.
+    clock_ns: the monotonic clock that the samples' stamps come from; None for a replay, whose
+    answers are never late and whose latency is the time that computing took. bias_known: the
+    samples' bias was measured on the unloaded hand and stored, so that a start under load can be
+    seen.
     """
 
     def __init__(
@@ -53,16 +65,18 @@ class GripMonitor:
         override: bool = False,
         commands: CommandLink = "none",
     ) -> Prediction:
-        """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's unit.
+        """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's
+        unit.
 
-        Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a gap of
-        more than 20 ms makes the state unknown until the history is whole again. A sample that comes twice, with the
-        same time and the same sequence, is answered again and counts once. Raises ChannelError, and TimeError where
-        time runs backwards.
+        Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a
+        gap of more than 20 ms makes the state unknown until the history is whole again. A sample
+        that comes twice, with the same time and the same sequence, is answered again and counts
+        once. Raises ChannelError, and TimeError where time runs backwards.
 
-        The state is unknown, and `why` says so, where the samples cannot be believed (edge_runtime/health.py): the
-        whole hand repeats itself, the rate is not the model's, or the answer is late. (One finger that repeats itself
-        is for the driver to find, by the chip's own counter.) opening, override, commands: what the user commands now.
+        The state is unknown, and `why` says so, where the samples cannot be believed
+        (edge_runtime/health.py): the whole hand repeats itself, the rate is not the model's, or the
+        answer is late. (One finger that repeats itself is for the driver to find, by the chip's own
+        counter.) opening, override, commands: what the user commands now.
         """
         self._require_fit(sample)
         self._handed_in_ns = time.perf_counter_ns()
@@ -86,12 +100,15 @@ class GripMonitor:
         self._repeats = RepeatWatch(card.n_channels // 3, max(1, card.settle_samples - 1))
         self._rate = RateWatch(card.rate_hz, card.settle_samples)
         self._start = (
-            LoadedStart(card.normal_floor, card.rate_hz, card.min_valid_sensors) if self._bias_known else None
+            LoadedStart(card.normal_floor, card.rate_hz, card.min_valid_sensors)
+            if self._bias_known
+            else None
         )
         self._stuck, self._rate_fits = False, True
 
     def lose_track(self) -> None:
-        """Forget the stream and not what is requested: unknown until settled again; an active request continues."""
+        """Forget the stream and not what is requested: unknown until settled again; an active
+        request continues."""
         self._graph.reset()
         self._rate.forget()
         self._last_t_ns = None
@@ -117,7 +134,8 @@ class GripMonitor:
         self._last_t_ns = t_ns
         missing = round(passed_ns * 1e-9 * self.card.rate_hz) - 1
         self._graph.valid[:] = False
-        for _ in range(min(missing, self.card.gap_samples + 1)):  # one more than is bridged, and it is all the same
+        # one more than is bridged, and it is all the same
+        for _ in range(min(missing, self.card.gap_samples + 1)):
             self._graph.step()
 
     def _watch(self, sample: Sample) -> None:
@@ -140,7 +158,12 @@ class GripMonitor:
         return sample.t_ns + time.perf_counter_ns() - self._handed_in_ns
 
     def _predict(
-        self, sample: Sample, came_before: bool, opening: bool, override: bool, commands: CommandLink
+        self,
+        sample: Sample,
+        came_before: bool,
+        opening: bool,
+        override: bool,
+        commands: CommandLink,
     ) -> Prediction:
         before, why = self._decision, self._why_unknown()
         prediction = self._answer(sample, why, came_before, opening, override, commands)
@@ -161,7 +184,11 @@ class GripMonitor:
             return "repeats"
         if not self._rate_fits:
             return "rate"
-        if self._start is not None and not self._start.seen_empty and out["situation"][0] == NOTHING:
+        if (
+            self._start is not None
+            and not self._start.seen_empty
+            and out["situation"][0] == NOTHING
+        ):
             return "started_loaded"
         return ""
 
@@ -169,12 +196,23 @@ class GripMonitor:
         if came_before and not (override or opening):
             return
         self._decision = decide(
-            self.card.decision, self._decision, UNKNOWN if came_before else label,
-            _risky_permille(self._graph.out["votes"][0]), period_us=self._period_us, opening=opening, override=override,
-        )  # fmt: skip
+            self.card.decision,
+            self._decision,
+            UNKNOWN if came_before else label,
+            _risky_permille(self._graph.out["votes"][0]),
+            period_us=self._period_us,
+            opening=opening,
+            override=override,
+        )
 
     def _answer(
-        self, sample: Sample, why: Reason, came_before: bool, opening: bool, override: bool, commands: CommandLink
+        self,
+        sample: Sample,
+        why: Reason,
+        came_before: bool,
+        opening: bool,
+        override: bool,
+        commands: CommandLink,
     ) -> Prediction:
         out = self._graph.out
         label = UNKNOWN if why else int(out["situation"][0])
@@ -195,7 +233,9 @@ class GripMonitor:
             p_class=_named(CLASSES, out["p_class"][0]) if weighs else None,
             weight=("heavy" if out["weight"][0] else "light") if weighs else None,
             extra={name: float(out[name][0]) for name in self.card.heads},
-            detectors={n: bool(f) for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)},
+            detectors={
+                n: bool(f) for n, f in zip(self.card.detectors, out["detectors"][0], strict=True)
+            },
             arm=self._decision.arm,
             act=self._decision.act,
             act_ended=self._decision.ended,
@@ -214,7 +254,8 @@ _STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
 
 
 def _risky_permille(votes: Any) -> int:
-    """Risky share of the integer votes in thousandths (of eight classes, the last two are risky)."""
+    """Risky share of the integer votes in thousandths (of eight classes, the last two are
+    risky)."""
     risky = votes[len(votes) * 3 // 4 :].sum()
     return int(1000 * int(risky) // int(votes.sum()))
 

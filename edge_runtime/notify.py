@@ -1,6 +1,8 @@
-"""Tells systemd that the service has started and that samples are still being answered (sd_notify(3)).
+"""Tells systemd that the service has started and that samples are still being answered
+(sd_notify(3)).
 
-The protocol is one datagram a message to the socket that NOTIFY_SOCKET names; without that variable nothing is sent.
+The protocol is one datagram a message to the socket that NOTIFY_SOCKET names; without that variable
+nothing is sent.
 """
 
 from __future__ import annotations
@@ -15,8 +17,11 @@ EVERY_NS = 100_000_000
 
 
 @contextmanager
-def service_watchdog(environment: Mapping[str, str] = os.environ) -> Iterator[Callable[[int], None]]:
-    """What is called with the time (ns) after every answer; says READY at the first, then WATCHDOG=1, and STOPPING.
+def service_watchdog(
+    environment: Mapping[str, str] = os.environ,
+) -> Iterator[Callable[[int], None]]:
+    """What is called with the time (ns) after every answer; says READY at the first, then
+    WATCHDOG=1, and STOPPING.
 
     It never waits and never raises: a service manager that does not listen delays no sample.
     """

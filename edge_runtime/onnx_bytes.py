@@ -1,8 +1,9 @@
-"""A model file's graph, read from its bytes: only what our exporter writes, before onnxruntime sees any of it.
+"""A model file's graph, read from its bytes: only what our exporter writes, before onnxruntime sees
+any of it.
 
-Field numbers are those of https://github.com/onnx/onnx/blob/main/onnx/onnx.proto. A field that the exporter never
-writes has no number here and is refused: subgraphs, local functions, external data, sequences, optionals, sparse
-tensors, training graphs, text.
+Field numbers are those of https://github.com/onnx/onnx/blob/main/onnx/onnx.proto. A field that the
+exporter never writes has no number here and is refused: subgraphs, local functions, external data,
+sequences, optionals, sparse tensors, training graphs, text.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ class Node:
 
 @dataclass(frozen=True)
 class Declared:
-    """An input or an output as the file declares it: element type and dimensions, a word where it is a batch."""
+    """An input or an output as the file declares it: element type and dimensions, a word where it
+    is a batch."""
 
     element: int
     shape: tuple[int | str, ...]
@@ -111,15 +113,20 @@ class OnnxModel:
 
 
 def read_onnx(data: bytes) -> OnnxModel:
-    """The model in the bytes; ValueError, in plain words, where it holds anything that our exporter never writes."""
+    """The model in the bytes; ValueError, in plain words, where it holds anything that our exporter
+    never writes."""
     reader = Reader()
     model = reader.message(memoryview(data), MODEL)
     graph = reader.message(_one(model, "graph"), GRAPH)
     tensors = [_tensor(reader.message(one, TENSOR)) for one in graph.get("initializer", ())]
     return OnnxModel(
         ir_version=_one(model, "ir_version"),
-        opsets=_unique([_opset(reader.message(one, OPSET)) for one in model.get("opset_import", ())]),
-        metadata=_unique([_entry(reader.message(one, ENTRY)) for one in model.get("metadata_props", ())]),
+        opsets=_unique(
+            [_opset(reader.message(one, OPSET)) for one in model.get("opset_import", ())]
+        ),
+        metadata=_unique(
+            [_entry(reader.message(one, ENTRY)) for one in model.get("metadata_props", ())]
+        ),
         nodes=tuple(_node(reader, one) for one in graph.get("node", ())),
         constants=_unique(tensors),
         inputs=_unique([_declared(reader, one) for one in graph.get("input", ())]),
@@ -165,7 +172,8 @@ def _node(reader: Reader, data: memoryview) -> Node:
 
 
 def _attribute(data: memoryview) -> tuple[str, Value]:
-    """Name first, value, type last: the order in which every protobuf library writes an AttributeProto."""
+    """Name first, value, type last: the order in which every protobuf library writes an
+    AttributeProto."""
     if bytes(data[:1]) != b"\x0a" or bytes(data[-3:-1]) != _TYPE_TAG:
         raise ValueError("an attribute is not written as ours are")
     length, at = varint(data, 1)
@@ -183,9 +191,13 @@ def _attribute_value(data: memoryview, kind: int) -> Value:
     if kind == STRINGS:
         return listed_words(data, 0x4A, TREE_MODES)
     if kind not in (INT, STRING):
-        raise ValueError(f"an attribute is of a type ({kind}) that holdfast export never writes, such as a subgraph")
+        raise ValueError(
+            f"an attribute is of a type ({kind}) that holdfast export never writes, such as a subgraph"
+        )
     name = "i" if kind == INT else "s"
-    message = Reader().message(data, {3: Field("i", VARINT)} if kind == INT else {4: Field("s", LENGTH)})
+    message = Reader().message(
+        data, {3: Field("i", VARINT)} if kind == INT else {4: Field("s", LENGTH)}
+    )
     value = _one(message, name)
     return _signed(value) if kind == INT else bytes(value)
 
@@ -202,7 +214,11 @@ def _tensor(message: Message) -> tuple[str, npt.NDArray[Any]]:
     raw = message.get("raw_data", [memoryview(b"")])[0]
     if dtype is None:
         raise ValueError("a constant is of a type that holdfast export never writes")
-    if math.prod(shape) > MOST_ELEMENTS or math.prod(shape) * np.dtype(dtype).itemsize != len(raw) or not len(raw):
+    if (
+        math.prod(shape) > MOST_ELEMENTS
+        or math.prod(shape) * np.dtype(dtype).itemsize != len(raw)
+        or not len(raw)
+    ):
         raise ValueError("a constant is not as large as it says")
     values = np.frombuffer(raw, dtype).reshape(shape)
     if np.isnan(values).any() or (values.dtype == np.float32 and not np.isfinite(values).all()):
@@ -212,7 +228,9 @@ def _tensor(message: Message) -> tuple[str, npt.NDArray[Any]]:
 
 def _declared(reader: Reader, data: memoryview) -> tuple[str, Declared]:
     value = reader.message(data, VALUE)
-    tensor = reader.message(_one(reader.message(_one(value, "type"), TYPE), "tensor_type"), TENSOR_TYPE)
+    tensor = reader.message(
+        _one(reader.message(_one(value, "type"), TYPE), "tensor_type"), TENSOR_TYPE
+    )
     if "shape" not in tensor:
         raise ValueError("an input or output has no shape")
     dims = reader.message(_one(tensor, "shape"), SHAPE).get("dim", ())

@@ -1,7 +1,9 @@
-"""Whether a computed index can leave its table: the bounds of what our guard computes, from the state and the flags.
+"""Whether a computed index can leave its table: the bounds of what our guard computes, from the
+state and the flags.
 
-The guard walks through a table: place + share of good channels -> next place, which is the state of the next sample.
-An index outside of the table ends the step with an error, perhaps only on the one sample that leads there.
+The guard walks through a table: place + share of good channels -> next place, which is the state of
+the next sample. An index outside of the table ends the step with an error, perhaps only on the one
+sample that leads there.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ def require_indices(model: OnnxModel, tensors: dict[str, Tensor]) -> None:
             axis = node.attributes.get("axis", 0)
             size = tensors[node.inputs[0]].shape[int(axis)]
             if not (least >= 0 and most < size):
-                raise ValueError(f"operator Gather for {node.outputs[0]}: an index may be outside of its table")
+                raise ValueError(
+                    f"operator Gather for {node.outputs[0]}: an index may be outside of its table"
+                )
 
 
 class _Ranges:
@@ -64,20 +68,27 @@ class _Ranges:
         weights = self._tensors[node.inputs[1]].values
         if weights is None or weights.ndim != 2 or self.of(node.inputs[0], levels) != (0.0, 1.0):
             return ANYTHING
-        return float(np.minimum(weights, 0).sum(0).min()), float(np.maximum(weights, 0).sum(0).max())
+        return float(np.minimum(weights, 0).sum(0).min()), float(
+            np.maximum(weights, 0).sum(0).max()
+        )
 
     def gather(self, node: Node, name: str, levels: int) -> Bounds:
         """Whatever the index, what its table holds."""
         return self.of(node.inputs[0], levels)
 
     def split(self, node: Node, name: str, levels: int) -> Bounds:
-        """A field of the state: zero after a reset, else what the last sample handed on in its place."""
+        """A field of the state: zero after a reset, else what the last sample handed on in its
+        place."""
         packed = self._made_by.get("state_out")
         if not _is_state(self._made_by.get(node.inputs[0]), self._tensors) or packed is None:
             return ANYTHING
         place = self._rows(node.outputs)[name]
         following = [one for one, rows in self._rows(packed.inputs).items() if rows == place]
-        if packed.op_type != "Concat" or not following or {one.attributes.get("axis") for one in (node, packed)} != {1}:
+        if (
+            packed.op_type != "Concat"
+            or not following
+            or {one.attributes.get("axis") for one in (node, packed)} != {1}
+        ):
             return ANYTHING
         least, most = self.of(following[0], levels)
         return min(least, 0.0), max(most, 0.0)
@@ -97,6 +108,9 @@ def _is_state(node: Node | None, tensors: dict[str, Tensor]) -> bool:
 
 
 _RULES: dict[str, Callable[[_Ranges, Node, str, int], Bounds]] = {
-    "Cast": _Ranges.cast, "Add": _Ranges.add, "MatMul": _Ranges.product, "Gather": _Ranges.gather,
+    "Cast": _Ranges.cast,
+    "Add": _Ranges.add,
+    "MatMul": _Ranges.product,
+    "Gather": _Ranges.gather,
     "Split": _Ranges.split,
-}  # fmt: skip
+}

@@ -1,7 +1,9 @@
-"""What a model file may hold: the operators our exporter writes, and the inputs and outputs that its card names.
+"""What a model file may hold: the operators our exporter writes, and the inputs and outputs that
+its card names.
 
-Checked on the bytes, before onnxruntime sees them. What passes cannot fail on a later sample: votes are whole and sum
-to what the card says, a situation is 0 to 3, and every output has the type and shape that the monitor reads.
+Checked on the bytes, before onnxruntime sees them. What passes cannot fail on a later sample: votes
+are whole and sum to what the card says, a situation is 0 to 3, and every output has the type and
+shape that the monitor reads.
 """
 
 from __future__ import annotations
@@ -20,23 +22,56 @@ from edge_runtime.onnx_trees import require_trees
 IR_VERSION = 10
 OPSETS = {"": 20, "ai.onnx.ml": 3}
 _TREES = (
-    "nodes_treeids", "nodes_nodeids", "nodes_modes", "nodes_featureids", "nodes_values", "nodes_truenodeids",
-    "nodes_falsenodeids", "target_ids", "target_treeids", "target_nodeids", "target_weights", "n_targets",
-    "aggregate_function", "post_transform",
-)  # fmt: skip
+    "nodes_treeids",
+    "nodes_nodeids",
+    "nodes_modes",
+    "nodes_featureids",
+    "nodes_values",
+    "nodes_truenodeids",
+    "nodes_falsenodeids",
+    "target_ids",
+    "target_treeids",
+    "target_nodeids",
+    "target_weights",
+    "n_targets",
+    "aggregate_function",
+    "post_transform",
+)
 ALLOWED: dict[tuple[str, str], frozenset[str]] = {
-    **{("", op): frozenset() for op in (
-        "Abs", "Add", "And", "Clip", "Div", "Greater", "GreaterOrEqual", "Less", "MatMul", "Max", "Min", "Mul",
-        "Reshape", "Slice", "Sqrt", "Sub", "Where",
-    )},
+    **{
+        ("", op): frozenset()
+        for op in (
+            "Abs",
+            "Add",
+            "And",
+            "Clip",
+            "Div",
+            "Greater",
+            "GreaterOrEqual",
+            "Less",
+            "MatMul",
+            "Max",
+            "Min",
+            "Mul",
+            "Reshape",
+            "Slice",
+            "Sqrt",
+            "Sub",
+            "Where",
+        )
+    },
     **{("", op): frozenset({"axis"}) for op in ("Concat", "Flatten", "Gather", "Softmax", "Split")},
-    **{("", op): frozenset({"keepdims"}) for op in ("ReduceL2", "ReduceMax", "ReduceMin", "ReduceSum")},
+    **{
+        ("", op): frozenset({"keepdims"})
+        for op in ("ReduceL2", "ReduceMax", "ReduceMin", "ReduceSum")
+    },
     ("", "ArgMax"): frozenset({"axis", "keepdims", "select_last_index"}),
     ("", "Cast"): frozenset({"to"}),
     ("", "Transpose"): frozenset({"perm"}),
     ("ai.onnx.ml", "TreeEnsembleRegressor"): frozenset(_TREES),
-}  # fmt: skip
-"""(domain, operator) -> the attributes it may have: what export/ writes, over all its options, and nothing else."""
+}
+"""(domain, operator) -> the attributes it may have: what export/ writes, over all its options, and
+nothing else."""
 
 STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", "state_out")
 ANSWERS = ("votes", "situation", "p_situation", "detectors", "settled", "unknown", "usable_sensors")
@@ -50,7 +85,8 @@ MOST_GOLDEN = 1_000_000
 
 
 def require_ours(model: OnnxModel, card: ModelCard) -> None:
-    """Raise ValueError, in plain words, where the file is not what our exporter would have written for this card."""
+    """Raise ValueError, in plain words, where the file is not what our exporter would have written
+    for this card."""
     require_allowed(model)
     _require_heads(card)
     _require_inputs(model, card)
@@ -64,24 +100,32 @@ def require_ours(model: OnnxModel, card: ModelCard) -> None:
 
 
 def require_allowed(model: OnnxModel) -> None:
-    """Raise ValueError for an operator, an attribute or an operator set that our exporter never writes."""
+    """Raise ValueError for an operator, an attribute or an operator set that our exporter never
+    writes."""
     if model.ir_version != IR_VERSION or model.opsets != OPSETS:
         raise ValueError(f"it is of IR version {model.ir_version} and operator sets {model.opsets}")
     for node in model.nodes:
         kind = (node.domain, node.op_type)
         if kind not in ALLOWED:
-            raise ValueError(f"it holds the operator {kind[0]}:{kind[1]}, which holdfast export never writes")
+            raise ValueError(
+                f"it holds the operator {kind[0]}:{kind[1]}, which holdfast export never writes"
+            )
         more = sorted(set(node.attributes) - ALLOWED[kind])
         if more or not node.outputs:
-            raise ValueError(f"operator {node.op_type} has attributes that holdfast export never writes: {more!s:.80}")
+            raise ValueError(
+                f"operator {node.op_type} has attributes that holdfast export never writes: {more!s:.80}"
+            )
 
 
 def _require_heads(card: ModelCard) -> None:
-    """A further head is a probability of its own, never a name that the graph already has for something else."""
+    """A further head is a probability of its own, never a name that the graph already has for
+    something else."""
     taken = {*INPUTS, *STEP, *ANSWERS, *WEIGHS}
     for name in card.heads:
         if name in taken or not _HEAD.fullmatch(name):
-            raise ValueError(f"its card names a head {name!r}, which is no name of a further probability")
+            raise ValueError(
+                f"its card names a head {name!r}, which is no name of a further probability"
+            )
 
 
 def _require_inputs(model: OnnxModel, card: ModelCard) -> None:
@@ -98,10 +142,13 @@ def _require_inputs(model: OnnxModel, card: ModelCard) -> None:
 
 
 def _require_outputs(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]) -> None:
-    """Names, types and shapes as the card says them, as the file declares them and as the operators make them."""
+    """Names, types and shapes as the card says them, as the file declares them and as the operators
+    make them."""
     wanted = _outputs_of(model, card)
     if set(model.outputs) != set(wanted):
-        raise ValueError(f"its outputs are {_words(model.outputs)}, its card names {_words(wanted)}")
+        raise ValueError(
+            f"its outputs are {_words(model.outputs)}, its card names {_words(wanted)}"
+        )
     for name, expected in wanted.items():
         made = tensors.get(name, Tensor(0, ()))
         batched = Declared(made.element, ("B", *made.shape[1:]) if made.shape[:1] == (1,) else ())
@@ -110,7 +157,8 @@ def _require_outputs(model: OnnxModel, card: ModelCard, tensors: dict[str, Tenso
 
 
 def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, Declared]:
-    """What a graph with this card publishes. How many features there are is the graph's own affair."""
+    """What a graph with this card publishes. How many features there are is the graph's own
+    affair."""
     features = model.outputs.get("features", Declared(FLOAT, ("B", 1))).shape
     wanted = {
         "settled": Declared(BOOL, ("B",)),
@@ -124,7 +172,10 @@ def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, Declared]:
         "state_out": model.inputs["state"],
     }
     if card.has_weight:
-        wanted |= {"p_class": Declared(FLOAT, ("B", len(card.classes))), "weight": Declared(BOOL, ("B",))}
+        wanted |= {
+            "p_class": Declared(FLOAT, ("B", len(card.classes))),
+            "weight": Declared(BOOL, ("B",)),
+        }
     for name in card.heads:
         wanted |= {name: Declared(FLOAT, ("B",)), f"votes_{name}": Declared(FLOAT, ("B", 2))}
     return wanted
@@ -147,7 +198,11 @@ def _require_votes(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]
 
 def _require_forest(node: Node, head: Any, tensors: dict[str, Tensor]) -> None:
     trees, bits, classes = head.get("trees"), head.get("vote_bits"), head.get("classes")
-    if type(trees) is not int or type(bits) is not int or not (0 < trees <= MOST_TREES and 0 <= bits <= MOST_BITS):
+    if (
+        type(trees) is not int
+        or type(bits) is not int
+        or not (0 < trees <= MOST_TREES and 0 <= bits <= MOST_BITS)
+    ):
         raise ValueError("its card does not say how many trees vote, and with how many votes")
     if node.op_type != "TreeEnsembleRegressor" or not isinstance(classes, list):
         raise ValueError("its votes do not come from trees")

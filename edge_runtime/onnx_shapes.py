@@ -1,9 +1,10 @@
-"""What every tensor of a graph is when one sample is stepped: element type, shape, and what the step costs.
+"""What every tensor of a graph is when one sample is stepped: element type, shape, and what the
+step costs.
 
-A rule for each operator that our exporter writes, and for no other. A graph that passes cannot ask onnxruntime for
-more memory or time than is checked here, and none of its operators can fail on some later sample: shapes hold for every
-sample, a table's index stays within the table (onnx_ranges.py), and no integer is divided by zero.
-https://onnx.ai/onnx/operators/ says what each operator does.
+A rule for each operator that our exporter writes, and for no other. A graph that passes cannot ask
+onnxruntime for more memory or time than is checked here, and none of its operators can fail on some
+later sample: shapes hold for every sample, a table's index stays within the table (onnx_ranges.py),
+and no integer is divided by zero. https://onnx.ai/onnx/operators/ says what each operator does.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ from edge_runtime.onnx_bytes import (
 from edge_runtime.protobuf import IntArray
 
 MOST_WORK = 10**10
-"""Numbers made or multiplied when the golden sequences are replayed: seconds. The default model: 3.4e7."""
+"""Numbers made or multiplied when the golden sequences are replayed: seconds. The default model:
+3.4e7."""
 _ELEMENTS = {np.dtype(dtype): element for element, dtype in DTYPES.items()}
 
 
@@ -75,14 +77,26 @@ class Call:
         values = self.tensors[k].values
         require(values is not None, self.node, "what should be constant is computed")
         assert values is not None
-        require(values.dtype == np.int64 and values.ndim == 1, self.node, "what should be indices are not")
+        require(
+            values.dtype == np.int64 and values.ndim == 1,
+            self.node,
+            "what should be indices are not",
+        )
         return values
 
     def same_element(self, *elements: int) -> int:
         """The inputs' common element type, one of these (none: any)."""
         element = self.first.element
-        require(all(one.element == element for one in self.tensors), self.node, "its inputs have different types")
-        require(not elements or element in elements, self.node, "its inputs have a type that it does not take")
+        require(
+            all(one.element == element for one in self.tensors),
+            self.node,
+            "its inputs have different types",
+        )
+        require(
+            not elements or element in elements,
+            self.node,
+            "its inputs have a type that it does not take",
+        )
         return element
 
 
@@ -93,11 +107,17 @@ def require(holds: object, node: Node, what: str) -> None:
 
 
 def shapes_of(model: OnnxModel, steps: int = 1) -> dict[str, Tensor]:
-    """Every tensor by its name, for a batch of one; ValueError where a shape cannot be, or so many steps cost too much.
+    """Every tensor by its name, for a batch of one; ValueError where a shape cannot be, or so many
+    steps cost too much.
     """
-    known = {name: Tensor(_ELEMENTS[values.dtype], values.shape, values) for name, values in model.constants.items()}
+    known = {
+        name: Tensor(_ELEMENTS[values.dtype], values.shape, values)
+        for name, values in model.constants.items()
+    }
     for name, declared in model.inputs.items():
-        known[name] = Tensor(declared.element, tuple(1 if isinstance(d, str) else d for d in declared.shape))
+        known[name] = Tensor(
+            declared.element, tuple(1 if isinstance(d, str) else d for d in declared.shape)
+        )
         _require_size(known[name], name)
     work = 0
     for node in model.nodes:
@@ -112,15 +132,25 @@ def shapes_of(model: OnnxModel, steps: int = 1) -> dict[str, Tensor]:
 def _step(node: Node, known: dict[str, Tensor]) -> tuple[dict[str, Tensor], int]:
     """The outputs of one operator, and how many numbers are made or multiplied for them."""
     require(all(name in known for name in node.inputs), node, "an input comes from nowhere")
-    require(node.inputs and not any(name in known for name in node.outputs), node, "an output has a name in use")
+    require(
+        node.inputs and not any(name in known for name in node.outputs),
+        node,
+        "an output has a name in use",
+    )
     call = Call(node, [known[name] for name in node.inputs])
     outputs = RULES[node.op_type](call)
-    require(len(outputs) == len(node.outputs) == len({*node.outputs}), node, "it has not the outputs it should")
+    require(
+        len(outputs) == len(node.outputs) == len({*node.outputs}),
+        node,
+        "it has not the outputs it should",
+    )
     made = dict(zip(node.outputs, outputs, strict=True))
     for name, tensor in made.items():
         _require_size(tensor, name)
     inner = call.first.shape[-1] if node.op_type == "MatMul" and call.first.shape else 1
-    return made, sum(math.prod(tensor.shape) * inner for tensor in outputs) + math.prod(call.first.shape)
+    return made, sum(math.prod(tensor.shape) * inner for tensor in outputs) + math.prod(
+        call.first.shape
+    )
 
 
 def _require_size(tensor: Tensor, name: str) -> None:
@@ -169,7 +199,9 @@ def _both(call: Call) -> list[Tensor]:
 
 
 def _where(call: Call) -> list[Tensor]:
-    require(len(call.tensors) == 3 and call.first.element == BOOL, call.node, "it chooses by no flag")
+    require(
+        len(call.tensors) == 3 and call.first.element == BOOL, call.node, "it chooses by no flag"
+    )
     return [Tensor(Call(call.node, call.tensors[1:]).same_element(), _broadcast(call))]
 
 
@@ -181,7 +213,11 @@ def _clip(call: Call) -> list[Tensor]:
 
 def _cast(call: Call) -> list[Tensor]:
     to = call.attribute("to", 0)
-    require(to in DTYPES and len(call.tensors) == 1, call.node, "it makes a type that holdfast export never writes")
+    require(
+        to in DTYPES and len(call.tensors) == 1,
+        call.node,
+        "it makes a type that holdfast export never writes",
+    )
     return [Tensor(to, call.first.shape)]
 
 
@@ -203,17 +239,27 @@ def _split(call: Call) -> list[Tensor]:
 def _slice(call: Call) -> list[Tensor]:
     require(len(call.tensors) == 4, call.node, "it has not four inputs")
     starts, stops, axes = (call.ints(k).tolist() for k in (1, 2, 3))
-    require(len(starts) == len(stops) == len(axes) == len({*axes}), call.node, "its ends do not fit")
+    require(
+        len(starts) == len(stops) == len(axes) == len({*axes}), call.node, "its ends do not fit"
+    )
     shape = list(call.first.shape)
     for start, stop, axis in zip(starts, stops, axes, strict=True):
-        require(0 <= start < stop <= shape[call.dimension(axis)], call.node, "it reaches outside of its input")
+        require(
+            0 <= start < stop <= shape[call.dimension(axis)],
+            call.node,
+            "it reaches outside of its input",
+        )
         shape[axis] = stop - start
     return [Tensor(call.first.element, tuple(shape))]
 
 
 def _gather(call: Call) -> list[Tensor]:
     """Computed indices are bounded by onnx_ranges.py."""
-    require(len(call.tensors) == 2 and call.tensors[1].element == INT64, call.node, "its indices are none")
+    require(
+        len(call.tensors) == 2 and call.tensors[1].element == INT64,
+        call.node,
+        "its indices are none",
+    )
     axis, shape, indices = call.axis(), call.first.shape, call.tensors[1]
     if indices.values is not None:
         within = (indices.values >= 0) & (indices.values < shape[axis])
@@ -223,7 +269,11 @@ def _gather(call: Call) -> list[Tensor]:
 
 def _reshape(call: Call) -> list[Tensor]:
     target, shape = call.ints(1).tolist(), call.first.shape
-    require(all(size > 0 or (size == 0 and k < len(shape)) for k, size in enumerate(target)), call.node, "to no shape")
+    require(
+        all(size > 0 or (size == 0 and k < len(shape)) for k, size in enumerate(target)),
+        call.node,
+        "to no shape",
+    )
     made = tuple(size or shape[k] for k, size in enumerate(target))
     require(math.prod(made) == math.prod(shape), call.node, "its shapes do not fit")
     return [Tensor(call.first.element, made)]
@@ -236,20 +286,31 @@ def _flatten(call: Call) -> list[Tensor]:
 
 def _transpose(call: Call) -> list[Tensor]:
     order = np.asarray(call.node.attributes.get("perm", ())).tolist()
-    require(isinstance(order, list) and sorted(order) == [*range(len(call.first.shape))], call.node, "to no order")
+    require(
+        isinstance(order, list) and sorted(order) == [*range(len(call.first.shape))],
+        call.node,
+        "to no order",
+    )
     return [Tensor(call.first.element, tuple(call.first.shape[k] for k in order))]
 
 
 def _reduce(call: Call) -> list[Tensor]:
-    axes, keep = {call.dimension(axis) for axis in call.ints(1).tolist()}, call.attribute("keepdims", 1)
-    kept = [1 if k in axes else size for k, size in enumerate(call.first.shape) if keep or k not in axes]
+    axes, keep = (
+        {call.dimension(axis) for axis in call.ints(1).tolist()},
+        call.attribute("keepdims", 1),
+    )
+    kept = [
+        1 if k in axes else size for k, size in enumerate(call.first.shape) if keep or k not in axes
+    ]
     require(axes, call.node, "over nothing")
     return [Tensor(call.first.element, tuple(kept))]
 
 
 def _arg_max(call: Call) -> list[Tensor]:
     axis, keep = call.axis(), call.attribute("keepdims", 1)
-    kept = [1 if k == axis else size for k, size in enumerate(call.first.shape) if keep or k != axis]
+    kept = [
+        1 if k == axis else size for k, size in enumerate(call.first.shape) if keep or k != axis
+    ]
     return [Tensor(INT64, tuple(kept))]
 
 
@@ -259,7 +320,8 @@ def _softmax(call: Call) -> list[Tensor]:
 
 
 def _matrix_product(call: Call) -> list[Tensor]:
-    """As numpy.matmul: a row or a column that stands for a matrix goes again, the dimensions before are broadcast."""
+    """As numpy.matmul: a row or a column that stands for a matrix goes again, the dimensions before
+    are broadcast."""
     require(len(call.tensors) == 2, call.node, "it has not two inputs")
     left, right = (one.shape for one in call.tensors)
     require(left and right, call.node, "it has a number where a matrix belongs")
@@ -279,11 +341,35 @@ def _trees(call: Call) -> list[Tensor]:
 
 Rule = Callable[[Call], list[Tensor]]
 RULES: dict[str, Rule] = {
-    "Abs": _alike, "Add": _arithmetic, "And": _both, "ArgMax": _arg_max, "Cast": _cast, "Clip": _clip,
-    "Concat": _concat, "Div": _division, "Flatten": _flatten, "Gather": _gather, "Greater": _comparison,
-    "GreaterOrEqual": _comparison, "Less": _comparison, "MatMul": _matrix_product, "Max": _arithmetic,
-    "Min": _arithmetic, "Mul": _arithmetic, "ReduceL2": _reduce, "ReduceMax": _reduce, "ReduceMin": _reduce,
-    "ReduceSum": _reduce, "Reshape": _reshape, "Slice": _slice, "Softmax": _softmax, "Split": _split,
-    "Sqrt": _alike, "Sub": _arithmetic, "Transpose": _transpose, "TreeEnsembleRegressor": _trees, "Where": _where,
-}  # fmt: skip
+    "Abs": _alike,
+    "Add": _arithmetic,
+    "And": _both,
+    "ArgMax": _arg_max,
+    "Cast": _cast,
+    "Clip": _clip,
+    "Concat": _concat,
+    "Div": _division,
+    "Flatten": _flatten,
+    "Gather": _gather,
+    "Greater": _comparison,
+    "GreaterOrEqual": _comparison,
+    "Less": _comparison,
+    "MatMul": _matrix_product,
+    "Max": _arithmetic,
+    "Min": _arithmetic,
+    "Mul": _arithmetic,
+    "ReduceL2": _reduce,
+    "ReduceMax": _reduce,
+    "ReduceMin": _reduce,
+    "ReduceSum": _reduce,
+    "Reshape": _reshape,
+    "Slice": _slice,
+    "Softmax": _softmax,
+    "Split": _split,
+    "Sqrt": _alike,
+    "Sub": _arithmetic,
+    "Transpose": _transpose,
+    "TreeEnsembleRegressor": _trees,
+    "Where": _where,
+}
 """Operator -> its outputs."""

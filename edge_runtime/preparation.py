@@ -21,10 +21,11 @@ MOST_ROWS = 100_000
 class Preparation:
     """How a stream is tared from its first, unloaded rows.
 
-    bias_rows: how many rows the bias is taken from (0: the stream is already tared).
-    statistic: mean or median over these rows, each channel on its own; non-finite rows do not count.
-    flip_negative_normal: turn z round where its first value is below -flip_beyond (a magnet mounted upside down).
-    flip_beyond: in the stream's unit; above the noise, or a stream that is tared already is turned at random.
+    bias_rows: how many rows the bias is taken from (0: the stream is already tared). statistic:
+    mean or median over these rows, each channel on its own; non-finite rows do not count.
+    flip_negative_normal: turn z round where its first value is below -flip_beyond (a magnet mounted
+    upside down). flip_beyond: in the stream's unit; above the noise, or a stream that is tared
+    already is turned at random.
     """
 
     bias_rows: int = 0
@@ -68,8 +69,14 @@ def preparation_from_json(value: dict[str, Any]) -> Preparation:
     """The inverse of `to_json`. Raises TypeError or ValueError for what is none."""
     made = Preparation(**value)
     whole = isinstance(made.bias_rows, int) and not isinstance(made.bias_rows, bool)
-    if not whole or not 0 <= made.bias_rows <= MOST_ROWS or made.statistic not in ("mean", "median"):
+    if (
+        not whole
+        or not 0 <= made.bias_rows <= MOST_ROWS
+        or made.statistic not in ("mean", "median")
+    ):
         raise ValueError(f"bias_rows {made.bias_rows!r:.40} or statistic {made.statistic!r:.40}")
     if not isinstance(made.flip_negative_normal, bool) or not 0.0 <= made.flip_beyond < 1e9:
-        raise ValueError(f"flip_negative_normal {made.flip_negative_normal!r:.9}, flip_beyond {made.flip_beyond!r:.40}")
+        raise ValueError(
+            f"flip_negative_normal {made.flip_negative_normal!r:.9}, flip_beyond {made.flip_beyond!r:.40}"
+        )
     return made

@@ -1,7 +1,8 @@
-"""Real-time priority for the thread that reads a hand: woken when it is due, whatever else the machine computes.
+"""Real-time priority for the thread that reads a hand: woken when it is due, whatever else the
+machine computes.
 
-Linux gives it to root, to a process with CAP_SYS_NICE, and up to `ulimit -r` to everybody else; where it does not, all
-works as before, only that a busy machine may wake the reader late.
+Linux gives it to root, to a process with CAP_SYS_NICE, and up to `ulimit -r` to everybody else;
+where it does not, all works as before, only that a busy machine may wake the reader late.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 PRIORITY = 10
-"""Before every ordinary program, after the kernel's own threads that serve USB and the clock (50)."""
+"""Before every ordinary program, after the kernel's own threads that serve USB and the clock
+(50)."""
 
 
 @contextmanager
 def real_time() -> Iterator[bool]:
-    """Whether this thread has real-time priority (SCHED_FIFO) until the end; its threads and children never have."""
+    """Whether this thread has real-time priority (SCHED_FIFO) until the end; its threads and
+    children never have."""
     if not hasattr(os, "sched_setscheduler"):
         yield False
         return

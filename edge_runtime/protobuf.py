@@ -1,9 +1,10 @@
-"""The protobuf wire format, read strictly: what a model file's bytes say before any other parser sees them.
+"""The protobuf wire format, read strictly: what a model file's bytes say before any other parser
+sees them.
 
-https://protobuf.dev/programming-guides/encoding/: a message is a row of fields, a field is a tag (number * 8 + wire
-type) and a value. Two parsers can disagree on a message that repeats a singular field, pads a number or holds unknown
-fields, so all of those are refused, and what is accepted means one thing only. The number of fields is limited; long
-lists of numbers are decoded by numpy.
+https://protobuf.dev/programming-guides/encoding/: a message is a row of fields, a field is a tag
+(number * 8 + wire type) and a value. Two parsers can disagree on a message that repeats a singular
+field, pads a number or holds unknown fields, so all of those are refused, and what is accepted
+means one thing only. The number of fields is limited; long lists of numbers are decoded by numpy.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 VARINT, LENGTH = 0, 2
-"""Wire types of a model file that holdfast export writes: a number, and what is preceded by its length in bytes."""
+"""Wire types of a model file that holdfast export writes: a number, and what is preceded by its
+length in bytes."""
 MOST_FIELDS = 100_000
 """In a whole file; the default model has 1,300 (lists of numbers are not counted)."""
 LONGEST_VARINT, LONGEST_LISTED = 10, 5
@@ -28,7 +30,8 @@ Message = dict[str, list[Any]]
 
 @dataclass(frozen=True)
 class Field:
-    """A field that a message may have: its name, its wire type, and whether it may come more than once."""
+    """A field that a message may have: its name, its wire type, and whether it may come more than
+    once."""
 
     name: str
     wire: int
@@ -45,7 +48,8 @@ class Reader:
         self.fields = 0
 
     def message(self, data: memoryview, schema: Schema) -> Message:
-        """Name -> values (int, or memoryview), of a message that holds nothing but the schema's fields; ValueError."""
+        """Name -> values (int, or memoryview), of a message that holds nothing but the schema's
+        fields; ValueError."""
         found: Message = {}
         at = 0
         while at < len(data):
@@ -64,7 +68,9 @@ class Reader:
             raise ValueError(f"it has more than {MOST_FIELDS} fields")
         field = schema.get(tag >> 3)
         if field is None or field.wire != tag & 7:
-            raise ValueError(f"it has a field (number {tag >> 3}, type {tag & 7}) that holdfast export never writes")
+            raise ValueError(
+                f"it has a field (number {tag >> 3}, type {tag & 7}) that holdfast export never writes"
+            )
         return field
 
 
@@ -78,7 +84,8 @@ def _value(data: memoryview, at: int, wire: int) -> tuple[int | memoryview, int]
 
 
 def varint(data: memoryview, at: int) -> tuple[int, int]:
-    """The number that begins at `at`, and where the next field begins; ValueError where it is cut or padded."""
+    """The number that begins at `at`, and where the next field begins; ValueError where it is cut
+    or padded."""
     value = 0
     for k, byte in enumerate(data[at : at + LONGEST_VARINT]):
         value |= (byte & 0x7F) << (7 * k)
@@ -95,7 +102,8 @@ def text(data: memoryview) -> str:
 
 
 def listed_ints(data: memoryview, tag: int) -> IntArray:
-    """A list of whole numbers from 0 on, each behind its tag (as protobuf 2 writes lists); ValueError."""
+    """A list of whole numbers from 0 on, each behind its tag (as protobuf 2 writes lists);
+    ValueError."""
     raw = np.frombuffer(data, np.uint8)
     ends = np.flatnonzero(raw < 0x80)
     if len(ends) % 2 or (len(raw) and (not len(ends) or ends[-1] != len(raw) - 1)):
@@ -131,12 +139,15 @@ def listed_floats(data: memoryview, tag: int) -> npt.NDArray[np.float32]:
 def listed_words(data: memoryview, tag: int, words: tuple[bytes, bytes]) -> npt.NDArray[np.bool_]:
     """A list of two words, each behind its tag and length: whether it is the second; ValueError.
 
-    The tag occurs in neither word, so no two places where an entry stands overlap, and counting them is parsing.
+    The tag occurs in neither word, so no two places where an entry stands overlap, and counting
+    them is parsing.
     """
     entries = [bytes([tag, len(word)]) + word for word in words]
     whole = bytes(data)
     if sum(whole.count(entry) * len(entry) for entry in entries) != len(whole):
-        raise ValueError(f"a list of words holds something else than {words[0].decode()} and {words[1].decode()}")
+        raise ValueError(
+            f"a list of words holds something else than {words[0].decode()} and {words[1].decode()}"
+        )
     raw = np.frombuffer(whole, np.uint8)
     second: npt.NDArray[np.bool_] = raw[np.flatnonzero(raw == tag) + 1] == len(words[1])
     return second

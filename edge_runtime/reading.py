@@ -1,4 +1,5 @@
-"""Before anything from outside is read to its end: is it a file, how long is it, is its JSON fit to be read?"""
+"""Before anything from outside is read to its end: is it a file, how long is it, is its JSON fit to
+be read?"""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ MOST_LEVELS = 32
 
 
 def require_file(path: Path) -> None:
-    """Raise DataNotFound for a device or a pipe, which may never end, and for a path that cannot be one.
+    """Raise DataNotFound for a device or a pipe, which may never end, and for a path that cannot be
+    one.
 
     Where there is nothing, whoever opens it says so; and so for a folder.
     """
@@ -24,10 +26,14 @@ def require_file(path: Path) -> None:
         return
     except (OSError, ValueError) as error:
         what = error.strerror if isinstance(error, OSError) else str(error)
-        raise DataNotFound(f"no path of a file ({what})", where=repr(str(path))[:80], next_step="check it") from None
+        raise DataNotFound(
+            f"no path of a file ({what})", where=repr(str(path))[:80], next_step="check it"
+        ) from None
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise DataNotFound(
-            "a device or a pipe where a file belongs", where=path, next_step="write it to a file first, and name that"
+            "a device or a pipe where a file belongs",
+            where=path,
+            next_step="write it to a file first, and name that",
         )
 
 
@@ -45,32 +51,46 @@ def text_of(path: Path) -> str:
     size = path.stat().st_size
     if size > MOST_DOCUMENT_BYTES:
         raise TooLarge(
-            f"more than {MOST_DOCUMENT_BYTES >> 20} MiB of text", where=path, cause="another file",
+            f"more than {MOST_DOCUMENT_BYTES >> 20} MiB of text",
+            where=path,
+            cause="another file",
             next_step="check the path",
-        )  # fmt: skip
+        )
     with path.open("rb") as file:
         return file.read(size).decode("utf-8")
 
 
 def require_lines(path: Path) -> None:
-    """Raise TooLarge where a table is too large to read, or has a line that is no line; what opening it raises."""
+    """Raise TooLarge where a table is too large to read, or has a line that is no line; what
+    opening it raises."""
     with path.open("rb") as file:
         if path.stat().st_size > MOST_TABLE_BYTES:
-            raise TooLarge(f"more than {MOST_TABLE_BYTES >> 30} GiB", where=path, next_step="split the recording")
+            raise TooLarge(
+                f"more than {MOST_TABLE_BYTES >> 30} GiB",
+                where=path,
+                next_step="split the recording",
+            )
         number, begun = 1, 0
         while chunk := file.read(CHUNK_BYTES):
             ends = [at for at in (chunk.find(b"\n"), chunk.find(b"\r")) if at >= 0]
             if begun + min(ends, default=len(chunk)) > MOST_LINE_BYTES:
                 raise TooLarge(
-                    f"line {number} is longer than {MOST_LINE_BYTES} bytes", where=path,
-                    cause="another file, or line ends that were lost", next_step="copy it again",
-                )  # fmt: skip
-            begun = len(chunk) - 1 - max(chunk.rfind(b"\n"), chunk.rfind(b"\r")) if ends else begun + len(chunk)
+                    f"line {number} is longer than {MOST_LINE_BYTES} bytes",
+                    where=path,
+                    cause="another file, or line ends that were lost",
+                    next_step="copy it again",
+                )
+            begun = (
+                len(chunk) - 1 - max(chunk.rfind(b"\n"), chunk.rfind(b"\r"))
+                if ends
+                else begun + len(chunk)
+            )
             number += chunk.count(b"\n")
 
 
 def json_of(text: str | bytes) -> Any:
-    """json.loads that has one error only: ValueError, also for what is nested too deep or too long."""
+    """json.loads that has one error only: ValueError, also for what is nested too deep or too
+    long."""
     if len(text) > MOST_DOCUMENT_BYTES:
         raise ValueError("too long")
     try:

@@ -1,4 +1,5 @@
-"""Prepared samples as a CSV that replays to the same decisions: Time, X1 .. Zn, valid1 .. validn, all digits kept."""
+"""Prepared samples as a CSV that replays to the same decisions: Time, X1 .. Zn, valid1 .. validn,
+all digits kept."""
 
 from __future__ import annotations
 
@@ -33,6 +34,8 @@ class SampleFile:
 def sample_file(path: Path, n_channels: int) -> Iterator[SampleFile]:
     """A new file, written by a thread of its own. Raises OutputError."""
     sensors = n_channels // 3
-    header = ",".join([TIME_COLUMN, *channel_names(sensors), *(f"valid{k}" for k in range(1, sensors + 1))])
+    header = ",".join(
+        [TIME_COLUMN, *channel_names(sensors), *(f"valid{k}" for k in range(1, sensors + 1))]
+    )
     with file_sink(path, "--samples", header) as sink:
         yield SampleFile(sink)

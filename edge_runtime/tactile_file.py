@@ -1,11 +1,13 @@
-"""A trial's tactile.csv while it is recorded: append-only, one line a sample, nothing lost but the line under way.
+"""A trial's tactile.csv while it is recorded: append-only, one line a sample, nothing lost but the
+line under way.
 
     Time, X1, Y1, Z1 .. Zn, host_ns, sequence, valid1 .. validn
 
-Every line is one write to the system, so a killed program loses at most the sample it was writing. The disk is told
-once a second of the samples' time, by a thread: a slow card delays no sample, a power cut costs about that second.
-`mend` moves a torn last line aside, and nothing else: a header that was edited, rows with another number of cells or
-text among the samples are damage of another kind. Such a file is refused as it is, for a person to mend.
+Every line is one write to the system, so a killed program loses at most the sample it was writing.
+The disk is told once a second of the samples' time, by a thread: a slow card delays no sample, a
+power cut costs about that second. `mend` moves a torn last line aside, and nothing else: a header
+that was edited, rows with another number of cells or text among the samples are damage of another
+kind. Such a file is refused as it is, for a person to mend.
 """
 
 from __future__ import annotations
@@ -24,11 +26,15 @@ SYNC_EVERY_NS = 1_000_000_000
 MOST_SENSORS = 64
 IN_NUMBERS = b"0123456789+-.einfa"
 """What a number is written with, nan and inf too."""
-UNCHANGED, EDITED = "nothing was changed", "a header or a line that was edited, or a newline that was lost"
+UNCHANGED, EDITED = (
+    "nothing was changed",
+    "a header or a line that was edited, or a newline that was lost",
+)
 
 
 class TactileFile:
-    """A new file for n_channels. rows: lines that are whole. Raises OutputError; what was whole by then stays."""
+    """A new file for n_channels. rows: lines that are whole. Raises OutputError; what was whole by
+    then stays."""
 
     def __init__(self, path: Path, n_channels: int) -> None:
         self.path, self.rows, self._size = path, 0, 0
@@ -45,12 +51,20 @@ class TactileFile:
             self._file.close()
             raise
 
-    def write(self, t_ns: int, host_ns: int, sequence: int, values: FloatArray, valid: BoolArray) -> float:
-        """One sample, values with all their digits, nan where nothing came; returns its Time, s from the first."""
+    def write(
+        self, t_ns: int, host_ns: int, sequence: int, values: FloatArray, valid: BoolArray
+    ) -> float:
+        """One sample, values with all their digits, nan where nothing came; returns its Time, s
+        from the first."""
         if not self.rows:
             self._first_ns = self._synced_ns = t_ns
         time_ns = t_ns - self._first_ns
-        cells = [f"{time_ns // 10**9}.{time_ns % 10**9:09d}", *map(repr, values.tolist()), str(host_ns), str(sequence)]
+        cells = [
+            f"{time_ns // 10**9}.{time_ns % 10**9:09d}",
+            *map(repr, values.tolist()),
+            str(host_ns),
+            str(sequence),
+        ]
         self._append(",".join([*cells, *("1" if one else "0" for one in valid)]))
         self.rows += 1
         if t_ns - self._synced_ns >= SYNC_EVERY_NS:
@@ -59,7 +73,8 @@ class TactileFile:
         return 1e-9 * time_ns
 
     def close(self) -> None:
-        """Everything on the disk, the file closed. Raises OutputError where the disk would not take it."""
+        """Everything on the disk, the file closed. Raises OutputError where the disk would not take
+        it."""
         self._sync.ask()
         self._sync.close()
         self._file.close()
@@ -82,9 +97,11 @@ class TactileFile:
 
     def _failed(self, error: OSError) -> OutputError:
         return OutputError(
-            f"cannot write ({error.strerror})", where=self.path, cause="a full disk, no permission, or an old file",
+            f"cannot write ({error.strerror})",
+            where=self.path,
+            cause="a full disk, no permission, or an old file",
             next_step="make room; what was recorded by then is kept",
-        )  # fmt: skip
+        )
 
 
 def header_line(n_sensors: int) -> str:
@@ -120,8 +137,9 @@ class _Sync:
 def mend(path: Path) -> Mended:
     """Move what stands after the last whole row of a tactile.csv aside.
 
-    A whole row without its newline is whole. Raises EmptyRecording where the file ends before its header does,
-    ColumnError or NotANumber where header and rows disagree, and OutputError; the file is then as it was.
+    A whole row without its newline is whole. Raises EmptyRecording where the file ends before its
+    header does, ColumnError or NotANumber where header and rows disagree, and OutputError; the file
+    is then as it was.
     """
     data = read_damaged(path)
     header, newline, body = data.rstrip(b"\0").partition(b"\n")
@@ -138,13 +156,16 @@ def mend(path: Path) -> Mended:
 
 
 def _require_header(header: bytes, lines: list[bytes], path: Path) -> int:
-    """How many cells a row has by the header. Raises ColumnError, which says what the rows need above them."""
+    """How many cells a row has by the header. Raises ColumnError, which says what the rows need
+    above them."""
     columns = [name.strip() for name in header.decode("utf-8-sig", "replace").split(",")]
     try:
         check_columns(columns, path)
     except ColumnError as error:
         step = _by_hand(lines[0].count(b",") + 1 if lines else 0)
-        raise ColumnError(f"{error.what}: {UNCHANGED}", where=path, cause=EDITED, next_step=step) from None
+        raise ColumnError(
+            f"{error.what}: {UNCHANGED}", where=path, cause=EDITED, next_step=step
+        ) from None
     return len(columns)
 
 
@@ -159,7 +180,8 @@ def _is_torn(line: bytes, n_cells: int) -> bool:
 
 
 def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
-    """Raise ColumnError or NotANumber for a line that is no row of the header's; an empty line is none at all."""
+    """Raise ColumnError or NotANumber for a line that is no row of the header's; an empty line is
+    none at all."""
     cells = line.split(b",")
     if not line.strip():
         return
@@ -168,16 +190,20 @@ def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
         raise ColumnError(what, where=path, cause=EDITED, next_step=_by_hand(len(cells)))
     if not all(map(_is_number, cells)):
         raise NotANumber(
-            f"line {number} is no row of numbers: {UNCHANGED}", where=path,
-            cause="zeros of a power cut, or two recordings in one file", next_step="mend that line by hand",
-        )  # fmt: skip
+            f"line {number} is no row of numbers: {UNCHANGED}",
+            where=path,
+            cause="zeros of a power cut, or two recordings in one file",
+            next_step="mend that line by hand",
+        )
 
 
 def _by_hand(n_cells: int) -> str:
     """The next step, with the recorder's header where rows of n_cells have one (3 + 4 a sensor)."""
     sensors, rest = divmod(n_cells - 3, 4)
     fits = not rest and 0 < sensors <= MOST_SENSORS
-    return "mend it by hand" + (f"; the recorder's header is {header_line(sensors)}" if fits else "")
+    return "mend it by hand" + (
+        f"; the recorder's header is {header_line(sensors)}" if fits else ""
+    )
 
 
 def _is_number(cell: bytes) -> bool:
@@ -189,9 +215,17 @@ def _is_number(cell: bytes) -> bool:
 
 
 def _without_rows(line: bytes, path: Path) -> EmptyRecording | ColumnError:
-    """The error of a file with one line only: the recorder's header or its beginning, or something else."""
-    if any(header_line(sensors).encode().startswith(line) for sensors in range(1, MOST_SENSORS + 1)):
-        return EmptyRecording("not even a header", where=path, cause="killed at once", next_step="record again")
+    """The error of a file with one line only: the recorder's header or its beginning, or something
+    else."""
+    if any(
+        header_line(sensors).encode().startswith(line) for sensors in range(1, MOST_SENSORS + 1)
+    ):
+        return EmptyRecording(
+            "not even a header", where=path, cause="killed at once", next_step="record again"
+        )
     return ColumnError(
-        f"one line, and no header of the recorder's: {UNCHANGED}", where=path, cause=EDITED, next_step="mend it by hand"
+        f"one line, and no header of the recorder's: {UNCHANGED}",
+        where=path,
+        cause=EDITED,
+        next_step="mend it by hand",
     )

@@ -1,7 +1,7 @@
 """Taking the bias off a stream as it comes: the preparation a model was trained with, live.
 
-A recording is prepared as a whole; a live stream has only its past. The first unloaded rows decide, and until they
-have come every sensor is invalid, so that the state is unknown and not a guess.
+A recording is prepared as a whole; a live stream has only its past. The first unloaded rows decide,
+and until they have come every sensor is invalid, so that the state is unknown and not a guess.
 """
 
 from __future__ import annotations
@@ -15,17 +15,22 @@ from edge_runtime.preparation import Preparation
 class Tare:
     """Prepares samples one by one. values [C] in, [C] out, and which sensors [S] can be believed.
 
-    A sensor's bias is taken from its own first valid, finite rows, so one that comes late is tared late. What comes
-    out for a whole recording without invalid rows is what Preparation.apply gives.
+    A sensor's bias is taken from its own first valid, finite rows, so one that comes late is tared
+    late. What comes out for a whole recording without invalid rows is what Preparation.apply gives.
 
-    resting [C]: what the unloaded hand reads, where that is known (`holdfast bias`); then the first rows may be loaded.
+    resting [C]: what the unloaded hand reads, where that is known (`holdfast bias`); then the first
+    rows may be loaded.
     """
 
-    def __init__(self, preparation: Preparation, n_channels: int, resting: FloatArray | None = None) -> None:
+    def __init__(
+        self, preparation: Preparation, n_channels: int, resting: FloatArray | None = None
+    ) -> None:
         self._preparation = preparation
         self._rows: list[list[FloatArray]] = [[] for _ in range(n_channels // 3)]
         self._sign, self._bias = np.ones(n_channels), np.zeros(n_channels)
-        self._known = np.full(n_channels // 3, preparation.bias_rows == 0 and not preparation.flip_negative_normal)
+        self._known = np.full(
+            n_channels // 3, preparation.bias_rows == 0 and not preparation.flip_negative_normal
+        )
         if resting is not None:
             self._sign, self._bias = preparation.learn(resting[None])
             self._known[:] = True

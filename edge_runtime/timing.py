@@ -1,4 +1,5 @@
-"""Timing on a noisy machine: things to compare take turns, so that a slow moment hits them alike."""
+"""Timing on a noisy machine: things to compare take turns, so that a slow moment hits them
+alike."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ CALLS_A_TURN = 100
 def time_in_turns(
     calls: Mapping[str, Callable[[], object]], turns: int = TURNS, calls_a_turn: int = CALLS_A_TURN
 ) -> dict[str, FloatArray]:
-    """Wall-clock us of every single call, [turns x calls_a_turn] each, the first turn left out as warm-up."""
+    """Wall-clock us of every single call, [turns x calls_a_turn] each, the first turn left out as
+    warm-up."""
     times: dict[str, list[float]] = {name: [] for name in calls}
     for turn in range(turns + 1):
         for name, call in calls.items():
@@ -30,7 +32,8 @@ def time_in_turns(
 
 
 def busy_wait(microseconds: float) -> Callable[[], None]:
-    """A call that does nothing for so long: its tail is the machine's own jitter, the floor of any other tail."""
+    """A call that does nothing for so long: its tail is the machine's own jitter, the floor of any
+    other tail."""
     wait_ns = round(1000 * microseconds)
 
     def wait() -> None:

@@ -1,8 +1,8 @@
 """One trial as a CSV file: `Time` in seconds first, then X1,Y1,Z1 .. Xn,Yn,Zn.
 
 A recording of ours adds columns of its own (host_ns, device_us, sequence, valid1 .. validn); any
-other column is an error, because a column nobody knows is a column somebody forgot. Where there is a
-sequence, samples it left out were lost: they are no gap but rows that are not valid.
+other column is an error, because a column nobody knows is a column somebody forgot. Where there is
+a sequence, samples it left out were lost: they are no gap but rows that are not valid.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ TIME_COLUMN = "Time"
 RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
 MIN_ROWS = 2
 GAP_STEPS = 5.0
-"""A step longer than this many median steps is a gap that splits the trial; rows lost in a shorter one are filled
-in as invalid, so that nobody downstream takes their neighbours for neighbours in time."""
+"""A step longer than this many median steps is a gap that splits the trial; rows lost in a shorter
+one are filled in as invalid, so that nobody downstream takes their neighbours for neighbours in
+time."""
 LONGEST_S, LATEST_S = 1e6, 1e12
 MOST_LOST = 2
 """A trial of which more than one sample in so many is lost is none."""
@@ -45,7 +46,8 @@ class Trial:
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate by the median time of a tenth of the trial: a single step is rounded, a late sample is one."""
+        """Sampling rate by the median time of a tenth of the trial: a single step is rounded, a
+        late sample is one."""
         lag = 1 + len(self.t_s) // 10
         return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
 
@@ -64,7 +66,9 @@ def read_trial(path: str | Path) -> Trial:
     t_s = _check_time(table[:, 0], path, gaps_told=counted is not None)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
-    return _with_lost_rows(trial, _places_by_time(t_s) if counted is None else _places_told(counted, path))
+    return _with_lost_rows(
+        trial, _places_by_time(t_s) if counted is None else _places_told(counted, path)
+    )
 
 
 def _places_by_time(t_s: FloatArray) -> IntArray:
@@ -76,18 +80,27 @@ def _places_by_time(t_s: FloatArray) -> IntArray:
 
 
 def _places_told(counted: FloatArray, path: Path) -> IntArray:
-    """[T] the same from the column `sequence`, which knows what was lost, however much. Raises TimeError."""
-    if not (np.abs(counted) < LATEST_S).all() or (np.diff(counted) < 1.0).any() or (counted % 1.0 != 0.0).any():
+    """[T] the same from the column `sequence`, which knows what was lost, however much. Raises
+    TimeError."""
+    if (
+        not (np.abs(counted) < LATEST_S).all()
+        or (np.diff(counted) < 1.0).any()
+        or (counted % 1.0 != 0.0).any()
+    ):
         raise TimeError(
-            "sequence is not a count that goes up", where=path, cause="lines were moved, or two recordings in one file",
+            "sequence is not a count that goes up",
+            where=path,
+            cause="lines were moved, or two recordings in one file",
             next_step="record again",
-        )  # fmt: skip
+        )
     place: IntArray = (counted - counted[0]).astype(np.int64)
     if place[-1] + 1 > MOST_LOST * len(place):
         raise TimeError(
-            f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples were lost", where=path,
-            cause="a machine too slow for this rate, or one that slept", next_step="record again, at a lower rate",
-        )  # fmt: skip
+            f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples were lost",
+            where=path,
+            cause="a machine too slow for this rate, or one that slept",
+            next_step="record again, at a lower rate",
+        )
     return place
 
 
@@ -110,7 +123,9 @@ def _header(path: Path) -> list[str]:
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step="check the path") from None
     except PermissionError:
-        raise DataNotFound("no permission to read it", where=path, next_step="change its permissions") from None
+        raise DataNotFound(
+            "no permission to read it", where=path, next_step="change its permissions"
+        ) from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise NotANumber(
             f"cannot be read as a CSV text file ({type(error).__name__})",
@@ -120,7 +135,10 @@ def _header(path: Path) -> list[str]:
         ) from None
     if not header:
         raise EmptyRecording(
-            "the file is empty", where=path, cause="an interrupted copy", next_step="record or copy it again"
+            "the file is empty",
+            where=path,
+            cause="an interrupted copy",
+            next_step="record or copy it again",
         )
     return [name.strip() for name in header]
 
@@ -129,27 +147,44 @@ def check_columns(header: list[str], path: Path) -> int:
     """Number of sensors, or a ColumnError that names the columns."""
     fix = "the layout is Time,X1,Y1,Z1,X2,.. with three columns a sensor"
     if header[0] != TIME_COLUMN:
-        raise ColumnError(f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}", where=path, next_step=fix)
+        raise ColumnError(
+            f"the first column is {header[0]!r:.40}, not {TIME_COLUMN!r}", where=path, next_step=fix
+        )
     doubled = sorted(name for name, count in Counter(header).items() if count > 1)
     if doubled:
         raise ColumnError(f"columns occur twice: {listed(doubled)}", where=path, next_step=fix)
     n_sensors = max((int(name[1:]) for name in header if _is_channel(name)), default=0)
     expected = channel_names(n_sensors)
     there = set(header)
-    missing = [name for name in expected if name not in there] if n_sensors else ["X1", "Y1", "Z1", ".."]
+    missing = (
+        [name for name in expected if name not in there] if n_sensors else ["X1", "Y1", "Z1", ".."]
+    )
     if missing:
         raise ColumnError(f"columns missing: {listed(missing)}", where=path, next_step=fix)
-    known = {TIME_COLUMN, *expected, *RECORDER_COLUMNS, *(f"valid{k}" for k in range(1, n_sensors + 1))}
+    known = {
+        TIME_COLUMN,
+        *expected,
+        *RECORDER_COLUMNS,
+        *(f"valid{k}" for k in range(1, n_sensors + 1)),
+    }
     unknown = [name for name in header if name not in known]
     if unknown:
-        raise ColumnError(f"unknown columns: {listed(unknown)}", where=path, next_step=f"remove them; {fix}")
+        raise ColumnError(
+            f"unknown columns: {listed(unknown)}", where=path, next_step=f"remove them; {fix}"
+        )
     if tuple(header[1 : 1 + len(expected)]) != expected:
         raise ColumnError("channels are out of order", where=path, next_step=fix)
     return n_sensors
 
 
 def _is_channel(name: str) -> bool:
-    return len(name) > 1 and name[0] in "XYZ" and name[1:].isdecimal() and name[1:].isascii() and len(name) < 5
+    return (
+        len(name) > 1
+        and name[0] in "XYZ"
+        and name[1:].isdecimal()
+        and name[1:].isascii()
+        and len(name) < 5
+    )
 
 
 def _table(path: Path, header: list[str]) -> FloatArray:
@@ -157,7 +192,13 @@ def _table(path: Path, header: list[str]) -> FloatArray:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             table = np.loadtxt(
-                path, delimiter=",", skiprows=1, ndmin=2, comments=None, quotechar='"', encoding="utf-8-sig"
+                path,
+                delimiter=",",
+                skiprows=1,
+                ndmin=2,
+                comments=None,
+                quotechar='"',
+                encoding="utf-8-sig",
             )
     except (ValueError, UnicodeDecodeError):
         raise _first_bad_cell(path, header) from None
@@ -174,7 +215,9 @@ def _table(path: Path, header: list[str]) -> FloatArray:
 
 
 def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:
-    unreadable = NotANumber("the table cannot be read", where=path, next_step="write plain decimal numbers")
+    unreadable = NotANumber(
+        "the table cannot be read", where=path, next_step="write plain decimal numbers"
+    )
     try:
         return _bad_cell(path, header) or unreadable
     except csv.Error:
@@ -218,7 +261,9 @@ def _check_time(time_s: FloatArray, path: Path, *, gaps_told: bool = False) -> F
     if not told.all():
         line = int(np.flatnonzero(~told)[0]) + 2
         raise TimeError(
-            f"line {line}: time is not finite, or beyond any clock", where=path, next_step="remove that line"
+            f"line {line}: time is not finite, or beyond any clock",
+            where=path,
+            next_step="remove that line",
         )
     steps = np.diff(time_s)
     if np.any(steps <= 0.0):
@@ -241,7 +286,9 @@ def _check_time(time_s: FloatArray, path: Path, *, gaps_told: bool = False) -> F
         )
     if not math.isfinite(1.0 / median) or time_s[-1] - time_s[0] > LONGEST_S:
         raise TimeError(
-            f"{time_s[-1] - time_s[0]:.4g} s in steps of {median:.4g} s", where=path, next_step="time is in seconds"
+            f"{time_s[-1] - time_s[0]:.4g} s in steps of {median:.4g} s",
+            where=path,
+            next_step="time is in seconds",
         )
     from_zero: FloatArray = time_s - time_s[0]
     return from_zero

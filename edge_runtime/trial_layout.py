@@ -21,18 +21,35 @@ META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"
 TRUTH = "tactile" + TRUTH_SUFFIX
 
-SITUATION_OF_ACTION = MappingProxyType({
-    "pass": "safe_slip", "put-down": "safe_slip", "pull": "risky_slip", "fall": "risky_slip", "hold": "grasp",
-    "nothing": "nothing",
-})  # fmt: skip
-"""What an action makes of the grip, from load onset to the empty hand: a word of contract.SITUATIONS."""
-VOLUNTARY_ACTIONS = tuple(name for name, situation in SITUATION_OF_ACTION.items() if situation == "safe_slip")
-RISKY_ACTIONS = tuple(name for name, situation in SITUATION_OF_ACTION.items() if situation == "risky_slip")
+SITUATION_OF_ACTION = MappingProxyType(
+    {
+        "pass": "safe_slip",
+        "put-down": "safe_slip",
+        "pull": "risky_slip",
+        "fall": "risky_slip",
+        "hold": "grasp",
+        "nothing": "nothing",
+    }
+)
+"""What an action makes of the grip, from load onset to the empty hand: a word of
+contract.SITUATIONS."""
+VOLUNTARY_ACTIONS = tuple(
+    name for name, situation in SITUATION_OF_ACTION.items() if situation == "safe_slip"
+)
+RISKY_ACTIONS = tuple(
+    name for name, situation in SITUATION_OF_ACTION.items() if situation == "risky_slip"
+)
 
-MASSES_G = MappingProxyType({
-    "soft-ball": 15.1, "empty-bottle": 21.2, "basket-ball": 83.1, "hard-ball": 197.9, "full-bottle": 517.3,
-    "apple": 20.3,
-})  # fmt: skip
+MASSES_G = MappingProxyType(
+    {
+        "soft-ball": 15.1,
+        "empty-bottle": 21.2,
+        "basket-ball": 83.1,
+        "hard-ball": 197.9,
+        "full-bottle": 517.3,
+        "apple": 20.3,
+    }
+)
 """The thesis' objects and its test object, g."""
 
 
@@ -42,7 +59,8 @@ def truth_path(trial: Path) -> Path:
 
 
 def read_events(path: Path) -> list[dict[str, Any]]:
-    """The lines of an events.jsonl, a torn last one left out; none without a file. Raises LabelError."""
+    """The lines of an events.jsonl, a torn last one left out; none without a file. Raises
+    LabelError."""
     try:
         *lines, last = text_of(path).split("\n") if path.exists() else [""]
         events = [json_of(line) for line in [*lines, *_if_whole(last)] if line.strip()]
@@ -56,7 +74,8 @@ def read_events(path: Path) -> list[dict[str, Any]]:
 
 
 def _if_whole(line: str) -> list[str]:
-    """A last line without its newline, if it is whole: of a JSON object nothing but all of it is one."""
+    """A last line without its newline, if it is whole: of a JSON object nothing but all of it is
+    one."""
     try:
         json_of(line)
     except ValueError:

@@ -1,4 +1,5 @@
-"""Text from outside, made safe for a terminal: escapes, control characters and marks that turn text round are shown."""
+"""Text from outside, made safe for a terminal: escapes, control characters and marks that turn text
+round are shown."""
 
 from __future__ import annotations
 
@@ -7,20 +8,25 @@ LONGEST_LINE = 2000
 
 
 def visible(text: str) -> str:
-    r"""The text, with what does not print written as its escape: ESC as \x1b, a right-to-left override as \u202e.
+    r"""The text, with what does not print written as its escape: ESC as \x1b, a right-to-left
+    override as \u202e.
 
-    A terminal obeys such characters: they move its cursor, rename its window or hide what stands before them.
+    A terminal obeys such characters: they move its cursor, rename its window or hide what stands
+    before them.
 
     >>> visible("cup\x1b[2J")
     'cup\\x1b[2J'
     """
     if text.isprintable():
         return text
-    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text)
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in text
+    )
 
 
 def one_line(text: str) -> str:
-    """The same on one line, white space as single spaces, cut in the middle where it is very long."""
+    """The same on one line, white space as single spaces, cut in the middle where it is very
+    long."""
     line = visible(" ".join(text.split()))
     if len(line) <= LONGEST_LINE:
         return line

@@ -1,6 +1,8 @@
-"""Results appear whole or not at all: written under a temporary name beside the target, then renamed.
+"""Results appear whole or not at all: written under a temporary name beside the target, then
+renamed.
 
-A new file has the permissions that the umask leaves; a file that replaces another one keeps the other's.
+A new file has the permissions that the umask leaves; a file that replaces another one keeps the
+other's.
 """
 
 from __future__ import annotations
@@ -51,20 +53,26 @@ def _keep_permissions(path: Path, file: BinaryIO) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A new folder to fill, which gets its name when the block has ended and is removed when the block fails.
+    """A new folder to fill, which gets its name when the block has ended and is removed when the
+    block fails.
 
-    Until then it is called `<folder>.unfinished`, so that a killed program leaves nothing that looks whole. In a
-    folder that exists (an empty one) it is `<folder>/.unfinished`, and what is in it moves up at the end.
-    Raises OutputError: nothing can be written, or the unfinished folder of another run is there.
+    Until then it is called `<folder>.unfinished`, so that a killed program leaves nothing that
+    looks whole. In a folder that exists (an empty one) it is `<folder>/.unfinished`, and what is in
+    it moves up at the end. Raises OutputError: nothing can be written, or the unfinished folder of
+    another run is there.
     """
-    unfinished = folder / UNFINISHED if folder.is_dir() else folder.with_name(folder.name + UNFINISHED)
+    unfinished = (
+        folder / UNFINISHED if folder.is_dir() else folder.with_name(folder.name + UNFINISHED)
+    )
     try:
         unfinished.mkdir(parents=True)
     except FileExistsError:
         raise OutputError(
-            "is there already", where=unfinished, cause="another run is writing it, or one was killed",
+            "is there already",
+            where=unfinished,
+            cause="another run is writing it, or one was killed",
             next_step="wait for that run, or remove this folder",
-        ) from None  # fmt: skip
+        ) from None
     except OSError as error:
         raise _unwritable(folder, error) from None
     try:
@@ -89,7 +97,8 @@ def _give_name(unfinished: Path, folder: Path) -> None:
 
 
 def require_writable(folder: str | Path) -> None:
-    """See that a folder, or the place it would be made in, takes a file, before long work is lost on it.
+    """See that a folder, or the place it would be made in, takes a file, before long work is lost
+    on it.
 
     Leaves nothing behind. Raises OutputError.
     """

@@ -1,4 +1,5 @@
-"""A model file on whole streams: what a user feels of it, beside baselines, and what a closing hand makes of it."""
+"""A model file on whole streams: what a user feels of it, beside baselines, and what a closing hand
+makes of it."""
 
 import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off
 

@@ -1,4 +1,5 @@
-"""What the hand would have been asked, on whole streams: the decision of edge_runtime/decision.py, many at once."""
+"""What the hand would have been asked, on whole streams: the decision of edge_runtime/decision.py,
+many at once."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from training.recording import Recording
 class Answers:
     """One recording as it was answered, sample by sample from its first one on.
 
-    situation: [T], UNKNOWN or 0..3. risky_permille: [T], thousandths of the votes (or of the probability).
+    situation: [T], UNKNOWN or 0..3. risky_permille: [T], thousandths of the votes (or of the
+    probability).
     """
 
     recording: Recording
@@ -28,7 +30,8 @@ class Answers:
 def act_requests(
     answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: Sequence[int]
 ) -> list[BoolArray]:
-    """[T, K] a stream: whether the hand is asked to act, for each of K confidences in place of the rules' own.
+    """[T, K] a stream: whether the hand is asked to act, for each of K confidences in place of the
+    rules' own.
 
     Sample by sample the same as `decide` with neither opening command nor override.
     """
@@ -36,14 +39,16 @@ def act_requests(
 
 
 def _asked(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> BoolArray:
-    """A request lasts from its last call on until it is let go or has had no evidence for too long; what is unknown
-    neither calls nor lets go, nor breaks a run of what does."""
+    """A request lasts from its last call on until it is let go or has had no evidence for too long;
+    what is unknown neither calls nor lets go, nor breaks a run of what does."""
     known = np.flatnonzero(one.situation != UNKNOWN)
     situation, permille = one.situation[known], one.risky_permille[known, None]
     risky = (situation == RISKY_SLIP)[:, None] & (permille >= least)
     calls = _lasting(risky, rules.act_samples)
     patience = -(-1000 * rules.evidence_ms // period_us(one.recording.rate_hz))
-    lets_go = _lasting((situation == NOTHING)[:, None], rules.release_samples) | _lasting(~risky, patience)
+    lets_go = _lasting((situation == NOTHING)[:, None], rules.release_samples) | _lasting(
+        ~risky, patience
+    )
     asked = np.zeros((1 + len(known), len(least)), dtype=np.bool_)
     called = _last(calls)
     asked[1:] = (called > 0) & (called >= _last(lets_go))

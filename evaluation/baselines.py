@@ -1,8 +1,10 @@
-"""What stands beside a model on streams: the classical detectors, one line of code, the thesis' forest, perfect intent.
+"""What stands beside a model on streams: the classical detectors, one line of code, the thesis'
+forest, perfect intent.
 
-Each is asked through the same decision as the model (it holds until the load falls), at its first sample and only while
-something is held (a ratio of noises fires in the air all day). Each has one setting to vary, from the most to the least
-sensitive, so that it can be had at the model's own rate of false alarms: the first of its settings that is no worse.
+Each is asked through the same decision as the model (it holds until the load falls), at its first
+sample and only while something is held (a ratio of noises fires in the air all day). Each has one
+setting to vary, from the most to the least sensitive, so that it can be had at the model's own rate
+of false alarms: the first of its settings that is no worse.
 """
 
 from __future__ import annotations
@@ -58,13 +60,16 @@ class Baseline:
 
 
 def rivals(spec: StepSpec, rules: DecisionRules, forest: Baseline | None = None) -> list[Baseline]:
-    """Everything that can stand beside a model of this step; the forest only where there is something to train on."""
+    """Everything that can stand beside a model of this step; the forest only where there is
+    something to train on."""
     found = [_detector(BAND, spec, rules, BAND_RATIOS)]
     if "friction_cone" in detector_names(spec):
         found.append(_detector(CONE, spec, rules, FRICTIONS))
     if spec.unit == "N":
         found.append(Baseline(LINE, JUMPS, lambda recordings: _one_line(recordings, rules)))
-    bound = Baseline(INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings])
+    bound = Baseline(
+        INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings]
+    )
     return [*found, *([forest] if forest else []), bound]
 
 
@@ -83,19 +88,25 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
         for one, out in zip(recordings, outputs, strict=True):
             situation = np.where(out["unknown"], UNKNOWN, out["situation"])
             answers.append(Answers(one, situation, risky_permille(out["votes"].astype(np.int64))))
-        return lambda permille: [asked[:, 0] for asked in act_requests(answers, rules, [int(permille)])]
+        return lambda permille: [
+            asked[:, 0] for asked in act_requests(answers, rules, [int(permille)])
+        ]
 
     return Baseline(RAW, tuple(float(one) for one in CONFIDENCES), on)
 
 
-def _detector(name: str, spec: StepSpec, rules: DecisionRules, settings: tuple[float, ...]) -> Baseline:
+def _detector(
+    name: str, spec: StepSpec, rules: DecisionRules, settings: tuple[float, ...]
+) -> Baseline:
     """A column of the step graph's `detectors`, the graph built anew for every setting."""
     key, graph = {BAND: ("band_ratio", detector_graph), CONE: ("friction", cone_graph)}[name]
 
     def on(recordings: Sequence[Recording]) -> Asked:
         def at(setting: float) -> list[BoolArray]:
             varied = replace(spec, detectors=DetectorSpec(**{**vars(spec.detectors), key: setting}))
-            told = everywhere(open_session(graph(varied).SerializeToString()), recordings, ["detectors"])
+            told = everywhere(
+                open_session(graph(varied).SerializeToString()), recordings, ["detectors"]
+            )
             return held_until_let_go(recordings, [one["detectors"][:, 0] for one in told], rules)
 
         return at
@@ -111,7 +122,8 @@ def _one_line(recordings: Sequence[Recording], rules: DecisionRules) -> Asked:
 def held_until_let_go(
     recordings: Sequence[Recording], firing: Sequence[BoolArray], rules: DecisionRules
 ) -> list[BoolArray]:
-    """[T] what a detector that fires [T] asks of the hand: at once, while something is held, until it is let go."""
+    """[T] what a detector that fires [T] asks of the hand: at once, while something is held, until
+    it is let go."""
     answers = []
     for one, fires in zip(recordings, firing, strict=True):
         held = one.samples[:, NORMAL_AXIS::3].sum(axis=1) > NORMAL_FLOOR[one.unit]
@@ -136,7 +148,8 @@ def false_per_min(recordings: Sequence[Recording], asked: Sequence[BoolArray]) -
 
 @dataclass(frozen=True)
 class Matched:
-    """A rival at a setting; false_per_min there, on the streams it was matched on; fits: no more than was allowed."""
+    """A rival at a setting; false_per_min there, on the streams it was matched on; fits: no more
+    than was allowed."""
 
     rival: Baseline
     setting: float
@@ -145,9 +158,11 @@ class Matched:
 
 
 def matched(rival: Baseline, recordings: Sequence[Recording], most_false_per_min: float) -> Matched:
-    """The most sensitive setting with no more false alarms than allowed; the least sensitive where none is.
+    """The most sensitive setting with no more false alarms than allowed; the least sensitive where
+    none is.
 
-    Found by halving: false alarms fall as a setting gets less sensitive, but for a few more or less.
+    Found by halving: false alarms fall as a setting gets less sensitive, but for a few more or
+    less.
     """
     asked = rival.on(recordings)
     rates: dict[int, float] = {}

@@ -1,10 +1,12 @@
-"""Alarms against a slip as a camera saw it, beside the scene's own truth where a scene knows it too.
+"""Alarms against a slip as a camera saw it, beside the scene's own truth where a scene knows it
+too.
 
-`holdfast onset` writes what a camera saw beside a trial (events.jsonl of a recorded one, trial_n.onset.json of a bare
-CSV), with the provenance `camera`; no tactile sample had a say in it. Two of its times count:
+`holdfast onset` writes what a camera saw beside a trial (events.jsonl of a recorded one,
+trial_n.onset.json of a bare CSV), with the provenance `camera`; no tactile sample had a say in it.
+Two of its times count:
 
-start  the object begins to move in the hand, fitted; elastic pads move before anything slips, so it may come early
-gross  the object has gone a fixed distance
+start  the object begins to move in the hand, fitted; elastic pads move before anything slips, so it
+may come early gross  the object has gone a fixed distance
 
 Their counterparts of a scene are the first part that slides, and gross slip.
 """
@@ -31,7 +33,8 @@ LATE_S = 0.05
 
 @dataclass(frozen=True)
 class Seen:
-    """A risky slip as a camera saw it, s from the first sample; sd_s of the start; true_..: a scene's, else None."""
+    """A risky slip as a camera saw it, s from the first sample; sd_s of the start; true_..: a
+    scene's, else None."""
 
     start_s: float
     sd_s: float
@@ -41,7 +44,8 @@ class Seen:
 
 
 def seen_beside(root: Path, recordings: Sequence[Recording]) -> list[tuple[Seen, ...]]:
-    """What a camera saw of every recording of a folder; nothing where none watched. Raises LabelError."""
+    """What a camera saw of every recording of a folder; nothing where none watched. Raises
+    LabelError."""
     return [_seen(root, one.trial_id) for one in recordings]
 
 
@@ -50,7 +54,9 @@ def _seen(root: Path, trial_id: str) -> tuple[Seen, ...]:
     where = csv.with_name(EVENTS) if csv.name == TACTILE else csv.with_suffix(ONSET_SUFFIX)
     if csv.name == TACTILE:
         told = read_events(where) if where.is_file() else []
-        marks = [(str(one.get("mark")), one.get("t_s")) for one in told if one.get("provenance") == SCENE]
+        marks = [
+            (str(one.get("mark")), one.get("t_s")) for one in told if one.get("provenance") == SCENE
+        ]
     else:
         phases = read_json(where).get("phases", [])
         told = [one for one in phases if isinstance(one, dict)] if isinstance(phases, list) else []
@@ -59,20 +65,30 @@ def _seen(root: Path, trial_id: str) -> tuple[Seen, ...]:
         return tuple(_one(interval, marks) for interval in told if _is_risky(interval))
     except (KeyError, TypeError, ValueError) as error:
         raise LabelError(
-            f"a camera's interval without its times ({error!r:.60})", where=where, next_step="holdfast onset, again"
+            f"a camera's interval without its times ({error!r:.60})",
+            where=where,
+            next_step="holdfast onset, again",
         ) from None
 
 
 def onsets_by(root: Path, recordings: Sequence[Recording]) -> dict[str, int]:
-    """Provenance -> how many risky events have their onset from it (scene, camera, key), where labels say so."""
+    """Provenance -> how many risky events have their onset from it (scene, camera, key), where
+    labels say so."""
     truths = [read_json(truth_path(_beside(root, one.trial_id))) for one in recordings]
-    phases = [phase for truth in truths for phase in truth.get("phases", []) if isinstance(phase, dict)]
-    told = [str(phase["provenance"]) for phase in phases if phase.get("label") == RISKY and "provenance" in phase]
+    phases = [
+        phase for truth in truths for phase in truth.get("phases", []) if isinstance(phase, dict)
+    ]
+    told = [
+        str(phase["provenance"])
+        for phase in phases
+        if phase.get("label") == RISKY and "provenance" in phase
+    ]
     return dict(sorted(Counter(told).items()))
 
 
 def onsets_in_words(data: dict[str, Any]) -> str:
-    """Who said when the load came on, where it is a camera or a person; nothing where a scene or a script knows."""
+    """Who said when the load came on, where it is a camera or a person; nothing where a scene or a
+    script knows."""
     by = data["onsets_by"]
     if not by.keys() & {CAMERA, KEY}:
         return ""
@@ -81,9 +97,12 @@ def onsets_in_words(data: dict[str, Any]) -> str:
 
 
 def _beside(root: Path, trial_id: str) -> Path:
-    """The CSV of a trial: tactile.csv in its folder, which may be the root itself, or trial_n.csv."""
+    """The CSV of a trial: tactile.csv in its folder, which may be the root itself, or
+    trial_n.csv."""
     folders = (root, root / trial_id)
-    return next((one / TACTILE for one in folders if (one / TACTILE).is_file()), root / f"{trial_id}.csv")
+    return next(
+        (one / TACTILE for one in folders if (one / TACTILE).is_file()), root / f"{trial_id}.csv"
+    )
 
 
 def _is_risky(interval: dict[str, Any]) -> bool:
@@ -93,7 +112,9 @@ def _is_risky(interval: dict[str, Any]) -> bool:
 def _truth_marks(truth: dict[str, Any]) -> list[tuple[str, Any]]:
     """(name, s) of the first sliding and the gross slip of every grasp in a scene's truth."""
     trials = truth.get("trials", [truth])
-    return [(name, one.get(f"{name}_s")) for one in trials for name in ("incipient_slip", "gross_slip")]
+    return [
+        (name, one.get(f"{name}_s")) for one in trials for name in ("incipient_slip", "gross_slip")
+    ]
 
 
 def _one(interval: dict[str, Any], marks: Sequence[tuple[str, Any]]) -> Seen:
@@ -107,22 +128,32 @@ def _one(interval: dict[str, Any], marks: Sequence[tuple[str, Any]]) -> Seen:
     return Seen(start_s, sd_s, gross_s, near.get("incipient_slip"), near.get("gross_slip"))
 
 
-def camera_figures(streams: Sequence[EventMatch], seen: Sequence[tuple[Seen, ...]]) -> dict[str, Any] | None:
-    """Delay to a camera's start and lead to its gross slip, ms, and the same by the truth of a scene; None without one.
+def camera_figures(
+    streams: Sequence[EventMatch], seen: Sequence[tuple[Seen, ...]]
+) -> dict[str, Any] | None:
+    """Delay to a camera's start and lead to its gross slip, ms, and the same by the truth of a
+    scene; None without one.
 
-    onsets: what the camera saw; events: those of them that are risky events of the labels, found: with an alarm.
+    onsets: what the camera saw; events: those of them that are risky events of the labels, found:
+    with an alarm.
     """
     if not any(seen):
         return None
-    matched = [pair for stream, slips in zip(streams, seen, strict=True) for pair in _matched(stream, slips)]
+    matched = [
+        pair
+        for stream, slips in zip(streams, seen, strict=True)
+        for pair in _matched(stream, slips)
+    ]
     found = [(outcome.alarm_s, slip) for outcome, slip in matched if outcome.alarm_s is not None]
     return {
-        "onsets": sum(len(slips) for slips in seen), "events": len(matched), "found": len(found),
+        "onsets": sum(len(slips) for slips in seen),
+        "events": len(matched),
+        "found": len(found),
         "start_sd_ms": spread([1e3 * slip.sd_s for _, slip in matched]),
         "delay_ms": spread([1e3 * (alarm_s - slip.start_s) for alarm_s, slip in found]),
         "lead_ms": spread([1e3 * (slip.gross_s - alarm_s) for alarm_s, slip in found]),
         "truth": _by_truth([slip for _, slip in matched], found),
-    }  # fmt: skip
+    }
 
 
 def _matched(stream: EventMatch, slips: Sequence[Seen]) -> list[tuple[Outcome, Seen]]:
@@ -135,13 +166,24 @@ def _matched(stream: EventMatch, slips: Sequence[Seen]) -> list[tuple[Outcome, S
     return pairs
 
 
-def _by_truth(matched: Sequence[Seen], found: Sequence[tuple[float, Seen]]) -> dict[str, Any] | None:
-    """The same delays and leads by the scene, and how far the camera is off it; None where no scene knows."""
+def _by_truth(
+    matched: Sequence[Seen], found: Sequence[tuple[float, Seen]]
+) -> dict[str, Any] | None:
+    """The same delays and leads by the scene, and how far the camera is off it; None where no scene
+    knows."""
     if not any(slip.true_start_s is not None or slip.true_gross_s is not None for slip in matched):
         return None
     return {
-        "delay_ms": spread([1e3 * (at_s - s.true_start_s) for at_s, s in found if s.true_start_s is not None]),
-        "lead_ms": spread([1e3 * (s.true_gross_s - at_s) for at_s, s in found if s.true_gross_s is not None]),
-        "start_off_ms": spread([1e3 * (s.start_s - s.true_start_s) for s in matched if s.true_start_s is not None]),
-        "gross_off_ms": spread([1e3 * (s.gross_s - s.true_gross_s) for s in matched if s.true_gross_s is not None]),
-    }  # fmt: skip
+        "delay_ms": spread(
+            [1e3 * (at_s - s.true_start_s) for at_s, s in found if s.true_start_s is not None]
+        ),
+        "lead_ms": spread(
+            [1e3 * (s.true_gross_s - at_s) for at_s, s in found if s.true_gross_s is not None]
+        ),
+        "start_off_ms": spread(
+            [1e3 * (s.start_s - s.true_start_s) for s in matched if s.true_start_s is not None]
+        ),
+        "gross_off_ms": spread(
+            [1e3 * (s.gross_s - s.true_gross_s) for s in matched if s.true_gross_s is not None]
+        ),
+    }

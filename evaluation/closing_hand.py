@@ -1,19 +1,23 @@
-"""Closing in time: whether a hand that acts on an alarm would still hold the object. A small model, and a bound.
+"""Closing in time: whether a hand that acts on an alarm would still hold the object. A small model,
+and a bound.
 
-The hand closes at v_max (1 - exp(-t / lag)) from the moment it is asked on: a rate limit behind a first-order lag. What
-it travels squeezes fingers and object, springs in series, two fingers on the thumb's side against four:
+The hand closes at v_max (1 - exp(-t / lag)) from the moment it is asked on: a rate limit behind a
+first-order lag. What it travels squeezes fingers and object, springs in series, two fingers on the
+thumb's side against four:
 
     N(t) = grip + travel(t) / c,    c = 1 / (2 k) + 1 / (4 k),    k = finger and object in series,    N <= 70 N a side
 
-The object is a mass on one line, the hand's skin a spring along it that lets go at 2 mu N (static until it slides,
-kinetic until it rests again). A pull is a spring and damper on a minimum-jerk path, capped, with the weight on top; a
-fall is the weight, as its support vanishes. The same model of the hand that does nothing says how far the object had
-moved when the truth lost it; a hand that is asked keeps it if it comes to rest before it has moved so far, and keeps it
-without a slip if it slid less than 2 mm, which is what the truth calls gross.
+The object is a mass on one line, the hand's skin a spring along it that lets go at 2 mu N (static
+until it slides, kinetic until it rests again). A pull is a spring and damper on a minimum-jerk
+path, capped, with the weight on top; a fall is the weight, as its support vanishes. The same model
+of the hand that does nothing says how far the object had moved when the truth lost it; a hand that
+is asked keeps it if it comes to rest before it has moved so far, and keeps it without a slip if it
+slid less than 2 mm, which is what the truth calls gross.
 
-From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and the pull. Assumed: LAG_S; no
-dead time beside it; all six fingers close together (the real hand drives three and drags the others along); nobody
-pulls harder because the hand resists; no ball is squeezed out. `model_error_ms` holds its slips against the truth's.
+From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and the pull.
+Assumed: LAG_S; no dead time beside it; all six fingers close together (the real hand drives three
+and drags the others along); nobody pulls harder because the hand resists; no ball is squeezed out.
+`model_error_ms` holds its slips against the truth's.
 """
 
 from __future__ import annotations
@@ -36,7 +40,8 @@ STROKE_MM = 120.0
 MOST_N = 70.0
 """Its opposition grip (thesis, 5.1.1)."""
 LAG_S = 0.05
-"""Time constant of motor and gear: an assumption, nobody has published it. Figures are given for LAGS_S too."""
+"""Time constant of motor and gear: an assumption, nobody has published it. Figures are given for
+LAGS_S too."""
 LAGS_S = (0.0, 0.02, 0.1)
 GRAVITY_M_S2 = 9.81
 DAMPING_RATIO = 0.7
@@ -66,7 +71,8 @@ class Hand:
 
 @dataclass(frozen=True)
 class Drop:
-    """One event that the model can speak of. Times in s since load onset; the puller's numbers are 0 in a fall."""
+    """One event that the model can speak of. Times in s since load onset; the puller's numbers are
+    0 in a fall."""
 
     gross_s: float
     lost_s: float
@@ -84,25 +90,40 @@ class Drop:
 
 
 def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
-    """The event as the model sees it; None where its truth does not say enough (a hold, a recording)."""
-    if grasp is None or grasp.action not in MODELLED or event.gross_s is None or "thing" not in grasp.told:
+    """The event as the model sees it; None where its truth does not say enough (a hold, a
+    recording)."""
+    if (
+        grasp is None
+        or grasp.action not in MODELLED
+        or event.gross_s is None
+        or "thing" not in grasp.told
+    ):
         return None
     told, drawn, thing = grasp.told, grasp.told["drawn"], grasp.told["thing"]
     finger, stuff = drawn["finger_n_per_m"], thing["stiffness_n_per_m"]
     series = finger * stuff / (finger + stuff)
     friction = thing["friction"] * drawn["friction_factor"]
     return Drop(
-        gross_s=event.gross_s - event.onset_s, lost_s=event.end_s - event.onset_s, mass_kg=1e-3 * thing["mass_g"],
-        grip_n=float(told["grip_n"]), squeeze_n_per_m=1.0 / (1.0 / (2.0 * series) + 1.0 / (4.0 * series)),
-        skin_n_per_m=6.0 * finger * drawn["shear_ratio"], static=friction, kinetic=friction * thing["kinetic_share"],
-        vanish_s=drawn.get("vanish_s", 0.0), arm_n_per_m=drawn.get("arm_n_per_m", 0.0),
-        distance_m=drawn.get("distance_m", 0.0), move_s=drawn.get("move_s", 1.0), cap_n=drawn.get("cap_n", 0.0),
-    )  # fmt: skip
+        gross_s=event.gross_s - event.onset_s,
+        lost_s=event.end_s - event.onset_s,
+        mass_kg=1e-3 * thing["mass_g"],
+        grip_n=float(told["grip_n"]),
+        squeeze_n_per_m=1.0 / (1.0 / (2.0 * series) + 1.0 / (4.0 * series)),
+        skin_n_per_m=6.0 * finger * drawn["shear_ratio"],
+        static=friction,
+        kinetic=friction * thing["kinetic_share"],
+        vanish_s=drawn.get("vanish_s", 0.0),
+        arm_n_per_m=drawn.get("arm_n_per_m", 0.0),
+        distance_m=drawn.get("distance_m", 0.0),
+        move_s=drawn.get("move_s", 1.0),
+        cap_n=drawn.get("cap_n", 0.0),
+    )
 
 
 @dataclass(frozen=True)
 class Slide:
-    """What became of E objects: moved_m [K, E], slid_m [E], slides_from_s [E] (inf: never), rests [E] in the end."""
+    """What became of E objects: moved_m [K, E], slid_m [E], slides_from_s [E] (inf: never), rests
+    [E] in the end."""
 
     moved_m: FloatArray
     slid_m: FloatArray
@@ -112,7 +133,9 @@ class Slide:
 
 def slide(drops: Sequence[Drop], asked_s: npt.ArrayLike, hand: Hand) -> Slide:
     """Step the drops from their load onset on, the hand asked at asked_s [E] (inf: never)."""
-    d = {name: np.array([getattr(one, name) for one in drops]) for name in Drop.__dataclass_fields__}
+    d = {
+        name: np.array([getattr(one, name) for one in drops]) for name in Drop.__dataclass_fields__
+    }
     asked, mass, skin = np.asarray(asked_s, dtype=np.float64), d["mass_kg"], d["skin_n_per_m"]
     weight_n = mass * GRAVITY_M_S2
     falls, skin_damping = d["cap_n"] == 0.0, 2.0 * DAMPING_RATIO * np.sqrt(skin * mass)
@@ -125,10 +148,14 @@ def slide(drops: Sequence[Drop], asked_s: npt.ArrayLike, hand: Hand) -> Slide:
     for k in range(len(moved)):
         t_s = k * STEP_S
         closed_m = hand.travel_m(np.where(np.isfinite(asked), t_s - asked, 0.0))
-        normal_n = np.minimum(d["grip_n"] + d["squeeze_n_per_m"] * closed_m, np.maximum(hand.most_n, d["grip_n"]))
+        normal_n = np.minimum(
+            d["grip_n"] + d["squeeze_n_per_m"] * closed_m, np.maximum(hand.most_n, d["grip_n"])
+        )
         u = np.minimum(t_s / d["move_s"], 1.0)
         path_m_s = d["distance_m"] / d["move_s"] * 30.0 * (u * (1.0 - u)) ** 2
-        arm_n = d["arm_n_per_m"] * (d["distance_m"] * _smooth(u) - at) + arm_damping * (path_m_s - speed)
+        arm_n = d["arm_n_per_m"] * (d["distance_m"] * _smooth(u) - at) + arm_damping * (
+            path_m_s - speed
+        )
         given = np.where(falls, _smooth(t_s / np.maximum(d["vanish_s"], STEP_S)), 1.0)
         load_n = np.clip(arm_n, 0.0, d["cap_n"]) + weight_n * given
         limit_n = 2.0 * np.where(sliding, d["kinetic"], d["static"]) * normal_n
@@ -156,14 +183,17 @@ def _smooth(u: FloatArray) -> FloatArray:
 def room_m(drops: Sequence[Drop]) -> FloatArray:
     """[E] how far each object had moved in a hand that did nothing when the truth lost it."""
     moved = slide(drops, np.full(len(drops), np.inf), Hand()).moved_m
-    row = np.minimum(np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64), len(moved) - 1)
+    row = np.minimum(
+        np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64), len(moved) - 1
+    )
     room: FloatArray = moved[row, np.arange(len(drops))]
     return room
 
 
 @dataclass(frozen=True)
 class Droppable:
-    """The events of many streams, in order: drops (None: not modelled), those modelled, and what bounds any hand.
+    """The events of many streams, in order: drops (None: not modelled), those modelled, and what
+    bounds any hand.
 
     room_m [E], could [E]: whether a hand that is asked at load onset keeps it.
     """
@@ -179,7 +209,9 @@ class Droppable:
         hand = hand or Hand()
         modelled = [drop for drop in drops if drop is not None]
         room = room_m(modelled)
-        return Droppable(tuple(drops), hand, room, _kept(modelled, np.zeros(len(modelled)), hand, room)[0])
+        return Droppable(
+            tuple(drops), hand, room, _kept(modelled, np.zeros(len(modelled)), hand, room)[0]
+        )
 
     def figures(self, asked_s: Sequence[float | None]) -> dict[str, Any]:
         """What a hand keeps that is asked in each event so long after load onset (None: it is not).
@@ -187,17 +219,28 @@ class Droppable:
         preventable: kept by a hand that is asked at load onset; kept, and kept_share, are of these.
         """
         modelled = [drop for drop in self.drops if drop is not None]
-        asked = [np.inf if at is None else at for at, drop in zip(asked_s, self.drops, strict=True) if drop is not None]
+        asked = [
+            np.inf if at is None else at
+            for at, drop in zip(asked_s, self.drops, strict=True)
+            if drop is not None
+        ]
         did, unmoved = _kept(modelled, np.array(asked, dtype=np.float64), self.hand, self.room_m)
         n, n_kept = int(self.could.sum()), int((did & self.could).sum())
         return {
-            "hand": asdict(self.hand), "events": len(self.drops), "modelled": len(modelled), "preventable": n,
-            "not_preventable": len(modelled) - n, "kept": n_kept, "kept_share": n_kept / n if n else None,
+            "hand": asdict(self.hand),
+            "events": len(self.drops),
+            "modelled": len(modelled),
+            "preventable": n,
+            "not_preventable": len(modelled) - n,
+            "kept": n_kept,
+            "kept_share": n_kept / n if n else None,
             "kept_without_a_slip": int((unmoved & self.could).sum()),
-        }  # fmt: skip
+        }
 
 
-def _kept(drops: Sequence[Drop], asked_s: FloatArray, hand: Hand, room: FloatArray) -> tuple[BoolArray, BoolArray]:
+def _kept(
+    drops: Sequence[Drop], asked_s: FloatArray, hand: Hand, room: FloatArray
+) -> tuple[BoolArray, BoolArray]:
     """[E] whether each object is still in the hand, and whether it did not even slip."""
     told = slide(drops, asked_s, hand)
     still = told.rests & (told.moved_m.max(axis=0, initial=0.0) < room)
@@ -205,7 +248,8 @@ def _kept(drops: Sequence[Drop], asked_s: FloatArray, hand: Hand, room: FloatArr
 
 
 def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
-    """How far the model's slip in a hand at rest is off the truth's gross slip; None without drops."""
+    """How far the model's slip in a hand at rest is off the truth's gross slip; None without
+    drops."""
     known = [drop for drop in drops if drop is not None]
     if not known:
         return None

@@ -1,9 +1,11 @@
-"""What a user feels: risky events found and missed, false alarms a minute, how late, and how much time was left.
+"""What a user feels: risky events found and missed, false alarms a minute, how late, and how much
+time was left.
 
-An alarm is the moment at which the hand begins to be asked to act. It finds an event if it begins between load onset
-and the loss of contact, give or take a collar: the truth is no sharper than that. An alarm that was on before finds
-nothing (the event is missed, "already on"), and one that belongs to no event is false. An event is found once; further
-alarms in it are neither found nor false.
+An alarm is the moment at which the hand begins to be asked to act. It finds an event if it begins
+between load onset and the loss of contact, give or take a collar: the truth is no sharper than
+that. An alarm that was on before finds nothing (the event is missed, "already on"), and one that
+belongs to no event is false. An event is found once; further alarms in it are neither found nor
+false.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ DRAWS = 1000
 
 @dataclass(frozen=True)
 class Outcome:
-    """One event: s from load onset to the alarm (None: missed), s of lead there was (None: gross slip not known)."""
+    """One event: s from load onset to the alarm (None: missed), s of lead there was (None: gross
+    slip not known)."""
 
     event: RiskyEvent
     alarm_s: float | None
@@ -46,7 +49,11 @@ class Outcome:
     @property
     def lead_s(self) -> float | None:
         """From the alarm to gross slip; below 0 where the object slides already."""
-        return None if self.alarm_s is None or self.event.gross_s is None else self.event.gross_s - self.alarm_s
+        return (
+            None
+            if self.alarm_s is None or self.event.gross_s is None
+            else self.event.gross_s - self.alarm_s
+        )
 
     @property
     def available_s(self) -> float | None:
@@ -56,7 +63,8 @@ class Outcome:
 
 @dataclass(frozen=True)
 class EventMatch:
-    """What became of one stream: outcomes of its events, times in s of false alarms, its length in minutes."""
+    """What became of one stream: outcomes of its events, times in s of false alarms, its length in
+    minutes."""
 
     recording: Recording
     outcomes: tuple[Outcome, ...]
@@ -71,18 +79,25 @@ def match_alarms(recording: Recording, asked: BoolArray, collar_s: float = COLLA
     outcomes = []
     for event in recording.events:
         within = _within(event, alarms_s, collar_s)
-        before = min(max(int(np.ceil((event.onset_s - collar_s) * recording.rate_hz)) - 1, -1), len(asked) - 1)
+        before = min(
+            max(int(np.ceil((event.onset_s - collar_s) * recording.rate_hz)) - 1, -1),
+            len(asked) - 1,
+        )
         already_on = bool(before >= 0 and asked[before])
         found = float(alarms_s[within][0]) if within.any() and not already_on else None
         outcomes.append(Outcome(event, found, already_on))
         false &= ~within
     return EventMatch(
-        recording, tuple(outcomes), tuple(alarms_s[false].tolist()), len(asked) / recording.rate_hz / 60.0
+        recording,
+        tuple(outcomes),
+        tuple(alarms_s[false].tolist()),
+        len(asked) / recording.rate_hz / 60.0,
     )
 
 
 def false_alarms(recording: Recording, asked: BoolArray, collar_s: float = COLLAR_S) -> IntArray:
-    """[K] how many alarms of asked [T, K] belong to no event: as many as `heard` has, for many K at once."""
+    """[K] how many alarms of asked [T, K] belong to no event: as many as `heard` has, for many K at
+    once."""
     false, t_s = _begins(asked), np.arange(len(asked)) / recording.rate_hz
     for event in recording.events:
         false[_within(event, t_s, collar_s)] = False
@@ -105,20 +120,31 @@ def match_all_alarms(
 ) -> list[EventMatch]:
     """The same for streams as they were answered, asked to act from a confidence on."""
     asked = act_requests(answers, rules, [permille])
-    return [match_alarms(one.recording, acted[:, 0], collar_s) for one, acted in zip(answers, asked, strict=True)]
+    return [
+        match_alarms(one.recording, acted[:, 0], collar_s)
+        for one, acted in zip(answers, asked, strict=True)
+    ]
 
 
-def choose_confidence(answers: Sequence[Answers], rules: DecisionRules, most_false_per_min: float) -> int:
-    """The lowest of CONFIDENCES with so few false alarms on streams that are not the ones to be scored."""
+def choose_confidence(
+    answers: Sequence[Answers], rules: DecisionRules, most_false_per_min: float
+) -> int:
+    """The lowest of CONFIDENCES with so few false alarms on streams that are not the ones to be
+    scored."""
     asked = act_requests(answers, rules, CONFIDENCES)
     minutes = sum(len(one.situation) / one.recording.rate_hz for one in answers) / 60.0
-    false = sum(false_alarms(one.recording, acted) for one, acted in zip(answers, asked, strict=True))
+    false = sum(
+        false_alarms(one.recording, acted) for one, acted in zip(answers, asked, strict=True)
+    )
     few = np.flatnonzero(false <= most_false_per_min * minutes)
     return CONFIDENCES[few[0]] if len(few) else CONFIDENCES[-1]
 
 
-def event_scores(streams: Sequence[EventMatch], *, seed: int = 0, n_draws: int = DRAWS) -> dict[str, Any]:
-    """Figures of many streams as one JSON object; intervals over groups (people, or trials where nobody is named)."""
+def event_scores(
+    streams: Sequence[EventMatch], *, seed: int = 0, n_draws: int = DRAWS
+) -> dict[str, Any]:
+    """Figures of many streams as one JSON object; intervals over groups (people, or trials where
+    nobody is named)."""
     outcomes = [one for stream in streams for one in stream.outcomes]
     groups = np.unique([stream.recording.group for stream in streams], return_inverse=True)[1]
     sums = np.zeros((groups.max(initial=-1) + 1, 4))
@@ -130,17 +156,25 @@ def event_scores(streams: Sequence[EventMatch], *, seed: int = 0, n_draws: int =
     caught = [one for one in outcomes if one.alarm_s is not None]
     timed = [one for one in caught if one.event.gross_s is not None]
     return {
-        "events": int(events), "found": int(found), "missed": int(events - found),
-        "already_on": sum(one.already_on for one in outcomes), "minutes": minutes, "false_alarms": int(false),
+        "events": int(events),
+        "found": int(found),
+        "missed": int(events - found),
+        "already_on": sum(one.already_on for one in outcomes),
+        "minutes": minutes,
+        "false_alarms": int(false),
         "recall": found / events if events else None,
-        "recall_ci": _interval(drawn, 0, 1), "false_per_min": false / minutes if minutes else None,
-        "false_per_min_ci": _interval(drawn, 2, 3), "false_per_hour": 60.0 * false / minutes if minutes else None,
+        "recall_ci": _interval(drawn, 0, 1),
+        "false_per_min": false / minutes if minutes else None,
+        "false_per_min_ci": _interval(drawn, 2, 3),
+        "false_per_hour": 60.0 * false / minutes if minutes else None,
         "delay_ms": spread([1e3 * _known(one.delay_s) for one in caught]),
         "lead_ms": spread([1e3 * _known(one.lead_s) for one in timed]),
         "available_ms": spread([1e3 * _known(one.available_s) for one in timed]),
-        "lead_used": spread([_known(one.delay_s) / max(_known(one.available_s), 1e-3) for one in timed]),
+        "lead_used": spread(
+            [_known(one.delay_s) / max(_known(one.available_s), 1e-3) for one in timed]
+        ),
         "in_time": sum(_known(one.lead_s) > 0.0 for one in timed) / events if events else None,
-    }  # fmt: skip
+    }
 
 
 def _known(value: float | None) -> float:
@@ -160,4 +194,6 @@ def _interval(drawn: FloatArray | None, above: int, below: int) -> list[float] |
     if drawn is None:
         return None
     ratios = drawn[drawn[:, below] > 0, above] / drawn[drawn[:, below] > 0, below]
-    return [float(edge) for edge in np.percentile(ratios, INTERVAL_PERCENT)] if len(ratios) else None
+    return (
+        [float(edge) for edge in np.percentile(ratios, INTERVAL_PERCENT)] if len(ratios) else None
+    )

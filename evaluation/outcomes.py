@@ -1,8 +1,10 @@
-"""The thesis' table of outcomes (chapter 6, in its own words) and ours, by the same words for the same trials.
+"""The thesis' table of outcomes (chapter 6, in its own words) and ours, by the same words for the
+same trials.
 
-ok: recognised in every trial; part: in some; no: in none. A pull or fall is recognised where the hand was asked to act
-in it and not before; a hand-over or put-down where the state said safe_slip in it and the hand was never asked to act.
-The thesis judges by eye, few trials of real hands; ours are simulated styles, and many more of them.
+ok: recognised in every trial; part: in some; no: in none. A pull or fall is recognised where the
+hand was asked to act in it and not before; a hand-over or put-down where the state said safe_slip
+in it and the hand was never asked to act. The thesis judges by eye, few trials of real hands; ours
+are simulated styles, and many more of them.
 """
 
 from __future__ import annotations
@@ -24,21 +26,46 @@ Outcome = tuple[str, str, str, bool]
 """Object, style, column, recognised."""
 STYLES = {"author": "author", "p1": "participant 1", "p2": "participant 2"}
 THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
-    "soft-ball": {"author": ("part", "ok", "part"), "p1": ("ok", "no", "ok"), "p2": ("part", "ok", "ok")},
-    "empty-bottle": {"author": ("part", "ok", "ok"), "p1": ("no", "no", "part"), "p2": ("part", "part", "ok")},
-    "basket-ball": {"author": ("part", "ok", "ok"), "p1": ("no", "part", "ok"), "p2": ("part", "ok", "part")},
-    "hard-ball": {"author": ("ok", "ok", "part"), "p1": ("no", "no", "ok"), "p2": ("part", "no", "no")},
-    "full-bottle": {"author": ("ok", "ok", "ok"), "p1": ("part", "ok", "ok"), "p2": ("part", "no", "ok")},
+    "soft-ball": {
+        "author": ("part", "ok", "part"),
+        "p1": ("ok", "no", "ok"),
+        "p2": ("part", "ok", "ok"),
+    },
+    "empty-bottle": {
+        "author": ("part", "ok", "ok"),
+        "p1": ("no", "no", "part"),
+        "p2": ("part", "part", "ok"),
+    },
+    "basket-ball": {
+        "author": ("part", "ok", "ok"),
+        "p1": ("no", "part", "ok"),
+        "p2": ("part", "ok", "part"),
+    },
+    "hard-ball": {
+        "author": ("ok", "ok", "part"),
+        "p1": ("no", "no", "ok"),
+        "p2": ("part", "no", "no"),
+    },
+    "full-bottle": {
+        "author": ("ok", "ok", "ok"),
+        "p1": ("part", "ok", "ok"),
+        "p2": ("part", "no", "ok"),
+    },
     "apple": {"author": ("ok", "ok", "ok")},
 }
 """Object -> style -> (pass, pull or fall, put-down)."""
 
 
 def recognised(told: LabelledTrial, said: ModelOutputs, asked: BoolArray) -> bool | None:
-    """Whether a trial's action was; None where nothing of it happened (a pull that did not slip)."""
+    """Whether a trial's action was; None where nothing of it happened (a pull that did not
+    slip)."""
     if told.recording.action in ("pull", "fall"):
         one = match_alarms(told.recording, asked)
-        return all(o.alarm_s is not None for o in one.outcomes) and not one.false_s if one.outcomes else None
+        return (
+            all(o.alarm_s is not None for o in one.outcomes) and not one.false_s
+            if one.outcomes
+            else None
+        )
     acts = safe_acts(told.recording)
     if told.recording.action not in ACTIONS or not acts:
         return None
@@ -46,7 +73,9 @@ def recognised(told: LabelledTrial, said: ModelOutputs, asked: BoolArray) -> boo
     return seen and not bool(asked.any())
 
 
-def outcomes(told: Sequence[LabelledTrial], said: Sequence[ModelOutputs], asked: Sequence[BoolArray]) -> list[Outcome]:
+def outcomes(
+    told: Sequence[LabelledTrial], said: Sequence[ModelOutputs], asked: Sequence[BoolArray]
+) -> list[Outcome]:
     """Every trial that has an action of the thesis' and an object of its."""
     found = []
     for one, answered, on in zip(told, said, asked, strict=True):
@@ -67,15 +96,23 @@ def word(hits: Sequence[bool]) -> str:
 
 
 def outcome_table(found: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """One row a cell of the thesis' table that was asked about: its word and ours, with our counts."""
+    """One row a cell of the thesis' table that was asked about: its word and ours, with our
+    counts."""
     rows = []
     for name, styles in THESIS.items():
         for style, words in styles.items():
             for column, theirs in zip(COLUMNS, words, strict=True):
                 hits = [right for a, b, c, right in found if (a, b, c) == (name, style, column)]
                 if hits:
-                    rows.append({
-                        "object": name, "style": style, "action": column, "thesis": theirs, "ours": word(hits),
-                        "recognised": sum(hits), "trials": len(hits),
-                    })  # fmt: skip
+                    rows.append(
+                        {
+                            "object": name,
+                            "style": style,
+                            "action": column,
+                            "thesis": theirs,
+                            "ours": word(hits),
+                            "recognised": sum(hits),
+                            "trials": len(hits),
+                        }
+                    )
     return rows

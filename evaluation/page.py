@@ -1,4 +1,5 @@
-"""What reports and pages are written with: one HTML page, its key of colours, a table and its numbers."""
+"""What reports and pages are written with: one HTML page, its key of colours, a table and its
+numbers."""
 
 from __future__ import annotations
 
@@ -27,13 +28,17 @@ def write_page(path: Path, title: str, sections: list[str]) -> Path:
     """One self-contained page of sections, each HTML; OutputError where it cannot be written."""
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><style>{CSS}</style>'
     body = "\n".join(sections)
-    return write_whole(path, f"<!doctype html><html lang=en><title>{html.escape(title)}</title>{head}{body}</html>")
+    return write_whole(
+        path, f"<!doctype html><html lang=en><title>{html.escape(title)}</title>{head}{body}</html>"
+    )
 
 
 def key(colours: Sequence[str]) -> str:
     """What the colours of the four situations mean."""
     pairs = zip(colours, SITUATIONS, strict=True)
-    return "".join(f'<i style="background:{colour}"></i>{name.replace("_", " ")}' for colour, name in pairs)
+    return "".join(
+        f'<i style="background:{colour}"></i>{name.replace("_", " ")}' for colour, name in pairs
+    )
 
 
 def markdown(rows: Sequence[dict[str, Any]]) -> str:

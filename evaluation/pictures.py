@@ -1,4 +1,5 @@
-"""The pictures of an evaluation; every one bears the kind of its data. Colours as in the scenes' report."""
+"""The pictures of an evaluation; every one bears the kind of its data. Colours as in the scenes'
+report."""
 
 from __future__ import annotations
 
@@ -14,10 +15,21 @@ from evaluation.stream_pictures import labelled, runs
 from evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
 
 LINE_STYLES = {
-    "to the first risky_slip state": ("#56b4e9", "-"), "to act": ("#d55e00", "-"),
-    "lead available": ("#009e73", "--"), "lead left at act": ("#000000", "-"),
-}  # fmt: skip
-SET_COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#000000", "#e69f00", "#56b4e9", "#999999")
+    "to the first risky_slip state": ("#56b4e9", "-"),
+    "to act": ("#d55e00", "-"),
+    "lead available": ("#009e73", "--"),
+    "lead left at act": ("#000000", "-"),
+}
+SET_COLOURS = (
+    "#d55e00",
+    "#0072b2",
+    "#009e73",
+    "#cc79a7",
+    "#000000",
+    "#e69f00",
+    "#56b4e9",
+    "#999999",
+)
 MOST_MS = 150.0
 LEAST_EVENTS = 5
 """Fewer make no distribution."""
@@ -25,7 +37,8 @@ COLUMNS = 3
 
 
 def timelines(rows: Sequence[Shown], kind: str) -> str:
-    """One row a trial: the truth behind from edge to edge, the prediction in front, a triangle where the hand acts."""
+    """One row a trial: the truth behind from edge to edge, the prediction in front, a triangle
+    where the hand acts."""
     with labelled(kind, 10.2, 0.36 * len(rows) + 0.75) as figure:
         axes = figure.subplots()
         for place, row in enumerate(rows):
@@ -47,11 +60,24 @@ def _timeline(axes: Axes, place: int, row: Shown) -> None:
     step_s = 1.0 / row.told.recording.rate_hz
     for phase in row.told.recording.phases:
         span = [(phase.first * step_s, (phase.stop - phase.first) * step_s)]
-        axes.broken_barh(span, (place - 0.42, 0.84), color=SITUATION_COLOURS[phase.situation], alpha=0.38, linewidth=0)
+        axes.broken_barh(
+            span,
+            (place - 0.42, 0.84),
+            color=SITUATION_COLOURS[phase.situation],
+            alpha=0.38,
+            linewidth=0,
+        )
     for situation, colour in enumerate(SITUATION_COLOURS):
-        axes.broken_barh(_spans(row.situation == situation, step_s), (place - 0.2, 0.4), color=colour, linewidth=0)
+        axes.broken_barh(
+            _spans(row.situation == situation, step_s),
+            (place - 0.2, 0.4),
+            color=colour,
+            linewidth=0,
+        )
     unknown = _spans(row.situation == UNKNOWN, step_s)
-    axes.broken_barh(unknown, (place - 0.2, 0.4), facecolor="white", edgecolor=QUIET, linewidth=0.5, hatch="////")
+    axes.broken_barh(
+        unknown, (place - 0.2, 0.4), facecolor="white", edgecolor=QUIET, linewidth=0.5, hatch="////"
+    )
     first = [span[0] for span in _spans(row.asked, step_s)]
     axes.plot(first, [place - 0.46] * len(first), "v", color=INK, markersize=4.5, clip_on=False)
 
@@ -61,7 +87,8 @@ def _spans(there: Any, step_s: float) -> list[tuple[float, float]]:
 
 
 def distributions(timed: dict[str, dict[str, list[float]]], kind: str) -> str:
-    """Share of the found events by ms, one panel a set: delays from load onset, and the lead to gross slip."""
+    """Share of the found events by ms, one panel a set: delays from load onset, and the lead to
+    gross slip."""
     timed = {name: one for name, one in timed.items() if len(one["to act"]) >= LEAST_EVENTS}
     if not timed:
         return ""
@@ -86,7 +113,9 @@ def _curve(axes: Axes, values: Sequence[float], title: str) -> None:
     if values:
         ordered = np.sort(values)
         share = np.arange(1, len(ordered) + 1) / len(ordered)
-        axes.step(ordered, share, where="post", color=colour, linestyle=style, linewidth=1.2, label=title)
+        axes.step(
+            ordered, share, where="post", color=colour, linestyle=style, linewidth=1.2, label=title
+        )
 
 
 def confusion(level: dict[str, Any], kind: str) -> str:
@@ -100,7 +129,9 @@ def confusion(level: dict[str, Any], kind: str) -> str:
         for (row, column), value in np.ndenumerate(shares):
             if value >= 0.005:
                 colour = "white" if value > 0.5 else INK
-                axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=7)
+                axes.text(
+                    column, row, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=7
+                )
         axes.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.5)
         axes.set_yticks(range(len(names) - 1), names[:-1], fontsize=7.5)
         axes.set(xlabel="answered", ylabel="was")
@@ -116,8 +147,20 @@ def reliability(sets: dict[str, dict[str, Any]], kind: str) -> str:
         for place, (name, one) in enumerate(sets.items()):
             colour = SET_COLOURS[place % len(SET_COLOURS)]
             bins = one["states"]["calibration"]["reliability_risky"]
-            axes.plot([b["said"] for b in bins], [b["was"] for b in bins], "o-", color=colour, markersize=3,
-                      linewidth=1.0, label=name)  # fmt: skip
-        axes.set(xlabel="probability of a risky slip, as given", ylabel="share that was one", xlim=(0, 1), ylim=(0, 1))
+            axes.plot(
+                [b["said"] for b in bins],
+                [b["was"] for b in bins],
+                "o-",
+                color=colour,
+                markersize=3,
+                linewidth=1.0,
+                label=name,
+            )
+        axes.set(
+            xlabel="probability of a risky slip, as given",
+            ylabel="share that was one",
+            xlim=(0, 1),
+            ylim=(0, 1),
+        )
         axes.legend(frameon=False, fontsize=7)
         return svg(figure)

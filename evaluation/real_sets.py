@@ -1,7 +1,7 @@
 """Real recordings beside the simulated ones: what `make real` left, asked again by the same rules.
 
-The default model runs at another rate than these sets, so the file is the one of `make real` that left one fold of
-people out, and it is asked about those people only.
+The default model runs at another rate than these sets, so the file is the one of `make real` that
+left one fold of people out, and it is asked about those people only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ FOLD = 0
 
 
 def real_figures(folder: Path, seed: int = 0) -> dict[str, Any]:
-    """Event figures of people never met, and the figures of eflesh_slip; or `next`, how to get them."""
+    """Event figures of people never met, and the figures of eflesh_slip; or `next`, how to get
+    them."""
     metrics, file = folder / "metrics.json", folder / "fold" / "holdfast.onnx"
     if not metrics.is_file() or not file.is_file():
         return {"next": NEXT}
@@ -37,9 +38,10 @@ def real_figures(folder: Path, seed: int = 0) -> dict[str, Any]:
     people = held_out_people(data, int(told["seed"]))
     figures = evaluate_events(model, EvaluationRequest((HUMAN,), people=people, seed=seed)).figures
     return {
-        HUMAN: figures | {"people": sorted(people)}, EFLESH: told.get(EFLESH),
+        HUMAN: figures | {"people": sorted(people)},
+        EFLESH: told.get(EFLESH),
         "note": "as deployed, without a threshold of its own: nobody is left to choose one on",
-    }  # fmt: skip
+    }
 
 
 def held_out_people(data: DataSet, seed: int) -> frozenset[str]:

@@ -1,4 +1,5 @@
-"""The report of one evaluation: the answer, trials as they went by, tables beside what hurts, what it does not say."""
+"""The report of one evaluation: the answer, trials as they went by, tables beside what hurts, what
+it does not say."""
 
 from __future__ import annotations
 
@@ -18,9 +19,18 @@ from evaluation.page import key, write_page
 from evaluation.style import SITUATION_COLOURS
 
 HEADS = (
-    "risky events", "found", "false alarms a minute", "an hour", "act after load onset, ms", "lead left, ms", "lead used",
-    "before gross slip", "safe acts called", "drops prevented", "McNemar p",
-)  # fmt: skip
+    "risky events",
+    "found",
+    "false alarms a minute",
+    "an hour",
+    "act after load onset, ms",
+    "lead left, ms",
+    "lead used",
+    "before gross slip",
+    "safe acts called",
+    "drops prevented",
+    "McNemar p",
+)
 SIMULATED = (
     "Simulated: the objects, the hands, the people (styles are ranges of parameters, not people), the sensors and so "
     "every force; the truth beside each trial is the simulation's own state."
@@ -44,8 +54,20 @@ LIMITS = (
 
 def write_event_report(path: Path, evidence: Evidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
-    sections = (_answer, _timelines, _tables, _distributions, _camera, _safe_and_specific, _closing, _states,
-                _outcomes, _real, _data, _made)  # fmt: skip
+    sections = (
+        _answer,
+        _timelines,
+        _tables,
+        _distributions,
+        _camera,
+        _safe_and_specific,
+        _closing,
+        _states,
+        _outcomes,
+        _real,
+        _data,
+        _made,
+    )
     texts = [text for section in sections if (text := section(evidence))]
     return write_page(path, "Holdfast, evaluation", [CLOSE, *texts])
 
@@ -70,9 +92,17 @@ def _answer(evidence: Evidence) -> str:
     deployed = figures["all"]["rows"][DEPLOYED]
     safe = row["safe_acts_called"]
     boxes = (
-        (_share(row["recall"]), f"of {row['events']} risky events found", _range(row["recall_ci"], percent=True)),
+        (
+            _share(row["recall"]),
+            f"of {row['events']} risky events found",
+            _range(row["recall_ci"], percent=True),
+        ),
         (_number(row["false_per_min"]), "false alarms a minute", _range(row["false_per_min_ci"])),
-        (_share(safe["share"]), f"of {safe['n']} safe acts called risky", _range(safe["share_ci"], percent=True)),
+        (
+            _share(safe["share"]),
+            f"of {safe['n']} safe acts called risky",
+            _range(safe["share_ci"], percent=True),
+        ),
         (_ms(row["delay_ms"], "p50"), "ms from load onset to act", "median"),
     )
     shown = "".join(
@@ -113,7 +143,9 @@ def _beaten(figures: dict[str, Any], headline: str) -> str:
 
 def _warnings(evidence: Evidence) -> str:
     seen = [
-        (name, one["data"]) for name, one in evidence.figures["sets"].items() if one["data"]["trained_on_recordings"]
+        (name, one["data"])
+        for name, one in evidence.figures["sets"].items()
+        if one["data"]["trained_on_recordings"]
     ]
     return "".join(
         f"<p class=note><strong>Warning:</strong> the model was trained on {data['trained_on_recordings']} of the "
@@ -150,7 +182,8 @@ def _timelines(evidence: Evidence) -> str:
         return ""
     first, kind = next(iter(evidence.figures["sets"])), kind_of(evidence)
     parts = "".join(
-        f"<h3>{html.escape(title)}</h3>{draw.timelines(rows, kind)}" for title, rows in evidence.shown.items()
+        f"<h3>{html.escape(title)}</h3>{draw.timelines(rows, kind)}"
+        for title, rows in evidence.shown.items()
     )
     return f"""{_head(evidence, "Trials as they went by")}
 <p class=key>The first trials of {html.escape(first)}, an object in turn, one row a trial. Behind, in pale colour from edge to
@@ -231,10 +264,12 @@ def _camera(evidence: Evidence) -> str:
     rows = "".join(
         f"<tr class='{'ours' if line.startswith('ours') else ''}'><td>{html.escape(name)}: {html.escape(line)}<td>{seen['onsets']}"
         f"<td>{seen['found']} of {seen['events']}<td>{_spread(seen['delay_ms'])}<td>{_spread(seen['lead_ms'])}"
-        + "".join(f"<td>{_spread((seen['truth'] or {}).get(key))}"
-                  for key in ("delay_ms", "lead_ms", "start_off_ms", "gross_off_ms"))
+        + "".join(
+            f"<td>{_spread((seen['truth'] or {}).get(key))}"
+            for key in ("delay_ms", "lead_ms", "start_off_ms", "gross_off_ms")
+        )
         for name, line, seen in told
-    )  # fmt: skip
+    )
     sd = ", ".join(
         f"{html.escape(name)} {_ms(seen['start_sd_ms'], 'p50')} ms"
         for name, line, seen in told
@@ -264,12 +299,16 @@ def _safe_and_specific(evidence: Evidence) -> str:
     asked = rows[name]["specificity"] or {}
     holds = "".join(
         f"<tr><td>{html.escape(line)}"
-        + "".join(f"<td>{_two(_share(one['share']), _range(one['share_ci'], percent=True))}"
-                  for one in row["specificity"].values())
+        + "".join(
+            f"<td>{_two(_share(one['share']), _range(one['share_ci'], percent=True))}"
+            for one in row["specificity"].values()
+        )
         for line, row in rows.items()
         if asked
-    )  # fmt: skip
-    kinds = "".join(f"<th>{kind}: {one['n']} held, {one['failed']} failed" for kind, one in asked.items())
+    )
+    kinds = "".join(
+        f"<th>{kind}: {one['n']} held, {one['failed']} failed" for kind, one in asked.items()
+    )
     specific = (
         f"""<h3>Holds that are disturbed</h3>
 <p>Grip (dFn), load (dFt) or motor (dq) disturbed three times; specific: no alarm from the first sample to the last, of the
@@ -310,7 +349,9 @@ def _closing(evidence: Evidence) -> str:
     rows = "".join(
         f"<tr><td>{html.escape(name)}<td>{of['modelled']}<td>{of['preventable']}<td>{of['not_preventable']}<td>{of['kept']}"
         f"<td>{_share(of['kept_share'])}<td>{of['kept_without_a_slip']}"
-        + "".join(f"<td>{o['kept']} of {o['preventable']}" for o in one["closing"]["by_lag_ms"].values())
+        + "".join(
+            f"<td>{o['kept']} of {o['preventable']}" for o in one["closing"]["by_lag_ms"].values()
+        )
         + f"<td>{_error(one['closing']['model_error_ms'])}"
         for name, one in sets.items()
         for of in (one["rows"][headline]["closing"],)
@@ -339,19 +380,28 @@ def _states(evidence: Evidence) -> str:
         f"<tr><td>{html.escape(name)}<td>{_spread(states['to_risky_state_ms'])}<td>{_number(states['changes_per_s'])}"
         f"<td>{_number(states['true_changes_per_s'])}<td>{_share(states['safe_acts_state_called']['share'])}"
         f"<td>{_number(calibrated['ece'], 3)}<td>{_number(calibrated['ece_risky'], 3)}"
-        + "".join(f"<td>{_f1(states['confusion'].get(level))}" for level in ("four", "seven", "eight"))
+        + "".join(
+            f"<td>{_f1(states['confusion'].get(level))}" for level in ("four", "seven", "eight")
+        )
         + f"<td>{_number(one['windows']['situations']['macro_f1'], 3)}"
         for name, one in figures["sets"].items()
-        for states, calibrated in ((one["states"], one["states"]["calibration"] or {"ece": None, "ece_risky": None}),)
+        for states, calibrated in (
+            (one["states"], one["states"]["calibration"] or {"ece": None, "ece_risky": None}),
+        )
     )
     first, one = next(iter(figures["sets"].items()))
     drawn = [
         f"<div><p class=note>{level} classes, {html.escape(first)}</p>{draw.confusion(told, kind_of(evidence))}</div>"
-        for level, told in sorted(one["states"]["confusion"].items(), key=lambda pair: len(pair[1]["classes"]))
+        for level, told in sorted(
+            one["states"]["confusion"].items(), key=lambda pair: len(pair[1]["classes"])
+        )
     ]
     answered = {name: one for name, one in figures["sets"].items() if one["states"]["calibration"]}
     if answered:
-        drawn.insert(1, f"<div><p class=note>calibration</p>{draw.reliability(answered, kind_of(evidence))}</div>")
+        drawn.insert(
+            1,
+            f"<div><p class=note>calibration</p>{draw.reliability(answered, kind_of(evidence))}</div>",
+        )
     return f"""{_head(evidence, "The states themselves")}
 <p>Per sample of every labelled phase, in natural proportion, unless said. A state is a single sample's answer, before any
 debounce; its changes a second stand beside the truth's own. Seven classes count nothing once: light and heavy are one signal
@@ -363,11 +413,17 @@ there, and eight cannot be told.</p>
 
 
 def _f1(level: dict[str, Any] | None) -> str:
-    return "" if level is None else _two(_number(level["macro_f1"], 3), _range(level["macro_f1_ci"], places=3))
+    return (
+        ""
+        if level is None
+        else _two(_number(level["macro_f1"], 3), _range(level["macro_f1_ci"], places=3))
+    )
 
 
 def _outcomes(evidence: Evidence) -> str:
-    table = {(row["object"], row["style"], row["action"]): row for row in evidence.figures["outcomes"]}
+    table = {
+        (row["object"], row["style"], row["action"]): row for row in evidence.figures["outcomes"]
+    }
     if not table:
         return ""
     styles = [style for style in STYLES if any(key[1] == style for key in table)]
@@ -445,7 +501,9 @@ def _data(evidence: Evidence) -> str:
         for name, one in evidence.figures["sets"].items()
     )
     limits = "".join(f"<li>{html.escape(one)}</li>" for one in LIMITS)
-    caveats = " ".join(dict.fromkeys(one["data"]["caveat"] for one in evidence.figures["sets"].values()))
+    caveats = " ".join(
+        dict.fromkeys(one["data"]["caveat"] for one in evidence.figures["sets"].values())
+    )
     onsets = " ".join(
         f"{html.escape(name)}: {html.escape(words)}."
         for name, one in evidence.figures["sets"].items()
@@ -482,7 +540,9 @@ def _share(value: float | None) -> str:
 def _range(interval: list[float] | None, *, percent: bool = False, places: int = 2) -> str:
     if not interval:
         return ""
-    return " to ".join(f"{100 * edge:.1f}" if percent else f"{edge:.{places}f}" for edge in interval)
+    return " to ".join(
+        f"{100 * edge:.1f}" if percent else f"{edge:.{places}f}" for edge in interval
+    )
 
 
 def _ms(spread: dict[str, float] | None, which: str) -> str:
@@ -505,7 +565,9 @@ def _spread(spread: dict[str, float] | None) -> str:
 def _percents(spread: dict[str, float] | None) -> str:
     if spread is None:
         return ""
-    return _two(f"{100 * spread['p50']:.0f} %", f"{100 * spread['p5']:.0f} to {100 * spread['p95']:.0f}")
+    return _two(
+        f"{100 * spread['p50']:.0f} %", f"{100 * spread['p5']:.0f} to {100 * spread['p95']:.0f}"
+    )
 
 
 def _kept(closing: dict[str, Any] | None) -> str:

@@ -1,8 +1,10 @@
-"""Figures of scenes: eight classes, seven, four situations; what is called risky; whether weight leaks.
+"""Figures of scenes: eight classes, seven, four situations; what is called risky; whether weight
+leaks.
 
-Nothing, light and nothing, heavy are one and the same signal. Eight balanced classes can therefore be told
-with an accuracy of at most 6/8 + 2/8 x 1/2 = 0.875; who is better has been told the answer (a leak). "Seven"
-counts nothing once, and has the votes of both added up. Intervals are 95 % and over trials unless said.
+Nothing, light and nothing, heavy are one and the same signal. Eight balanced classes can therefore
+be told with an accuracy of at most 6/8 + 2/8 x 1/2 = 0.875; who is better has been told the answer
+(a leak). "Seven" counts nothing once, and has the votes of both added up. Intervals are 95 % and
+over trials unless said.
 """
 
 from __future__ import annotations
@@ -12,7 +14,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, SITUATIONS, BoolArray
+from edge_runtime.contract import (
+    CLASSES,
+    GRASP,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    BoolArray,
+)
 from export.reference import IntArray, riskier_argmax, situation_votes
 from training.metrics import Labels, share_scores, situation_scores
 from training.recording import DataSet
@@ -41,7 +51,8 @@ def labels_at(label: Labels, level: str) -> IntArray:
 
 
 def answers_at(votes: IntArray, level: str) -> IntArray:
-    """[M, 8] votes -> [M] answers at a level: votes of merged classes are added before the largest wins."""
+    """[M, 8] votes -> [M] answers at a level: votes of merged classes are added before the largest
+    wins."""
     if level == "four":
         return riskier_argmax(situation_votes(votes))
     if level == "seven":
@@ -50,7 +61,8 @@ def answers_at(votes: IntArray, level: str) -> IntArray:
 
 
 def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
-    """Every level's accuracy and macro F1 (over the classes present), and `calls`, of votes [M, 8] on "classes"."""
+    """Every level's accuracy and macro F1 (over the classes present), and `calls`, of votes [M, 8]
+    on "classes"."""
     label, groups = data.tasks["classes"].label, data.group_of("classes")
     figures: dict[str, Any] = {"n_windows": len(label), "n_trials": len(np.unique(groups))}
     for level, classes in LEVELS.items():
@@ -63,7 +75,8 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
 
 
 def calls(data: DataSet, called: BoolArray, *, seed: int = 0) -> dict[str, Any]:
-    """Share of the windows of each situation that are called risky; of risky ones this is the recall."""
+    """Share of the windows of each situation that are called risky; of risky ones this is the
+    recall."""
     truth, groups = labels_at(data.tasks["classes"].label, "four"), data.group_of("classes")
     asked = {"risky": RISKY_SLIP, "safe": SAFE_SLIP, "grasp": GRASP, "nothing": NOTHING}
     return {
@@ -73,7 +86,8 @@ def calls(data: DataSet, called: BoolArray, *, seed: int = 0) -> dict[str, Any]:
 
 
 def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
-    """Whether votes [M, 8] of held-out trials know a weight that nothing shows; classes must be balanced."""
+    """Whether votes [M, 8] of held-out trials know a weight that nothing shows; classes must be
+    balanced."""
     label, groups = data.tasks["classes"].label, data.group_of("classes")
     empty = labels_at(label, "four") == NOTHING
     right = riskier_argmax(votes) == label
@@ -101,16 +115,21 @@ def _above(figure: dict[str, Any], limit: float) -> bool:
 def confusion(label: Labels, votes: IntArray) -> npt.NDArray[np.int64]:
     """[8, 8] counts: was (rows), answered (columns)."""
     n = len(CLASSES)
-    return np.bincount(n * np.asarray(label) + answers_at(votes, "eight"), minlength=n * n).reshape(n, n)
+    return np.bincount(n * np.asarray(label) + answers_at(votes, "eight"), minlength=n * n).reshape(
+        n, n
+    )
 
 
 def spread_of(matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
-    """Recall of each class in every retraining, and the largest minus the smallest; classes absent are None."""
+    """Recall of each class in every retraining, and the largest minus the smallest; classes absent
+    are None."""
     recalls = np.array([np.diagonal(m) / np.maximum(m.sum(axis=1), 1) for m in matrices])
     there = matrices[0].sum(axis=1) > 0
     span = np.where(there, np.ptp(recalls, axis=0), np.nan)
     return {
-        "recall": {name: recalls[:, k].tolist() if there[k] else None for k, name in enumerate(CLASSES)},
+        "recall": {
+            name: recalls[:, k].tolist() if there[k] else None for k, name in enumerate(CLASSES)
+        },
         "spread": {name: float(span[k]) if there[k] else None for k, name in enumerate(CLASSES)},
         "largest_spread": float(np.nanmax(span)),
         "within_10_percent": bool(np.nanmax(span) <= 0.10 + 1e-9),

@@ -1,4 +1,5 @@
-"""What stands beside the step graph's features on scenes: a window alone, a clock, and one line of code."""
+"""What stands beside the step graph's features on scenes: a window alone, a clock, and one line of
+code."""
 
 from __future__ import annotations
 
@@ -21,19 +22,22 @@ ONE_LINE = "says slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers 
 def raw_windows(data: DataSet) -> FloatRows:
     """[M, N C] the window group's features of every window of "classes", each from a fresh state.
 
-    Every window is stepped through the graph as a recording of its own, so nothing before its first row
-    is seen: of the trial only the offset remains, which the preparation takes from its unloaded start.
-    The group has no bias or filter of its own: without a lost sample it equals the streamed one.
+    Every window is stepped through the graph as a recording of its own, so nothing before its first
+    row is seen: of the trial only the offset remains, which the preparation takes from its unloaded
+    start. The group has no bias or filter of its own: without a lost sample it equals the streamed
+    one.
     """
     alone = windows_alone(data)
     return features_of(alone, spec_for(alone, RAW_GROUPS))["classes"]
 
 
 def windows_alone(data: DataSet) -> DataSet:
-    """The same windows of the task "classes", each a recording of the N samples that end at its row."""
+    """The same windows of the task "classes", each a recording of the N samples that end at its
+    row."""
     task, n = data.tasks["classes"], window_samples(data.rate_hz)
     recordings = [
-        _cut(data.recordings[trial], row + 1 - n, row + 1) for trial, row in zip(task.trial, task.row, strict=True)
+        _cut(data.recordings[trial], row + 1 - n, row + 1)
+        for trial, row in zip(task.trial, task.row, strict=True)
     ]
     last = np.array([len(recording.samples) - 1 for recording in recordings], dtype=np.int64)
     rows = LabelledRows(np.arange(len(task)), last, task.label, task.classes)
@@ -46,7 +50,8 @@ def _cut(recording: Recording, first: int, stop: int) -> Recording:
 
 
 def clock_features(data: DataSet) -> FloatRows:
-    """[M, 2]: s since contact (below 0 before any) and summed normal force in N. A warning, never an input."""
+    """[M, 2]: s since contact (below 0 before any) and summed normal force in N. A warning, never
+    an input."""
     task = data.tasks["classes"]
     features = np.empty((len(task), 2), dtype=np.float32)
     for trial in np.unique(task.trial):
@@ -59,14 +64,16 @@ def clock_features(data: DataSet) -> FloatRows:
 def one_line(samples: FloatArray) -> BoolArray:
     """[T, C] in N -> [T]: the summed shear changed by more than 0.5 N within two samples. Causal.
 
-    Two samples are 40 ms at 50 Hz and 13 ms at 150 Hz: the law is in samples, and its meaning moves with the rate.
+    Two samples are 40 ms at 50 Hz and 13 ms at 150 Hz: the law is in samples, and its meaning moves
+    with the rate.
     """
     says: BoolArray = shear_jump(samples) > JUMP_N
     return says
 
 
 def shear_jump(samples: FloatArray) -> FloatArray:
-    """[T, C] -> [T] by how much the summed shear changed within two samples, in the samples' unit; 0 at the start."""
+    """[T, C] -> [T] by how much the summed shear changed within two samples, in the samples' unit;
+    0 at the start."""
     shear = np.abs(samples.reshape(len(samples), -1, 3)[..., :NORMAL_AXIS]).sum(axis=(1, 2))
     jump = np.zeros(len(samples))
     jump[BACK_SAMPLES:] = np.abs(shear[BACK_SAMPLES:] - shear[:-BACK_SAMPLES])
@@ -74,7 +81,8 @@ def shear_jump(samples: FloatArray) -> FloatArray:
 
 
 def one_line_at(data: DataSet, reach_samples: int = 1) -> BoolArray:
-    """[M] whether it says slip at any of the last `reach_samples` samples of every window of "classes"."""
+    """[M] whether it says slip at any of the last `reach_samples` samples of every window of
+    "classes"."""
     task = data.tasks["classes"]
     says = np.zeros(len(task), dtype=np.bool_)
     for trial in np.unique(task.trial):

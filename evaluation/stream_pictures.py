@@ -1,4 +1,5 @@
-"""The pictures of the scenes' report; every one bears the kind of its data ("simulated"). Colours: Okabe & Ito."""
+"""The pictures of the scenes' report; every one bears the kind of its data ("simulated"). Colours:
+Okabe & Ito."""
 
 from __future__ import annotations
 
@@ -14,7 +15,17 @@ from matplotlib.figure import Figure
 from edge_runtime.contract import CLASSES, NORMAL_AXIS, RISKY_SLIP, SITUATIONS, FloatArray
 from edge_runtime.decision import UNKNOWN
 from evaluation.streams import StreamPicture
-from evaluation.style import FINGER_COLOURS, INK, OURS, QUIET, SITUATION_COLOURS, STYLE, WARNING, bars, svg
+from evaluation.style import (
+    FINGER_COLOURS,
+    INK,
+    OURS,
+    QUIET,
+    SITUATION_COLOURS,
+    STYLE,
+    WARNING,
+    bars,
+    svg,
+)
 
 FINGERS = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
 LINE_COLOURS = (OURS, QUIET, WARNING)
@@ -50,8 +61,11 @@ def score_bars(rows: dict[str, Any], kind: str) -> str:
 
 
 def confusion_spread(matrices: list[Any], kind: str) -> str:
-    """Mean of the retrainings' confusion matrices with half their range, and every retraining's recall."""
-    shares = np.array([np.asarray(m) / np.maximum(np.sum(m, axis=1, keepdims=True), 1) for m in matrices])
+    """Mean of the retrainings' confusion matrices with half their range, and every retraining's
+    recall."""
+    shares = np.array(
+        [np.asarray(m) / np.maximum(np.sum(m, axis=1, keepdims=True), 1) for m in matrices]
+    )
     mean, half = shares.mean(axis=0), np.ptp(shares, axis=0) / 2.0
     names = [name.replace("_", " ") for name in CLASSES]
     with labelled(kind, 9.2, 4.9) as figure:
@@ -64,25 +78,37 @@ def confusion_spread(matrices: list[Any], kind: str) -> str:
         left.set(xlabel="answered", ylabel="was")
         left.spines[:].set_visible(False)
         for one in shares:
-            right.plot(np.diagonal(one), range(len(names)), "o", color=OURS, markersize=5, alpha=0.6)
+            right.plot(
+                np.diagonal(one), range(len(names)), "o", color=OURS, markersize=5, alpha=0.6
+            )
         right.set(xlabel="recall of each\nretraining", xlim=(0, 1))
         right.grid(axis="x", color="#e4e7eb")
         return svg(figure)
 
 
 def _cell(axes: Axes, row: int, column: int, value: float, half: float | None) -> None:
-    """A share, and below it half the range over the retrainings; cells that round to nothing stay empty."""
+    """A share, and below it half the range over the retrainings; cells that round to nothing stay
+    empty."""
     if value < 0.005:
         return
     colour = "white" if value > 0.5 else INK
     up = 0.0 if half is None else 0.13
     axes.text(column, row - up, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=9)
     if half is not None:
-        axes.text(column, row + 0.25, f"± {half:.2f}", ha="center", va="center", color=colour, fontsize=6.5)
+        axes.text(
+            column,
+            row + 0.25,
+            f"± {half:.2f}",
+            ha="center",
+            va="center",
+            color=colour,
+            fontsize=6.5,
+        )
 
 
 def by_object(objects: dict[str, dict[str, Any]], kind: str) -> str:
-    """Macro F1 over the situations of each object held out, one row an object, one mark a line of the table."""
+    """Macro F1 over the situations of each object held out, one row an object, one mark a line of
+    the table."""
     names = list(next(iter(objects.values())))
     with labelled(kind, 7.2, 0.42 * len(names) + 1.5) as figure:
         axes = figure.subplots()
@@ -92,11 +118,19 @@ def by_object(objects: dict[str, dict[str, Any]], kind: str) -> str:
                 one = figures[name]["four"]
                 axes.plot(_edges(one), [row + shift] * 2, color=colour, linewidth=4, alpha=0.35)
                 label = _short(line) if row == 0 else None
-                axes.plot(one["macro_f1"], row + shift, "o", color=colour, markersize=5, label=label)
+                axes.plot(
+                    one["macro_f1"], row + shift, "o", color=colour, markersize=5, label=label
+                )
         axes.set_yticks(range(len(names)), names)
-        axes.set(xlabel="macro F1, four situations, object never met", xlim=(0, 1), ylim=(len(names) - 0.5, -0.5))
+        axes.set(
+            xlabel="macro F1, four situations, object never met",
+            xlim=(0, 1),
+            ylim=(len(names) - 0.5, -0.5),
+        )
         axes.grid(axis="x", color="#e4e7eb")
-        axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8)
+        axes.legend(
+            frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8
+        )
         return svg(figure)
 
 
@@ -106,13 +140,33 @@ def over_rates(rates: dict[str, Any], kind: str) -> str:
     studies = list(rates.values())
     with labelled(kind, 9.2, 3.2) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
-        for place, line in enumerate(name for name, row in studies[0]["rows"].items() if "four" in row):
-            _over(left, hz, [study["rows"][line]["four"] for study in studies], LINE_COLOURS[place % 3], _short(line))
+        for place, line in enumerate(
+            name for name, row in studies[0]["rows"].items() if "four" in row
+        ):
+            _over(
+                left,
+                hz,
+                [study["rows"][line]["four"] for study in studies],
+                LINE_COLOURS[place % 3],
+                _short(line),
+            )
         ours = next(iter(studies[0]["rows"]))
-        everywhere = [card for card in studies[0]["others"] if all(card in study["others"] for study in studies)]
+        everywhere = [
+            card
+            for card in studies[0]["others"]
+            if all(card in study["others"] for study in studies)
+        ]
         for card, colour in zip(everywhere, FINGER_COLOURS[1:], strict=False):
-            _over(right, hz, [study["others"][card]["rows"][ours]["four"] for study in studies], colour, card)
-        left.set(title="trials held out", ylabel="macro F1, four situations", xlabel="Hz", xticks=hz)
+            _over(
+                right,
+                hz,
+                [study["others"][card]["rows"][ours]["four"] for study in studies],
+                colour,
+                card,
+            )
+        left.set(
+            title="trials held out", ylabel="macro F1, four situations", xlabel="Hz", xticks=hz
+        )
         right.set(title="ours, on what it never met", xlabel="Hz", xticks=hz)
         for axes in (left, right):
             axes.grid(axis="y", color="#e4e7eb")
@@ -121,7 +175,9 @@ def over_rates(rates: dict[str, Any], kind: str) -> str:
         return svg(figure)
 
 
-def _over(axes: Axes, hz: list[float], figures: list[dict[str, Any]], colour: str, label: str) -> None:
+def _over(
+    axes: Axes, hz: list[float], figures: list[dict[str, Any]], colour: str, label: str
+) -> None:
     low, high = np.array([_edges(one) for one in figures]).T
     axes.fill_between(hz, low, high, color=colour, alpha=0.15, linewidth=0)
     axes.plot(hz, [one["macro_f1"] for one in figures], "o-", color=colour, label=label)
@@ -137,13 +193,16 @@ def _short(line: str) -> str:
 
 
 def stream(picture: StreamPicture, kind: str) -> str:
-    """Forces of six fingers with the critical points, and the decision over the truth; right, the action alone."""
+    """Forces of six fingers with the critical points, and the decision over the truth; right, the
+    action alone."""
     recording = picture.recording
     t_s = np.arange(len(recording.samples)) / recording.rate_hz
     forces = recording.samples.reshape(len(t_s), -1, 3)
     shear_n = np.hypot(forces[..., 0], forces[..., 1])
     with labelled(kind, 10.4, 5.6) as figure:
-        grid = figure.subplots(3, 2, sharex="col", sharey="row", width_ratios=(2.1, 1), height_ratios=(1.2, 1.2, 1))
+        grid = figure.subplots(
+            3, 2, sharex="col", sharey="row", width_ratios=(2.1, 1), height_ratios=(1.2, 1.2, 1)
+        )
         for column in range(2):
             _forces(grid[0, column], t_s, forces[..., NORMAL_AXIS], picture)
             _forces(grid[1, column], t_s, shear_n, picture)
@@ -154,7 +213,9 @@ def stream(picture: StreamPicture, kind: str) -> str:
         grid[0, 1].set_xlim(*_around(picture, t_s))
         grid[0, 0].set_xlim(0.0, t_s[-1])
         _name_events(grid[0, 1], picture)
-        grid[0, 0].legend(frameon=False, fontsize=7, ncols=6, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+        grid[0, 0].legend(
+            frameon=False, fontsize=7, ncols=6, loc="lower left", bbox_to_anchor=(0.0, 1.0)
+        )
         return svg(figure)
 
 
@@ -170,17 +231,31 @@ def _forces(axes: Axes, t_s: FloatArray, force_n: FloatArray, picture: StreamPic
 
 
 def _decision(axes: Axes, t_s: FloatArray, picture: StreamPicture) -> None:
-    """Behind, the truth in pale colour from edge to edge; in front, the answer in full colour at its own height."""
+    """Behind, the truth in pale colour from edge to edge; in front, the answer in full colour at
+    its own height."""
     step_s = float(t_s[1] - t_s[0])
     for phase in picture.phases:
         axes.axvspan(
-            phase.first * step_s, phase.stop * step_s, color=SITUATION_COLOURS[phase.situation], alpha=0.35, linewidth=0
+            phase.first * step_s,
+            phase.stop * step_s,
+            color=SITUATION_COLOURS[phase.situation],
+            alpha=0.35,
+            linewidth=0,
         )
     for situation, colour in enumerate(SITUATION_COLOURS):
-        spans = [(first * step_s, (stop - first) * step_s) for first, stop in runs(picture.answer == situation)]
-        axes.broken_barh(spans, (situation - 0.32, 0.64), color=colour, edgecolor=INK, linewidth=0.4)
-    unknown = [(first * step_s, (stop - first) * step_s) for first, stop in runs(picture.answer == UNKNOWN)]
-    axes.broken_barh(unknown, (-0.32, 0.64), facecolor="white", edgecolor=QUIET, linewidth=0.6, hatch="////")
+        spans = [
+            (first * step_s, (stop - first) * step_s)
+            for first, stop in runs(picture.answer == situation)
+        ]
+        axes.broken_barh(
+            spans, (situation - 0.32, 0.64), color=colour, edgecolor=INK, linewidth=0.4
+        )
+    unknown = [
+        (first * step_s, (stop - first) * step_s) for first, stop in runs(picture.answer == UNKNOWN)
+    ]
+    axes.broken_barh(
+        unknown, (-0.32, 0.64), facecolor="white", edgecolor=QUIET, linewidth=0.6, hatch="////"
+    )
     for first, _ in runs(picture.acts):
         axes.plot(first * step_s, RISKY_SLIP + 0.62, "v", color=INK, markersize=6)
     axes.set_yticks(range(len(SITUATIONS)), [name.replace("_", " ") for name in SITUATIONS])
@@ -201,17 +276,27 @@ def runs(there: np.ndarray) -> list[tuple[int, int]]:
 def _around(picture: StreamPicture, t_s: FloatArray) -> tuple[float, float]:
     """The time around the action: its load onset, else the start of the first slip of the truth."""
     slips = [phase.first for phase in picture.phases if phase.situation >= 2]
-    at_s = picture.events.get("load_onset_s", float(t_s[slips[0]]) if slips else float(t_s[-1]) / 2.0)
+    at_s = picture.events.get(
+        "load_onset_s", float(t_s[slips[0]]) if slips else float(t_s[-1]) / 2.0
+    )
     return at_s + AROUND_S[0], at_s + AROUND_S[1]
 
 
 def _name_events(axes: Axes, picture: StreamPicture) -> None:
-    """Names above the dashed lines, each a little higher than the one before, since they stand close."""
+    """Names above the dashed lines, each a little higher than the one before, since they stand
+    close."""
     low, high = axes.get_xlim()
-    shown = [(picture.events[key], name) for key, name in EVENT_NAMES.items() if key in picture.events]
+    shown = [
+        (picture.events[key], name) for key, name in EVENT_NAMES.items() if key in picture.events
+    ]
     for place, (at_s, name) in enumerate(shown):
         if low < at_s < high:
             axes.annotate(
-                name, (at_s, 1.0), (2, 1 + 8 * place), xycoords=("data", "axes fraction"),
-                textcoords="offset points", fontsize=7, color="#52606d",
-            )  # fmt: skip
+                name,
+                (at_s, 1.0),
+                (2, 1 + 8 * place),
+                xycoords=("data", "axes fraction"),
+                textcoords="offset points",
+                fontsize=7,
+                color="#52606d",
+            )

@@ -1,4 +1,5 @@
-"""Trials as they went by: six fingers' forces, critical points, truth, and what a forest that never met them says."""
+"""Trials as they went by: six fingers' forces, critical points, truth, and what a forest that never
+met them says."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ EVENTS = ("load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")
 
 @dataclass(frozen=True)
 class StreamPicture:
-    """One trial, nobody's training: answer [T] is a situation or UNKNOWN, acts [T] what the decision asks for.
+    """One trial, nobody's training: answer [T] is a situation or UNKNOWN, acts [T] what the
+    decision asks for.
 
     events: times in s of the truth's events that happened, by name.
     """
@@ -42,7 +44,8 @@ class StreamPicture:
 
 
 def shown_trials(data: DataSet) -> list[int]:
-    """The first trial of each action to be shown that has a window of its slip: chosen before any answer."""
+    """The first trial of each action to be shown that has a window of its slip: chosen before any
+    answer."""
     task = data.tasks["classes"]
     situations = labels_at(task.label, "four")
     found = []
@@ -56,13 +59,19 @@ def shown_trials(data: DataSet) -> list[int]:
 def held_out_streams(
     folder: Path, data: DataSet, features: FloatRows, plan: TrainingPlan, seed: int
 ) -> list[StreamPicture]:
-    """Pictures of the shown trials of a set read from a folder, from one forest that met none of them."""
+    """Pictures of the shown trials of a set read from a folder, from one forest that met none of
+    them."""
     shown, task = shown_trials(data), data.tasks["classes"]
-    forest = fit_forest(data, features, plan, "classes", np.flatnonzero(~np.isin(task.trial, shown)), seed)
+    forest = fit_forest(
+        data, features, plan, "classes", np.flatnonzero(~np.isin(task.trial, shown)), seed
+    )
     spec = spec_for(data, plan.groups)
     part = data.of_groups({data.recordings[k].group for k in shown})
     streams = zip(part.recordings, features_everywhere(part, spec), strict=True)
-    return [_picture(folder, one, reference_votes(forest, rows, len(task.classes)), spec) for one, rows in streams]
+    return [
+        _picture(folder, one, reference_votes(forest, rows, len(task.classes)), spec)
+        for one, rows in streams
+    ]
 
 
 def _picture(folder: Path, recording: Recording, votes: IntArray, spec: StepSpec) -> StreamPicture:
@@ -76,7 +85,8 @@ def _picture(folder: Path, recording: Recording, votes: IntArray, spec: StepSpec
 def picture_of(
     folder: Path, recording: Recording, answer: npt.NDArray[np.int64], acts: npt.NDArray[np.bool_]
 ) -> StreamPicture:
-    """What was answered on a trial of a folder, with the truth beside the trial. answer, acts: [T]."""
+    """What was answered on a trial of a folder, with the truth beside the trial. answer, acts:
+    [T]."""
     truth = truth_path(folder / f"{recording.trial_id}.csv")
     told = read_json(truth)
     return StreamPicture(
@@ -89,7 +99,9 @@ def picture_of(
     )
 
 
-def decided(answer: npt.NDArray[np.int64], risky_share: FloatArray, rate_hz: float) -> npt.NDArray[np.bool_]:
+def decided(
+    answer: npt.NDArray[np.int64], risky_share: FloatArray, rate_hz: float
+) -> npt.NDArray[np.bool_]:
     """[T] whether the hand is asked to act, by the decision's own default rules."""
     period = period_us(rate_hz)
     rules, state, acts = DecisionRules(), DecisionState(), np.zeros(len(answer), dtype=np.bool_)

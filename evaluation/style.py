@@ -1,4 +1,5 @@
-"""How every picture looks: one palette for situations and fingers, one style, one way to become an SVG."""
+"""How every picture looks: one palette for situations and fingers, one style, one way to become an
+SVG."""
 
 from __future__ import annotations
 
@@ -10,12 +11,21 @@ from matplotlib.figure import Figure
 
 INK, QUIET, OURS, WARNING = "#1f2933", "#9aa5b1", "#0b69a3", "#cb6e17"
 STYLE: dict[Any, Any] = {
-    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": QUIET,
-    "text.color": INK, "axes.labelcolor": INK, "xtick.color": INK, "ytick.color": INK,
-    "svg.fonttype": "none", "svg.hashsalt": "holdfast", "figure.constrained_layout.use": True,
-}  # fmt: skip
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": QUIET,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "holdfast",
+    "figure.constrained_layout.use": True,
+}
 SITUATION_COLOURS = ("#bbbbbb", "#56b4e9", "#009e73", "#d55e00")
-"""nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion beside a grey."""
+"""nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion
+beside a grey."""
 FINGER_COLOURS = ("#000000", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7")
 
 
@@ -27,14 +37,27 @@ def svg(figure: Figure) -> str:
     return text[text.index("<svg") :]
 
 
-def bars(axes: Axes, rows: dict[str, Any], task: str, figure: str, title: str, start: float) -> None:
+def bars(
+    axes: Axes, rows: dict[str, Any], task: str, figure: str, title: str, start: float
+) -> None:
     """One figure of every row with its interval; ours and warnings in colours of their own."""
     for place, (name, row) in enumerate(rows.items()):
         value, interval = row[task][figure], row[task][f"{figure}_ci"]
-        colour = WARNING if name.startswith("WARNING") else OURS if name.startswith("ours") else QUIET
-        axes.plot(interval, [place, place], color=colour, linewidth=5, alpha=0.35, solid_capstyle="butt")
+        colour = (
+            WARNING if name.startswith("WARNING") else OURS if name.startswith("ours") else QUIET
+        )
+        axes.plot(
+            interval, [place, place], color=colour, linewidth=5, alpha=0.35, solid_capstyle="butt"
+        )
         axes.plot(value, place, "o", color=colour, markersize=6)
-        axes.annotate(f"{value:.3f}", (value, place), (0, 6), textcoords="offset points", ha="center", fontsize=8)
+        axes.annotate(
+            f"{value:.3f}",
+            (value, place),
+            (0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+        )
     axes.set_xlim(left=start)
     axes.set_title(title, fontsize=10, loc="left")
     axes.grid(axis="x", color="#e4e7eb")

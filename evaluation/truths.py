@@ -1,4 +1,5 @@
-"""What the truth beside a recording says beyond its phases: how each grasp in it was done, with what, by whom."""
+"""What the truth beside a recording says beyond its phases: how each grasp in it was done, with
+what, by whom."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ SAME_MOMENT_S = 0.02
 
 @dataclass(frozen=True)
 class Grasp:
-    """One simulated grasp: what the truth says of it (keys as the scene writes them), empty without a truth."""
+    """One simulated grasp: what the truth says of it (keys as the scene writes them), empty without
+    a truth."""
 
     told: dict[str, Any]
 
@@ -42,14 +44,16 @@ class Grasp:
 
 @dataclass(frozen=True)
 class VoluntaryAction:
-    """A voluntary hand-over or put-down, rows [first, stop): safe slips with nothing but holding between them."""
+    """A voluntary hand-over or put-down, rows [first, stop): safe slips with nothing but holding
+    between them."""
 
     first: int
     stop: int
 
 
 def grasps_beside(root: Path, recordings: Sequence[Recording]) -> list[tuple[Grasp, ...]]:
-    """The grasps of every recording of a folder in the thesis' layout; one empty grasp where there is no truth."""
+    """The grasps of every recording of a folder in the thesis' layout; one empty grasp where there
+    is no truth."""
     return [_grasps(truth_path(root / f"{one.trial_id}.csv")) for one in recordings]
 
 
@@ -74,12 +78,20 @@ def grasp_of(event: RiskyEvent, grasps: tuple[Grasp, ...]) -> Grasp | None:
 
 
 def safe_acts(recording: Recording) -> list[VoluntaryAction]:
-    """The voluntary acts of a recording, in order: none that belongs to a grip that fails, nor the end of a hold."""
+    """The voluntary acts of a recording, in order: none that belongs to a grip that fails, nor the
+    end of a hold."""
     if recording.action == "hold":
         return []
-    spans = [(event.onset_s * recording.rate_hz, event.end_s * recording.rate_hz) for event in recording.events]
+    spans = [
+        (event.onset_s * recording.rate_hz, event.end_s * recording.rate_hz)
+        for event in recording.events
+    ]
     acts = acts_of(recording.phases)
-    return [act for act in acts if not any(first < act.stop - 1 and act.first < stop - 1 for first, stop in spans)]
+    return [
+        act
+        for act in acts
+        if not any(first < act.stop - 1 and act.first < stop - 1 for first, stop in spans)
+    ]
 
 
 def acts_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:

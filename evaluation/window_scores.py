@@ -20,11 +20,12 @@ from training.recording import DataSet
 
 
 def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
-    """Figures of a model on a set, with the keys of the issue; says how much of it the model has seen.
+    """Figures of a model on a set, with the keys of the issue; says how much of it the model has
+    seen.
 
-    Every recording is streamed from a fresh state, as on the hand; a window at which the state would be
-    unknown counts as a miss. Raises ChannelError, UnitError or
-    RateError where the set does not fit the model.
+    Every recording is streamed from a fresh state, as on the hand; a window at which the state
+    would be unknown counts as a miss. Raises ChannelError, UnitError or RateError where the set
+    does not fit the model.
     """
     require_model_fits(model, data)
     data = with_situations(data)
@@ -34,7 +35,13 @@ def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
 
 def require_model_fits(model: Model, data: DataSet) -> None:
     """Raise ChannelError, UnitError or RateError where the set does not fit the model."""
-    require_fit(model.card, n_channels=3 * data.n_sensors, unit=data.unit, rate_hz=data.rate_hz, where=data.name)
+    require_fit(
+        model.card,
+        n_channels=3 * data.n_sensors,
+        unit=data.unit,
+        rate_hz=data.rate_hz,
+        where=data.name,
+    )
 
 
 def heads_asked(model: Model, data: DataSet) -> list[str]:
@@ -42,8 +49,11 @@ def heads_asked(model: Model, data: DataSet) -> list[str]:
     return [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
 
 
-def window_figures(model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0) -> dict[str, Any]:
-    """The same, from what the file answered at the windows of a set that has the task "situations"."""
+def window_figures(
+    model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0
+) -> dict[str, Any]:
+    """The same, from what the file answered at the windows of a set that has the task
+    "situations"."""
     heads = heads_asked(model, data)
     withheld = answers["situations"]["unknown"]
     situation = np.where(withheld, len(SITUATIONS), answers["situations"]["situation"])
@@ -83,6 +93,8 @@ def at_windows(
 ) -> dict[str, dict[str, Any]]:
     """The same, out of what was computed at these rows of each recording."""
     return {
-        task: {name: pick_rows(data, task, rows, [c[name] for c in computed]) for name in computed[0]}
+        task: {
+            name: pick_rows(data, task, rows, [c[name] for c in computed]) for name in computed[0]
+        }
         for task in data.tasks
     }

@@ -55,13 +55,16 @@ def require_no_artifact(folder: Path) -> None:
     """Raise OutputError for a folder that holds a whole artifact, which a new one would replace."""
     if (folder / INDEX).exists():
         raise OutputError(
-            "holds an artifact already", where=folder, cause="an earlier training",
+            "holds an artifact already",
+            where=folder,
+            cause="an earlier training",
             next_step="name a new folder with --out, or add --force to replace it",
-        )  # fmt: skip
+        )
 
 
 def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
-    """Write the folder; the index goes first and comes last, so a folder without one is unfinished."""
+    """Write the folder; the index goes first and comes last, so a folder without one is
+    unfinished."""
     folder = Path(folder)
     remove(folder / INDEX)
     heads = {}
@@ -89,7 +92,8 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
 
 
 def read_artifact(folder: str | Path) -> Artifact:
-    """Read the folder back; ArtifactError where it is missing, foreign, of another format, or unsafe."""
+    """Read the folder back; ArtifactError where it is missing, foreign, of another format, or
+    unsafe."""
     folder = Path(folder)
     index = _read_index(folder)
     try:
@@ -108,10 +112,14 @@ def read_artifact(folder: str | Path) -> Artifact:
         _require_that_parts_fit(artifact)
         return artifact
     except TooLarge as error:
-        raise ArtifactError(error.what, where=error.where, next_step="train again into an empty folder") from None
+        raise ArtifactError(
+            error.what, where=error.where, next_step="train again into an empty folder"
+        ) from None
     except (KeyError, *NOT_AN_ARCHIVE) as error:
         raise ArtifactError(
-            f"the artifact is damaged ({error})", where=folder, next_step="train again into an empty folder"
+            f"the artifact is damaged ({error})",
+            where=folder,
+            next_step="train again into an empty folder",
         ) from None
 
 
@@ -126,7 +134,11 @@ def _require_that_parts_fit(artifact: Artifact) -> None:
         k = len(head.classes)
         shapes = head.calibration.weights.shape, head.calibration.bias.shape
         columns = head.forest.classes_
-        if head.forest.n_features_in_ != width or shapes != ((k, k), (k,)) or not np.isin(columns, range(k)).all():
+        if (
+            head.forest.n_features_in_ != width
+            or shapes != ((k, k), (k,))
+            or not np.isin(columns, range(k)).all()
+        ):
             raise ValueError(f"head {head.name} does not fit the spec or its classes")
 
 
@@ -142,13 +154,17 @@ def _read_index(folder: Path) -> Mapping[str, Any]:
         ) from None
     if not isinstance(index, dict) or index.get("format") != FORMAT:
         raise ArtifactError(
-            "another format of artifact", where=folder / INDEX, next_step="train again with this version"
+            "another format of artifact",
+            where=folder / INDEX,
+            next_step="train again with this version",
         )
     return index
 
 
 def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
-    calibration = Calibration(np.array(entry["calibration"]["weights"]), np.array(entry["calibration"]["bias"]))
+    calibration = Calibration(
+        np.array(entry["calibration"]["weights"]), np.array(entry["calibration"]["bias"])
+    )
     return Head(name, tuple(entry["classes"]), _load_forest(folder / entry["forest"]), calibration)
 
 
@@ -169,8 +185,12 @@ def _load_forest(path: Path) -> Forest:
         raise
     except Exception as error:  # zipfile, json and skops errors have no common root
         raise ArtifactError(
-            f"not a readable skops file ({type(error).__name__})", where=path, next_step="train again"
+            f"not a readable skops file ({type(error).__name__})",
+            where=path,
+            next_step="train again",
         ) from None
     if not isinstance(forest, FOREST_KINDS):
-        raise ArtifactError(f"a {type(forest).__name__} where a forest belongs", where=path, next_step="train again")
+        raise ArtifactError(
+            f"a {type(forest).__name__} where a forest belongs", where=path, next_step="train again"
+        )
     return forest

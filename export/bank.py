@@ -4,9 +4,9 @@ Per shear signal, in parallel for every band (f_n = 10, 15 .. 55 Hz, w_n = 2 pi 
 
     H(s) = s * [w_n^2 / (s^2 + 2 z w_n s + w_n^2)]^2 * [w_l / (s + w_l)],   z = 0.1, w_l = 2 pi 75 Hz
 
-The differentiator alone has a pole on the unit circle after the bilinear transform. Cancelled by hand
-against the low-pass' zero, both together are one stable section, which here is driven by the difference
-of two samples, so that a large offset never enters the filter::
+The differentiator alone has a pole on the unit circle after the bilinear transform. Cancelled by
+hand against the low-pass' zero, both together are one stable section, which here is driven by the
+difference of two samples, so that a large offset never enters the filter::
 
     u[t] = (K w_l d[t] - (w_l - K) u[t-1]) / (K + w_l),   K = 2 fs,   d[t] = x[t] - x[t-1]
 
@@ -28,13 +28,15 @@ DAMPING = 0.1
 LOW_PASS_HZ = 75.0
 STATES_PER_BAND = 4
 HIGHEST_SHARE = 0.46
-"""Nearer to half the rate, prewarping makes a band ring: 25 Hz at 50.1 Hz has a time constant of 32 s."""
+"""Nearer to half the rate, prewarping makes a band ring: 25 Hz at 50.1 Hz has a time constant of 32
+s."""
 
 Array = npt.NDArray[np.float64]
 
 
 def bands_for(rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ) -> tuple[float, ...]:
-    """The bands a sampling rate can carry: those below 0.46 of it. Raises RateError if there is none."""
+    """The bands a sampling rate can carry: those below 0.46 of it. Raises RateError if there is
+    none."""
     carried = tuple(f for f in bands_hz if f < HIGHEST_SHARE * rate_hz)
     if not carried:
         raise RateError(
@@ -46,7 +48,8 @@ def bands_for(rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ) -> tuple[f
 
 
 def sections(rate_hz: float, band_hz: float) -> Array:
-    """Second-order sections [3, 6] of one band in scipy's form: differentiator with low-pass, resonator twice."""
+    """Second-order sections [3, 6] of one band in scipy's form: differentiator with low-pass,
+    resonator twice."""
     gain, feedback = _first_section(rate_hz)
     b, a = _resonator(rate_hz, band_hz)
     first = [gain, -gain, 0.0, 1.0, feedback, 0.0]
@@ -54,7 +57,8 @@ def sections(rate_hz: float, band_hz: float) -> Array:
 
 
 def step_matrix(rate_hz: float, bands_hz: tuple[float, ...]) -> Array:
-    """[1 + S, S + bands] matrix of one step: (d, state) -> (next state, outputs), S = 1 + 4 bands."""
+    """[1 + S, S + bands] matrix of one step: (d, state) -> (next state, outputs), S = 1 + 4
+    bands."""
     size = 1 + STATES_PER_BAND * len(bands_hz)
     identity = np.eye(1 + size)
     return np.array([_step(row[0], row[1:], rate_hz, bands_hz) for row in identity])
@@ -78,7 +82,8 @@ def _first_section(rate_hz: float) -> tuple[float, float]:
 
 
 def _resonator(rate_hz: float, band_hz: float) -> tuple[Array, Array]:
-    """b and a of w^2 / (s^2 + 2 z w s + w^2), bilinear, prewarped so that the band sits where its name says."""
+    """b and a of w^2 / (s^2 + 2 z w s + w^2), bilinear, prewarped so that the band sits where its
+    name says."""
     warped = math.tan(math.pi * band_hz / rate_hz)
     denominator = 1.0 + 2.0 * DAMPING * warped + warped**2
     b = warped**2 * np.array([1.0, 2.0, 1.0]) / denominator

@@ -1,10 +1,11 @@
 """A small builder for ONNX graphs with explicit state.
 
-A part of the graph declares the state it needs with `state(name, rows)`, gets the previous sample's value
-back, and hands in the next one with `keep(name, value)`. All state belongs to a channel: it is one table
-[B, rows, C], a field is some of its rows, and what a sensor has only one of stands in each of its columns.
-Rows lie one after the other in memory, so taking the table apart and putting it together again copies a
-few long stretches. A set `reset` flag makes a recording's whole table zero before anything reads it.
+A part of the graph declares the state it needs with `state(name, rows)`, gets the previous sample's
+value back, and hands in the next one with `keep(name, value)`. All state belongs to a channel: it
+is one table [B, rows, C], a field is some of its rows, and what a sensor has only one of stands in
+each of its columns. Rows lie one after the other in memory, so taking the table apart and putting
+it together again copies a few long stretches. A set `reset` flag makes a recording's whole table
+zero before anything reads it.
 """
 
 from __future__ import annotations
@@ -93,10 +94,16 @@ class GraphBuilder:
         ]
         unpack = self._unpack_state()
         graph = helper.make_graph(
-            unpack + self._nodes, "holdfast", inputs, [*self._outputs, state_out], list(self._constants.values())
+            unpack + self._nodes,
+            "holdfast",
+            inputs,
+            [*self._outputs, state_out],
+            list(self._constants.values()),
         )
         opsets = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", 3)]
-        model = helper.make_model(graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="holdfast")
+        model = helper.make_model(
+            graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="holdfast"
+        )
         onnx.checker.check_model(model, full_check=True)
         return model
 
@@ -112,7 +119,12 @@ class GraphBuilder:
         missing = set(self._state_rows) - set(self._state_next)
         if missing:
             raise ValueError(f"state never handed on: {sorted(missing)}")
-        self.node("Concat", *(self._state_next[name] for name in self._state_rows), out="state_out", axis=1)
+        self.node(
+            "Concat",
+            *(self._state_next[name] for name in self._state_rows),
+            out="state_out",
+            axis=1,
+        )
         return self._table("state_out")
 
     def _table(self, name: str) -> onnx.ValueInfoProto:
@@ -126,4 +138,8 @@ class GraphBuilder:
 
 def _same(tensor: onnx.TensorProto, array: npt.NDArray[Any]) -> bool:
     known = numpy_helper.to_array(tensor)
-    return known.dtype == array.dtype and known.shape == array.shape and known.tobytes() == array.tobytes()
+    return (
+        known.dtype == array.dtype
+        and known.shape == array.shape
+        and known.tobytes() == array.tobytes()
+    )

@@ -1,11 +1,12 @@
-"""The classical detectors, causal, as parts of the step graph: they run on the hand at every sample.
+"""The classical detectors, causal, as parts of the step graph: they run on the hand at every
+sample.
 
 (The labeller's critical points, which may look ahead, are training/critical_points.py.)
 
-band_pass: the largest |output| over the bands of any shear signal exceeds a multiple of that signal's
-own noise floor, a clipped running mean that all but freezes while the detector fires.
-band_pass_point: the first sample of such an excursion, after enough quiet.
-friction_cone: |shear| > mu x normal at some finger that is pressed hard enough; no division. Unit N only.
+band_pass: the largest |output| over the bands of any shear signal exceeds a multiple of that
+signal's own noise floor, a clipped running mean that all but freezes while the detector fires.
+band_pass_point: the first sample of such an excursion, after enough quiet. friction_cone: |shear| >
+mu x normal at some finger that is pressed hard enough; no division. Unit N only.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from export.guard import Guarded
 from export.spec import NOISE_RMS, StepSpec
 
 GRAIN = 1e-30
-"""What every number in the filter is drawn towards zero by: silence must not end in slow subnormal numbers."""
+"""What every number in the filter is drawn towards zero by: silence must not end in slow subnormal
+numbers."""
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
@@ -37,7 +39,8 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
     before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
     joined = graph.node("Mul", graph.node("Concat", difference, before, axis=1), guarded.begun)
-    # x - clip(x) is 0 up to the grain, x itself from 1e-13 on, and in between a multiple of 1e-46: never subnormal
+    # x - clip(x) is 0 up to the grain, x itself from 1e-13 on, and in between a multiple of 1e-46:
+    # never subnormal
     grains = graph.node("Clip", joined, graph.constant(-GRAIN), graph.constant(GRAIN))
     rested = graph.node("Sub", joined, grains)
     stepped = graph.node("MatMul", graph.constant(step_matrix(spec.rate_hz, bands).T), rested)
@@ -49,33 +52,41 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
 
 
 def add_detectors(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> None:
-    """Publish `detectors` [B, D] bool in the order of `detector_names`: whether it fires in any channel."""
+    """Publish `detectors` [B, D] bool in the order of `detector_names`: whether it fires in any
+    channel."""
     firing = _band_pass(graph, spec, guarded, rectified)
     rows = [firing, _band_pass_point(graph, spec, firing)]
     if spec.unit == "N":
         rows.append(_friction_cone(graph, spec, guarded))
-    graph.node("ReduceMax", graph.node("Concat", *rows, axis=1), graph.ints(2), out="detectors", keepdims=0)
+    graph.node(
+        "ReduceMax", graph.node("Concat", *rows, axis=1), graph.ints(2), out="detectors", keepdims=0
+    )
     graph.output("detectors", TensorProto.BOOL, len(rows))
 
 
 def add_cone(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> None:
-    """Publish `detectors` [B, 1] bool of the friction cone alone, which needs no bank. Unit N only."""
+    """Publish `detectors` [B, 1] bool of the friction cone alone, which needs no bank. Unit N
+    only."""
     cone = _friction_cone(graph, spec, guarded)
     graph.node("ReduceMax", cone, graph.ints(2), out="detectors", keepdims=0)
     graph.output("detectors", TensorProto.BOOL, 1)
 
 
 def _band_pass(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> str:
-    """[B, 1, C]: a usable shear signal is above its noise floor. A channel that is not usable hears its floor."""
+    """[B, 1, C]: a usable shear signal is above its noise floor. A channel that is not usable hears
+    its floor."""
     rules = spec.detectors
     quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.carried_bands())
     floor = graph.node("Max", graph.state("floor", 1), graph.constant(quiet_peak))
     loudest = graph.node("ReduceMax", rectified, graph.ints(1), keepdims=1)
     peak = graph.node("Where", guarded.usable, loudest, floor)
-    ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)  # the normal is not shear
+    # the normal is not shear
+    ratio = np.tile([rules.band_ratio, rules.band_ratio, np.inf], spec.n_sensors)
     above = graph.node("Greater", peak, graph.node("Mul", floor, graph.constant(ratio)))
     fast = min(1.0, 1.0 / (rules.floor_tau_s * spec.rate_hz))
-    rate = graph.node("Where", above, graph.constant(fast * rules.firing_rate), graph.constant(fast))
+    rate = graph.node(
+        "Where", above, graph.constant(fast * rules.firing_rate), graph.constant(fast)
+    )
     heard = graph.node("Min", peak, graph.node("Mul", floor, graph.constant(rules.floor_clip)))
     change = graph.node("Mul", graph.node("Sub", heard, floor), rate)
     graph.keep("floor", graph.node("Add", floor, change))
@@ -83,7 +94,8 @@ def _band_pass(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified:
 
 
 def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
-    """[B, 1, C]: an excursion begins, at least `quiet_s` after the end of the previous one in any channel.
+    """[B, 1, C]: an excursion begins, at least `quiet_s` after the end of the previous one in any
+    channel.
 
     The samples of quiet are counted on and on: a float64 is exact for longer than a hand lives.
     """
@@ -96,12 +108,15 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
 
 
 def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
-    """[B, 1, C]: |shear| > mu x normal and normal > minimum, at a usable finger, in the normal's column."""
+    """[B, 1, C]: |shear| > mu x normal and normal > minimum, at a usable finger, in the normal's
+    column."""
     rules = spec.detectors
     squares = graph.node("Mul", guarded.now, guarded.now)
     to_normal = np.kron(np.eye(spec.n_sensors), [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
     shear = graph.node("Sqrt", graph.node("MatMul", squares, graph.constant(to_normal)))
-    outside = graph.node("Greater", shear, graph.node("Mul", guarded.now, graph.constant(rules.friction)))
+    outside = graph.node(
+        "Greater", shear, graph.node("Mul", guarded.now, graph.constant(rules.friction))
+    )
     least = np.tile([np.inf, np.inf, rules.min_normal_n], spec.n_sensors)
     pressed = graph.node("Greater", guarded.now, graph.constant(least))
     return graph.node("And", graph.node("And", outside, pressed), guarded.usable)

@@ -1,4 +1,5 @@
-"""Artifact folder -> one verified, sealed ONNX file. Nothing is written unless everything agrees."""
+"""Artifact folder -> one verified, sealed ONNX file. Nothing is written unless everything
+agrees."""
 
 from __future__ import annotations
 
@@ -30,8 +31,11 @@ def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
     return graph.model()
 
 
-def export_artifact(folder: str | Path, out: str | Path | None = None) -> tuple[Path, dict[str, Any]]:
-    """Export an artifact folder, the card beside the file; returns the file's path and the verification report."""
+def export_artifact(
+    folder: str | Path, out: str | Path | None = None
+) -> tuple[Path, dict[str, Any]]:
+    """Export an artifact folder, the card beside the file; returns the file's path and the
+    verification report."""
     folder = Path(folder)
     path = Path(out or folder / MODEL_NAME)
     if path.suffix == CARD_SUFFIX:
@@ -51,7 +55,8 @@ def export_artifact(folder: str | Path, out: str | Path | None = None) -> tuple[
 
 
 def readable_card(card: dict[str, Any], name: str, data: bytes) -> str:
-    """The card inside a file as JSON to read, with the file's name, size and SHA-256; fingerprints are left out."""
+    """The card inside a file as JSON to read, with the file's name, size and SHA-256; fingerprints
+    are left out."""
     training = {key: value for key, value in card["training"].items() if key != "recordings"}
     file = {"name": name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     return json.dumps({"file": file, **card, "training": training}, indent=1) + "\n"

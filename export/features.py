@@ -1,9 +1,9 @@
 """The features of one sample, in named groups; each knows how far back it looks.
 
-All groups but one are made from a finite history of 0.5 s: x[t] is the guarded sample, Sum x the sum
-over the sensors, l a lag in samples (0.05, 0.10, 0.17, 0.25, 0.37 and 0.50 s), Zs = max(Sum z, floor).
-On a scripted set anything with a longer memory is a hidden clock; the one group that has it (the
-band-pass bank rings for ever, if ever more softly) says so and is reported apart.
+All groups but one are made from a finite history of 0.5 s: x[t] is the guarded sample, Sum x the
+sum over the sensors, l a lag in samples (0.05, 0.10, 0.17, 0.25, 0.37 and 0.50 s), Zs = max(Sum z,
+floor). On a scripted set anything with a longer memory is a hidden clock; the one group that has it
+(the band-pass bank rings for ever, if ever more softly) says so and is reported apart.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ SCALED_LAGS = (1, 3, 5)
 
 @dataclass(frozen=True)
 class FeatureGroup:
-    """A named group: how to add it, how many features it has, its memory (inf: rings for ever), formula, reason."""
+    """A named group: how to add it, how many features it has, its memory (inf: rings for ever),
+    formula, reason."""
 
     add: Callable[[History], Triples | str]
     count: Callable[[StepSpec], int]
@@ -43,7 +44,8 @@ class FeatureGroup:
 
 @dataclass(frozen=True)
 class Triples:
-    """Features that are rows of the pool: (x, y, z) of a sensor or of the sum, at a time or since one.
+    """Features that are rows of the pool: (x, y, z) of a sensor or of the sum, at a time or since
+    one.
 
     places: rows of the pool. scaled: divided by Zs.
     """
@@ -53,9 +55,12 @@ class Triples:
 
 
 class History:
-    """The last 0.5 s of guarded samples, and a pool of what groups choose from (each node is added once)."""
+    """The last 0.5 s of guarded samples, and a pool of what groups choose from (each node is added
+    once)."""
 
-    def __init__(self, graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> None:
+    def __init__(
+        self, graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str
+    ) -> None:
         self.graph, self.spec, self.now, self.rectified = graph, spec, guarded.now, rectified
         self._past = guarded.past
         self.length = spec.history_samples + 1
@@ -70,12 +75,16 @@ class History:
     @cached_property
     def summed(self) -> str:
         """[B, L, 3]: the sum over the sensors at every sample."""
-        return self.graph.node("MatMul", self.samples, self.graph.constant(_over_sensors(self.spec)))
+        return self.graph.node(
+            "MatMul", self.samples, self.graph.constant(_over_sensors(self.spec))
+        )
 
     @cached_property
     def changes(self) -> str:
         """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
-        places = [self.length - 1] + [self.length - 1 - self.spec.lag(seconds) for seconds in LAGS_S]
+        places = [self.length - 1] + [
+            self.length - 1 - self.spec.lag(seconds) for seconds in LAGS_S
+        ]
         rows = self.graph.node("Gather", self.samples, self.graph.ints(*places), axis=1)
         and_sum = np.concatenate([np.eye(self.spec.n_channels), _over_sensors(self.spec)], axis=1)
         values = self.graph.node("MatMul", rows, self.graph.constant(and_sum))
@@ -89,11 +98,16 @@ class History:
         return self.summed_changes((0, 1), (2, 3))
 
     def summed_changes(self, rows: tuple[int, int], axes: tuple[int, int]) -> str:
-        """Part of Sum x[t] (row 0) and Sum x[t] - Sum x[t-l] (a row a lag), first and one past the last each."""
+        """Part of Sum x[t] (row 0) and Sum x[t] - Sum x[t-l] (a row a lag), first and one past the
+        last each."""
         columns = [self.spec.n_channels + axis for axis in axes]
         starts, stops = zip(rows, columns, strict=True)
         return self.graph.node(
-            "Slice", self.changes, self.graph.ints(*starts), self.graph.ints(*stops), self.graph.ints(1, 2)
+            "Slice",
+            self.changes,
+            self.graph.ints(*starts),
+            self.graph.ints(*stops),
+            self.graph.ints(1, 2),
         )
 
     def pooled(self, tensor: str, rows: int) -> list[int]:
@@ -112,7 +126,11 @@ class History:
     @cached_property
     def pool(self) -> str:
         """[B, triples, 3]: everything that was put in."""
-        return self._pool[0] if len(self._pool) == 1 else self.graph.node("Concat", *self._pool, axis=1)
+        return (
+            self._pool[0]
+            if len(self._pool) == 1
+            else self.graph.node("Concat", *self._pool, axis=1)
+        )
 
     def chosen(self, groups: list[Triples]) -> str:
         """[B, 3 x triples]: rows of the pool, divided by Zs where they are scaled."""
@@ -134,7 +152,9 @@ def _over_sensors(spec: StepSpec) -> FloatArray:
 
 def _window(h: History) -> Triples:
     first, count = h.length - h.spec.window_samples, h.spec.window_samples
-    triples = h.graph.reshape(h.graph.columns(h.samples, first, h.length), 0, count * h.spec.n_sensors, 3)
+    triples = h.graph.reshape(
+        h.graph.columns(h.samples, first, h.length), 0, count * h.spec.n_sensors, 3
+    )
     places = h.pooled(triples, count * h.spec.n_sensors)
     return Triples(np.reshape(places, (count, -1)).T.ravel().tolist())
 
@@ -165,7 +185,10 @@ def _scaled_differences(h: History) -> Triples:
 
 
 def _activity(h: History) -> Triples:
-    later, earlier = h.graph.columns(h.summed, 1, h.length), h.graph.columns(h.summed, 0, h.length - 1)
+    later, earlier = (
+        h.graph.columns(h.summed, 1, h.length),
+        h.graph.columns(h.summed, 0, h.length - 1),
+    )
     steps = h.graph.node("Abs", h.graph.node("Sub", later, earlier))
     means = h.graph.node("MatMul", h.graph.constant(_span_means(h.spec)), steps)
     return Triples(h.pooled(means, len(SPANS_S)), scaled=True)
@@ -181,7 +204,9 @@ def _span_means(spec: StepSpec) -> FloatArray:
 
 def _shear(h: History) -> str:
     graph = h.graph
-    shear = graph.node("ReduceL2", h.summed_changes((1, 1 + len(LAGS_S)), (0, 2)), graph.ints(2), keepdims=1)
+    shear = graph.node(
+        "ReduceL2", h.summed_changes((1, 1 + len(LAGS_S)), (0, 2)), graph.ints(2), keepdims=1
+    )
     scale = graph.node("Max", h.normal, graph.constant(NORMAL_FLOOR[h.spec.unit]))
     both = graph.node("Concat", shear, graph.node("Div", shear, scale), axis=1)
     return graph.node("Flatten", both, axis=1)
@@ -200,12 +225,18 @@ def _ranges(h: History) -> Triples:
 def _bands(h: History) -> str:
     by_channel = h.graph.node("Transpose", h.rectified, perm=[0, 2, 1])
     shear = [channel for channel in range(h.spec.n_channels) if channel % 3 < 2]
-    return h.graph.node("Flatten", h.graph.node("Gather", by_channel, h.graph.ints(*shear), axis=1), axis=1)
+    return h.graph.node(
+        "Flatten", h.graph.node("Gather", by_channel, h.graph.ints(*shear), axis=1), axis=1
+    )
 
 
 GROUPS: dict[str, FeatureGroup] = {
     "window": FeatureGroup(
-        _window, lambda s: s.n_channels * s.window_samples, WINDOW_S, "x[t-N+1] .. x[t]", "the thesis' raw window"
+        _window,
+        lambda s: s.n_channels * s.window_samples,
+        WINDOW_S,
+        "x[t-N+1] .. x[t]",
+        "the thesis' raw window",
     ),
     "now": FeatureGroup(_now, lambda s: s.n_channels, 0.0, "x[t]", "where every finger stands"),
     "differences": FeatureGroup(

@@ -1,4 +1,5 @@
-"""docs/features.md, written from the feature groups themselves: `python -m export.features_page > docs/features.md`."""
+"""docs/features.md, written from the feature groups themselves: `python -m export.features_page >
+docs/features.md`."""
 
 from __future__ import annotations
 
@@ -44,7 +45,9 @@ def page() -> str:
 
 def _row(name: str, alone: int) -> str:
     group = GROUPS[name]
-    memory = f"{group.memory_s:.2f}" if math.isfinite(group.memory_s) else "unlimited: not clock-free"
+    memory = (
+        f"{group.memory_s:.2f}" if math.isfinite(group.memory_s) else "unlimited: not clock-free"
+    )
     nodes = "0" if name == "now" else str(_nodes(("now", name)) - alone)
     formula = group.formula.replace("|", "\\|")
     return f"| `{name}` | {feature_count(_spec((name,)))} | {memory} | {nodes} | {formula} | {group.reason} |\n"

@@ -1,9 +1,9 @@
 """A random forest as integer votes: sums that are exact in any order, one declared rule for ties.
 
-Leaf probabilities are quantised to integers that sum to 2^k in every leaf, with trees x 2^k < 2^24, so
-that float32 adds them exactly and a batch equals a single row. skl2onnx converts the trees (it lowers
-float64 thresholds to float32 correctly); only the leaves' weights are ours. Ties go to the riskier class:
-classes are ordered by risk, and the last of equals wins.
+Leaf probabilities are quantised to integers that sum to 2^k in every leaf, with trees x 2^k < 2^24,
+so that float32 adds them exactly and a batch equals a single row. skl2onnx converts the trees (it
+lowers float64 thresholds to float32 correctly); only the leaves' weights are ours. Ties go to the
+riskier class: classes are ordered by risk, and the last of equals wins.
 """
 
 from __future__ import annotations
@@ -14,14 +14,18 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from skl2onnx.common.tree_ensemble import add_tree_to_attribute_pairs, get_default_tree_classifier_attribute_pairs
+from skl2onnx.common.tree_ensemble import (
+    add_tree_to_attribute_pairs,
+    get_default_tree_classifier_attribute_pairs,
+)
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from export.builder import GraphBuilder
 
 EXACT_FLOAT32 = 2**24
 REMAINDER_DIGITS = 6
-"""Equal fractions differ by less as float64; unequal ones by more, in a leaf of less than a million rows."""
+"""Equal fractions differ by less as float64; unequal ones by more, in a leaf of less than a million
+rows."""
 NODE_ATTRIBUTES = (
     "nodes_treeids",
     "nodes_nodeids",
@@ -58,7 +62,8 @@ def leaf_votes(forest: Forest, n_classes: int) -> list[IntArray]:
 
 
 def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
-    """Rows of non-negative weights -> integers that sum to `scale`, by the largest remainders; the riskier of equal."""
+    """Rows of non-negative weights -> integers that sum to `scale`, by the largest remainders; the
+    riskier of equal."""
     share = values / values.sum(axis=1, keepdims=True) * scale
     whole = np.floor(share).astype(np.int64)
     missing = scale - whole.sum(axis=1)
@@ -96,9 +101,16 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
     found = get_default_tree_classifier_attribute_pairs()
     for number, tree in enumerate(forest.estimators_):
         add_tree_to_attribute_pairs(
-            found, True, _plain(tree.tree_), number, tree_weight=1.0, weight_id_bias=0, leaf_weights_are_counts=False,
-            adjust_threshold_for_sklearn=True, dtype=np.float32,
-        )  # fmt: skip
+            found,
+            True,
+            _plain(tree.tree_),
+            number,
+            tree_weight=1.0,
+            weight_id_bias=0,
+            leaf_weights_are_counts=False,
+            adjust_threshold_for_sklearn=True,
+            dtype=np.float32,
+        )
     expected = np.concatenate([np.arange(tree.tree_.node_count) for tree in forest.estimators_])
     if not np.array_equal(expected, found["nodes_nodeids"]):
         raise AssertionError("skl2onnx no longer numbers nodes as scikit-learn does")
@@ -106,9 +118,16 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
 
 
 def _plain(tree: Any) -> SimpleNamespace:
-    """A tree's columns, taken once: scikit-learn wraps an array anew for every node that is looked at. Thresholds stay
-    float64, since a plain number would be compared as float32. The leaves' values are not read: votes replace them."""
-    columns = {name: getattr(tree, name).tolist() for name in ("children_left", "children_right", "feature")}
+    """A tree's columns, taken once: scikit-learn wraps an array anew for every node that is looked
+    at. Thresholds stay float64, since a plain number would be compared as float32. The leaves'
+    values are not read: votes replace them."""
+    columns = {
+        name: getattr(tree, name).tolist()
+        for name in ("children_left", "children_right", "feature")
+    }
     return SimpleNamespace(
-        node_count=tree.node_count, threshold=np.array(tree.threshold), value=np.zeros((tree.node_count, 1)), **columns
+        node_count=tree.node_count,
+        threshold=np.array(tree.threshold),
+        value=np.zeros((tree.node_count, 1)),
+        **columns,
     )

@@ -1,4 +1,5 @@
-"""The input guard: what the rest of the graph sees is finite, in range, and honest about what is missing.
+"""The input guard: what the rest of the graph sees is finite, in range, and honest about what is
+missing.
 
 Per sensor: a sample is good if the driver says it is valid and all three channels are finite and in
 range. A bad one is replaced by the last good one and the sensor is held. NaN cannot pass: every
@@ -10,9 +11,9 @@ Where a sensor stands is one number, stepped by a table, good or bad (`_next_pla
     (delivered, lost in a row)   in order, the longer delivered the higher, the longer lost the lower
     the last                     settled and good now: usable
 
-More than 20 ms lost in a row lead back to 0, and the sensor must settle again. unknown = fewer usable
-sensors than the model needs. A short gap makes the state unknown while it lasts and no longer; a long
-one until the history is the sensor's own again.
+More than 20 ms lost in a row lead back to 0, and the sensor must settle again. unknown = fewer
+usable sensors than the model needs. A short gap makes the state unknown while it lasts and no
+longer; a long one until the history is the sensor's own again.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ from export.spec import RANGE_LIMIT, StepSpec
 class Guarded:
     """Names of the guarded tensors, each [B, 1, C] but the past.
 
-    now, last: this and the previous good sample. past: all samples before this one, in parts [B, rows, C], the
-    oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor had no past. usable: bool.
+    now, last: this and the previous good sample. past: all samples before this one, in parts [B,
+    rows, C], the oldest first. good: bool, delivered now. begun: 1.0, or 0.0 where the sensor had
+    no past. usable: bool.
     """
 
     now: str
@@ -50,10 +52,12 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> Guarded:
     share = _share_of_good(graph, spec)
     good = graph.node("GreaterOrEqual", share, graph.constant(1.0))
     now = graph.node("Where", good, "sample", last)
-    for name, following in (("oldest", older), ("older", last), ("last", now)):  # every row moves up by one
+    # every row moves up by one
+    for name, following in (("oldest", older), ("older", last), ("last", now)):
         graph.keep(name, following)
     begun = graph.node("Min", place, graph.constant(1.0))
-    entry = graph.node("Cast", graph.node("Add", place, share), to=TensorProto.INT64)  # rounds a share down
+    # rounds a share down
+    entry = graph.node("Cast", graph.node("Add", place, share), to=TensorProto.INT64)
     following = graph.node("Gather", graph.constant(_next_places(spec)), entry)
     graph.keep("place", following)
     usable = _publish(graph, spec, following)
@@ -61,23 +65,30 @@ def add_guard(graph: GraphBuilder, spec: StepSpec) -> Guarded:
 
 
 def _share_of_good(graph: GraphBuilder, spec: StepSpec) -> str:
-    """[B, 1, C]: how much of a channel's sensor is good, in quarters: three channels in range, and valid."""
-    in_range = graph.node("Less", graph.node("Abs", "sample"), graph.constant(RANGE_LIMIT[spec.unit]))
-    said = graph.node("Cast", graph.node("Concat", in_range, "valid", axis=2), to=TensorProto.DOUBLE)
+    """[B, 1, C]: how much of a channel's sensor is good, in quarters: three channels in range, and
+    valid."""
+    in_range = graph.node(
+        "Less", graph.node("Abs", "sample"), graph.constant(RANGE_LIMIT[spec.unit])
+    )
+    said = graph.node(
+        "Cast", graph.node("Concat", in_range, "valid", axis=2), to=TensorProto.DOUBLE
+    )
     own = np.kron(np.eye(spec.n_sensors), np.ones((3, 3)))
     valid = np.kron(np.eye(spec.n_sensors), np.ones((1, 3)))
     return graph.node("MatMul", said, graph.constant(np.concatenate([own, valid]) / 4.0))
 
 
 def _places(spec: StepSpec) -> tuple[int, int]:
-    """(first settled place, last place); a place is an even number, its table entry that or, if good, the next."""
+    """(first settled place, last place); a place is an even number, its table entry that or, if
+    good, the next."""
     a_delivery = 2 * (spec.gap_samples + 1)
     last = a_delivery * spec.settle_samples
     return last - a_delivery + 2, last
 
 
 def _next_places(spec: StepSpec) -> FloatArray:
-    """[last place + 2]: from `place` if this sample is bad, from `place + 1` if it is good, to the next place."""
+    """[last place + 2]: from `place` if this sample is bad, from `place + 1` if it is good, to the
+    next place."""
     bridged = spec.gap_samples + 1
     number = np.arange(1 + bridged * spec.settle_samples)
     delivered, lost = -(-number // bridged), -number % bridged
@@ -87,7 +98,8 @@ def _next_places(spec: StepSpec) -> FloatArray:
 
 
 def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
-    """Publish the flags; returns usable [B, 1, C]. Each sensor is counted three times, once a channel."""
+    """Publish the flags; returns usable [B, 1, C]. Each sensor is counted three times, once a
+    channel."""
     settled, last = (graph.node("Greater", place, graph.constant(at - 1.0)) for at in _places(spec))
     needed = graph.constant(3 * spec.min_valid_sensors, np.int32)
     graph.node("GreaterOrEqual", _count(graph, settled), needed, out="settled")
@@ -102,4 +114,6 @@ def _publish(graph: GraphBuilder, spec: StepSpec, place: str) -> str:
 
 def _count(graph: GraphBuilder, flags: str) -> str:
     """[B, 1, C] bool -> [B] how many channels."""
-    return graph.node("ReduceSum", graph.node("Cast", flags, to=TensorProto.INT32), graph.ints(1, 2), keepdims=0)
+    return graph.node(
+        "ReduceSum", graph.node("Cast", flags, to=TensorProto.INT32), graph.ints(1, 2), keepdims=0
+    )

@@ -13,10 +13,12 @@ THRESHOLD_ROWS = 20_000
 
 
 def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
-    """Rows that reach a node of a tree and sit on its threshold, or one float32 step to either side of it.
+    """Rows that reach a node of a tree and sit on its threshold, or one float32 step to either side
+    of it.
 
-    Every threshold equally often from all three sides, or a random choice of them where there are too many
-    for THRESHOLD_ROWS. A row is a held-out one, changed only in what keeps it from its node.
+    Every threshold equally often from all three sides, or a random choice of them where there are
+    too many for THRESHOLD_ROWS. A row is a held-out one, changed only in what keeps it from its
+    node.
     """
     rng = np.random.default_rng(seed)
     trees = [_Branches(tree.tree_) for tree in forest.estimators_]
@@ -41,7 +43,8 @@ def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
 class _Branches:
     """A tree's branches as lists, because they are walked one by one.
 
-    beside: by node, the largest float32 that goes left, the one below it and the one above it, which goes right.
+    beside: by node, the largest float32 that goes left, the one below it and the one above it,
+    which goes right.
     """
 
     def __init__(self, tree: Any) -> None:
@@ -69,5 +72,13 @@ class _Branches:
 def edge_rows(forest: Any) -> FloatRows:
     """Whole rows of zeros of both signs, subnormals, tiniest and largest finite numbers."""
     limits = np.finfo(np.float32)
-    values = [0.0, -0.0, limits.smallest_subnormal, -limits.smallest_subnormal, limits.tiny, limits.max, limits.min]
+    values = [
+        0.0,
+        -0.0,
+        limits.smallest_subnormal,
+        -limits.smallest_subnormal,
+        limits.tiny,
+        limits.max,
+        limits.min,
+    ]
     return np.repeat(np.array(values, dtype=np.float32)[:, None], forest.n_features_in_, axis=1)

@@ -1,9 +1,10 @@
 """What a forest says, joined to the step graph: votes, labels, calibrated probabilities, weight.
 
-The main head is called "situation" and votes for four situations or for eight classes; every further
-head votes no or yes on a question of its own (p_risky_250ms) and publishes the probability of yes.
-Labels come from the integer votes. Calibration comes after them and cannot change a label: vote shares
-go through one affine map and a softmax (multinomial logistic calibration, fitted on held-out votes).
+The main head is called "situation" and votes for four situations or for eight classes; every
+further head votes no or yes on a question of its own (p_risky_250ms) and publishes the probability
+of yes. Labels come from the integer votes. Calibration comes after them and cannot change a label:
+vote shares go through one affine map and a softmax (multinomial logistic calibration, fitted on
+held-out votes).
 """
 
 from __future__ import annotations

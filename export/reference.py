@@ -1,4 +1,5 @@
-"""What the exported file must answer: scikit-learn's own trees, quantised leaves, riskier class on ties."""
+"""What the exported file must answer: scikit-learn's own trees, quantised leaves, riskier class on
+ties."""
 
 from __future__ import annotations
 
@@ -15,18 +16,23 @@ from export.spec import RANGE_LIMIT, StepSpec
 
 FloatRows = npt.NDArray[np.float32]
 ROWS_AT_ONCE = 8192
-"""Their leaves and votes stay in the processor's caches: of a long stream all at once takes twice as long."""
+"""Their leaves and votes stay in the processor's caches: of a long stream all at once takes twice
+as long."""
 
 
 def reference_votes(forest: Forest, features: FloatRows, n_classes: int) -> IntArray:
-    """Exact integer votes [N, n_classes] of float32 rows [N, F]; of no rows, none. Raises NotANumber."""
+    """Exact integer votes [N, n_classes] of float32 rows [N, F]; of no rows, none. Raises
+    NotANumber."""
     total = np.zeros((len(features), n_classes), dtype=np.int64)
     trees = list(zip(forest.estimators_, leaf_votes(forest, n_classes), strict=True))
     for start in range(0, len(features), ROWS_AT_ONCE):
         some = slice(start, start + ROWS_AT_ONCE)
         rows = np.asarray(features[some], dtype=np.float32)
         if not np.isfinite(rows).all():
-            raise NotANumber(f"a feature of rows {start} to {start + len(rows)} is not finite", where="a forest's rows")
+            raise NotANumber(
+                f"a feature of rows {start} to {start + len(rows)} is not finite",
+                where="a forest's rows",
+            )
         for tree, votes in trees:
             total[some] += votes[tree.tree_.apply(rows)]
     return total
@@ -54,15 +60,22 @@ def reference_heavy(votes: IntArray) -> npt.NDArray[np.bool_]:
 
 def situation_votes(votes: IntArray) -> IntArray:
     """Votes for the four situations; of eight classes, light and heavy are added up."""
-    return votes if votes.shape[1] == len(SITUATIONS) else votes.reshape(len(votes), -1, 2).sum(axis=2)
+    return (
+        votes if votes.shape[1] == len(SITUATIONS) else votes.reshape(len(votes), -1, 2).sum(axis=2)
+    )
 
 
-def reference_flags(values: FloatArray, valid: BoolArray, spec: StepSpec) -> dict[str, npt.NDArray[Any]]:
-    """settled, unknown and usable_sensors [T] by the guard's rule, told in plain Python, from a fresh state."""
+def reference_flags(
+    values: FloatArray, valid: BoolArray, spec: StepSpec
+) -> dict[str, npt.NDArray[Any]]:
+    """settled, unknown and usable_sensors [T] by the guard's rule, told in plain Python, from a
+    fresh state."""
     delivered, lost = np.zeros(spec.n_sensors, int), np.zeros(spec.n_sensors, int)
     flags: dict[str, list[Any]] = {"settled": [], "unknown": [], "usable_sensors": []}
     for row, said in zip(values.reshape(len(values), -1, 3), valid, strict=True):
-        good = said & np.isfinite(row).all(axis=1) & (np.abs(row) < RANGE_LIMIT[spec.unit]).all(axis=1)
+        good = (
+            said & np.isfinite(row).all(axis=1) & (np.abs(row) < RANGE_LIMIT[spec.unit]).all(axis=1)
+        )
         lost = np.where(good, 0, lost + 1)
         delivered = np.where(good, delivered + 1, np.where(lost > spec.gap_samples, 0, delivered))
         settled = delivered >= spec.settle_samples

@@ -61,7 +61,9 @@ def _head_card(head: Any) -> dict[str, Any]:
 def seal(model: onnx.ModelProto, card: dict[str, Any], spec: StepSpec) -> bytes:
     """Serialised model with card, golden sequences and its own hash."""
     session = open_session(model.SerializeToString())
-    golden = golden_to_json(golden_answers(session, spec.n_channels, spec.unit, spec.settle_samples))
+    golden = golden_to_json(
+        golden_answers(session, spec.n_channels, spec.unit, spec.settle_samples)
+    )
     metadata = {
         CARD_KEY: json.dumps(card, separators=(",", ":")),
         GOLDEN_KEY: json.dumps(golden, separators=(",", ":")),

@@ -13,7 +13,8 @@ from export.bank import BANDS_HZ, bands_for
 
 
 class BandsLeftOut(UserWarning):
-    """Some bands lie too near to half the sampling rate, or above it, and are not part of the bank."""
+    """Some bands lie too near to half the sampling rate, or above it, and are not part of the
+    bank."""
 
 
 WINDOW_S = 0.10
@@ -25,11 +26,13 @@ RANGE_LIMIT: dict[Unit, float] = {"N": 500.0, "uT": 1.0e5, "count": 1.0e6}
 """No sensor of ours can read more; a reading at or above it is a fault, not a force."""
 
 NOISE_RMS: dict[Unit, float] = {"N": 0.02, "uT": 22.0, "count": 4.0}
-"""RMS noise of one quiet channel: below what it makes of the bank, nothing is called a vibration."""
+"""RMS noise of one quiet channel: below what it makes of the bank, nothing is called a
+vibration."""
 
 
 def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
-    """Samples in a window, both ends included: of 0.10 s 6 at 50 and 58.9 Hz, 16 at 150; never fewer than 2.
+    """Samples in a window, both ends included: of 0.10 s 6 at 50 and 58.9 Hz, 16 at 150; never
+    fewer than 2.
 
     >>> [window_samples(rate_hz) for rate_hz in (10, 50, 58.9, 100, 150, 300)]
     [2, 6, 6, 11, 16, 31]
@@ -41,10 +44,11 @@ def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
 class DetectorSpec:
     """Thresholds of the causal detectors; one setting for all objects.
 
-    band_ratio: fires above this multiple (over 1) of the channel's own noise floor. floor_tau_s: its memory.
-    floor_clip: the floor follows no more than this multiple of itself. firing_rate: while firing the
-    floor moves this much more slowly (never quite frozen, so that lasting noise cannot lock an alarm on).
-    quiet_s: a critical point needs so much quiet before it. friction, min_normal_n: the cone, unit N only.
+    band_ratio: fires above this multiple (over 1) of the channel's own noise floor. floor_tau_s:
+    its memory. floor_clip: the floor follows no more than this multiple of itself. firing_rate:
+    while firing the floor moves this much more slowly (never quite frozen, so that lasting noise
+    cannot lock an alarm on). quiet_s: a critical point needs so much quiet before it. friction,
+    min_normal_n: the cone, unit N only.
     """
 
     band_ratio: float = 6.0
@@ -61,7 +65,8 @@ class StepSpec:
     """What one step graph is built for: channels, rate, unit, features, guard and detectors.
 
     rate_hz: constants are for this rate. groups: feature groups by name (export/features.py).
-    min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: of the raw window.
+    min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: of the raw
+    window.
     """
 
     n_sensors: int
@@ -75,18 +80,24 @@ class StepSpec:
 
     def __post_init__(self) -> None:
         if self.n_sensors < 1:
-            raise ChannelError(f"{self.n_sensors} sensors", next_step="give at least one 3-axis sensor")
+            raise ChannelError(
+                f"{self.n_sensors} sensors", next_step="give at least one 3-axis sensor"
+            )
         if self.unit not in UNITS:
             raise UnitError(f"unit {self.unit!r} is not one of {', '.join(UNITS)}")
         if not math.isfinite(self.rate_hz) or self.rate_hz <= 0:
             raise RateError(f"a rate of {self.rate_hz} Hz", next_step="check the time stamps")
         if not 0.0 < self.window_s <= HISTORY_S:
-            raise RateError(f"a window of {self.window_s} s", next_step=f"give more than 0, at most {HISTORY_S} s")
+            raise RateError(
+                f"a window of {self.window_s} s",
+                next_step=f"give more than 0, at most {HISTORY_S} s",
+            )
         if not self.min_valid_sensors:
             object.__setattr__(self, "min_valid_sensors", self.n_sensors)
         if not 1 <= self.min_valid_sensors <= self.n_sensors:
             raise ChannelError(
-                f"min_valid_sensors={self.min_valid_sensors}", next_step=f"give 1 to {self.n_sensors}, or 0 for all"
+                f"min_valid_sensors={self.min_valid_sensors}",
+                next_step=f"give 1 to {self.n_sensors}, or 0 for all",
             )
 
     @property
@@ -128,10 +139,13 @@ class StepSpec:
         return tuple(band for band in self.bands_hz if band not in carried)
 
     def warn_of_lost_bands(self) -> None:
-        """Warn (BandsLeftOut) where the rate does not carry every band; RateError where it carries none."""
+        """Warn (BandsLeftOut) where the rate does not carry every band; RateError where it carries
+        none."""
         lost = ", ".join(f"{band:g}" for band in self.lost_bands())
         if lost:
-            warnings.warn(f"bands left out at {self.rate_hz:.4g} Hz: {lost} Hz", BandsLeftOut, stacklevel=2)
+            warnings.warn(
+                f"bands left out at {self.rate_hz:.4g} Hz: {lost} Hz", BandsLeftOut, stacklevel=2
+            )
 
     def to_json(self) -> dict[str, Any]:
         """As a JSON object, for the artifact and the metadata."""

@@ -1,4 +1,5 @@
-"""The step graph without a forest: guard, bank, detectors, features. Training runs this very graph."""
+"""The step graph without a forest: guard, bank, detectors, features. Training runs this very
+graph."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def feature_graph(spec: StepSpec) -> onnx.ModelProto:
 
 
 def detector_graph(spec: StepSpec) -> onnx.ModelProto:
-    """The detectors alone, without features: outputs detectors, settled, unknown, usable_sensors and the state."""
+    """The detectors alone, without features: outputs detectors, settled, unknown, usable_sensors
+    and the state."""
     graph = GraphBuilder(spec.n_sensors)
     guarded = add_guard(graph, spec)
     add_detectors(graph, spec, guarded, add_bank(graph, spec, guarded))

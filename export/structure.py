@@ -1,6 +1,8 @@
-"""Every node of an exported forest against scikit-learn's own trees: none is left to the luck of a row.
+"""Every node of an exported forest against scikit-learn's own trees: none is left to the luck of a
+row.
 
-Rows on a threshold can agree by chance, where both sides of a branch vote alike; the numbers cannot.
+Rows on a threshold can agree by chance, where both sides of a branch vote alike; the numbers
+cannot.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from export.heads import Head
 
 
 def require_same_trees(model: onnx.ModelProto, head: Head, votes_name: str) -> int:
-    """Compare features, thresholds, children and leaves of every node; returns how many nodes there are.
+    """Compare features, thresholds, children and leaves of every node; returns how many nodes there
+    are.
 
     Raises VerificationFailed that says how many nodes differ.
     """
@@ -30,8 +33,12 @@ def require_same_trees(model: onnx.ModelProto, head: Head, votes_name: str) -> i
         for name in ("feature", "threshold", "children_left", "children_right")
     )
     branch = feature >= 0
-    wrong = (np.array([mode == b"BRANCH_LEQ" for mode in told["nodes_modes"]]) != branch) | _leaves_differ(told, head)
-    wrong |= branch & (np.array(told["nodes_values"], np.float32) != largest_float32_not_above(threshold))
+    wrong = (
+        np.array([mode == b"BRANCH_LEQ" for mode in told["nodes_modes"]]) != branch
+    ) | _leaves_differ(told, head)
+    wrong |= branch & (
+        np.array(told["nodes_values"], np.float32) != largest_float32_not_above(threshold)
+    )
     for name, expected in (
         ("nodes_featureids", feature),
         ("nodes_truenodeids", left),

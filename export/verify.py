@@ -1,7 +1,7 @@
 """An exported file must agree with the reference on every label, or it is not written.
 
-The forest is cut out of the very file at the tensor `features`, the labels at `votes`; rows come from
-windows, from the trees' own thresholds +- 1 ulp, and from the edges of float32.
+The forest is cut out of the very file at the tensor `features`, the labels at `votes`; rows come
+from windows, from the trees' own thresholds +- 1 ulp, and from the edges of float32.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ OF_THE_STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", 
 """Outputs that exist without a forest."""
 
 
-def verify(model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: FloatRows, seed: int = 0) -> dict[str, Any]:
+def verify(
+    model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: FloatRows, seed: int = 0
+) -> dict[str, Any]:
     """Compare file and reference; returns counts, raises VerificationFailed on any disagreement.
 
     rows: [N, F] feature rows of windows (in cross-validation: all held-out ones).
@@ -49,7 +51,9 @@ def verify(model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: Floa
     report: dict[str, Any] = {"given_rows": len(rows), "heads": {}}
     single = 0
     for head in heads:
-        hard = np.concatenate([rows, threshold_rows(head.forest, rows, seed), edge_rows(head.forest)])
+        hard = np.concatenate(
+            [rows, threshold_rows(head.forest, rows, seed), edge_rows(head.forest)]
+        )
         votes = _run(forests, hard, CHUNK)
         nodes = require_same_trees(model, head, _votes(head))
         report["heads"][head.name] = {**_compare(head, hard, votes, len(rows)), "nodes": nodes}
@@ -71,7 +75,9 @@ def _votes(head: Head) -> str:
 
 
 def _cut(model: onnx.ModelProto, inputs: list[str], outputs: list[str]) -> bytes:
-    cut: onnx.ModelProto = Extractor(onnx.shape_inference.infer_shapes(model)).extract_model(inputs, outputs)
+    cut: onnx.ModelProto = Extractor(onnx.shape_inference.infer_shapes(model)).extract_model(
+        inputs, outputs
+    )
     return cut.SerializeToString()
 
 
@@ -82,12 +88,20 @@ def _run(session: Any, rows: FloatRows, chunk: int) -> dict[str, npt.NDArray[Any
     return {n: np.concatenate([part[i] for part in parts]) for i, n in enumerate(names)}
 
 
-def _compare(head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], given: int) -> dict[str, Any]:
+def _compare(
+    head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], given: int
+) -> dict[str, Any]:
     expected = reference_votes(head.forest, rows, len(head.classes))
     got = answers[_votes(head)]
     wrong_votes = int(np.any(got != expected, axis=1).sum())
-    label = riskier_argmax(situation_votes(expected)) if head.name == MAIN_HEAD else riskier_argmax(expected)
-    answered = answers["situation"] if head.name == MAIN_HEAD else riskier_argmax(got.astype(np.int64))
+    label = (
+        riskier_argmax(situation_votes(expected))
+        if head.name == MAIN_HEAD
+        else riskier_argmax(expected)
+    )
+    answered = (
+        answers["situation"] if head.name == MAIN_HEAD else riskier_argmax(got.astype(np.int64))
+    )
     wrong = int((label != answered).sum())
     wrong_others = _wrong_others(head, expected, answers)
     if wrong or wrong_votes or wrong_others:
@@ -105,8 +119,11 @@ def _compare(head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], 
     }
 
 
-def _wrong_others(head: Head, votes: npt.NDArray[np.int64], answers: dict[str, npt.NDArray[Any]]) -> int:
-    """Rows whose probabilities are more than PROBABILITY_TOLERANCE off, or whose weight is wrong."""
+def _wrong_others(
+    head: Head, votes: npt.NDArray[np.int64], answers: dict[str, npt.NDArray[Any]]
+) -> int:
+    """Rows whose probabilities are more than PROBABILITY_TOLERANCE off, or whose weight is
+    wrong."""
     probability = reference_probability(head, votes)
     if head.name != MAIN_HEAD:
         return _far(answers[head.name], probability[:, 1])
@@ -114,7 +131,11 @@ def _wrong_others(head: Head, votes: npt.NDArray[np.int64], answers: dict[str, n
         return _far(answers["p_situation"], probability)
     by_situation = probability.reshape(len(votes), -1, 2).sum(axis=2)
     wrong_weight = int((answers["weight"] != reference_heavy(votes)).sum())
-    return _far(answers["p_class"], probability) + _far(answers["p_situation"], by_situation) + wrong_weight
+    return (
+        _far(answers["p_class"], probability)
+        + _far(answers["p_situation"], by_situation)
+        + wrong_weight
+    )
 
 
 def _far(got: npt.NDArray[Any], expected: npt.NDArray[np.float64]) -> int:
@@ -135,9 +156,13 @@ def _disagreement(head: Head, rows: FloatRows, votes: npt.NDArray[np.int64]) -> 
     }
 
 
-def _compare_single(session: Any, rows: FloatRows, many: dict[str, npt.NDArray[Any]], seed: int) -> int:
+def _compare_single(
+    session: Any, rows: FloatRows, many: dict[str, npt.NDArray[Any]], seed: int
+) -> int:
     """B = 1 equals B = many, bit for bit, on every output of the forests."""
-    chosen = np.random.default_rng(seed).choice(len(rows), size=min(SINGLE_ROWS, len(rows)), replace=False)
+    chosen = np.random.default_rng(seed).choice(
+        len(rows), size=min(SINGLE_ROWS, len(rows)), replace=False
+    )
     ones = _run(session, rows[chosen], 1)
     for name, value in ones.items():
         _require_same(name, value, many[name][chosen])
@@ -174,14 +199,17 @@ def _tied_votes(n_classes: int) -> Iterator[npt.NDArray[np.int64]]:
 
 
 def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
-    """The whole step, from the sample on: flags by the rule, and one recording alone equals the same among many."""
+    """The whole step, from the sample on: flags by the rule, and one recording alone equals the
+    same among many."""
     session = open_session(model.SerializeToString())
     values, valid = golden_input(spec.n_channels, spec.unit, spec.settle_samples)
     names = [o.name for o in session.get_outputs()]
     alone = run_recording(session, values, valid, [n for n in names if n != "state_out"])
     for name, told in reference_flags(values, valid, spec).items():
         if not np.array_equal(alone[name], told):
-            raise VerificationFailed(f"output {name!r} does not follow the guard's rule", next_step="report this")
+            raise VerificationFailed(
+                f"output {name!r} does not follow the guard's rule", next_step="report this"
+            )
     scale = np.random.default_rng(seed).uniform(0.1, 2.0, size=BATCH)
     scale[BATCH // 2] = 1.0
     many = StepGraph(session, BATCH, [n for n in names if n != "state_out"])

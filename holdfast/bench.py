@@ -29,10 +29,18 @@ from edge_runtime.writing import require_writable, write_whole
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("what", choices=(*MEASURES, "all"), metavar="WHAT", help=f"{', '.join(MEASURES)}, all")
-    parser.add_argument("--check", action="store_true", help="with latency: exit 1 where a budget is broken")
     parser.add_argument(
-        "--out", type=path_argument, default=Path("build/bench"), metavar="DIR", help="default build/bench"
+        "what", choices=(*MEASURES, "all"), metavar="WHAT", help=f"{', '.join(MEASURES)}, all"
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="with latency: exit 1 where a budget is broken"
+    )
+    parser.add_argument(
+        "--out",
+        type=path_argument,
+        default=Path("build/bench"),
+        metavar="DIR",
+        help="default build/bench",
     )
 
 
@@ -43,7 +51,9 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     for what in MEASURES if args.what == "all" else (args.what,):
         figures = MEASURES[what](args.out)
-        path = write_whole(args.out / f"{what}.json", json.dumps(figures | _host(what), indent=2) + "\n")
+        path = write_whole(
+            args.out / f"{what}.json", json.dumps(figures | _host(what), indent=2) + "\n"
+        )
         picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
         _print_tables(what, figures)
         print(f"{path}\n{picture}")
@@ -59,7 +69,12 @@ def _print_tables(what: str, figures: dict[str, Any]) -> None:
     from evaluation.page import markdown
 
     for title, rows in short(figures).items() if what == "cost" else figures.items():
-        if isinstance(rows, list) and rows and isinstance(rows[0], dict) and "latency_us" not in rows[0]:
+        if (
+            isinstance(rows, list)
+            and rows
+            and isinstance(rows[0], dict)
+            and "latency_us" not in rows[0]
+        ):
             print(f"{title}\n{markdown(rows)}\n")
 
 
@@ -112,8 +127,15 @@ def _hand(out: Path) -> dict[str, Any]:
     act_samples = Model(MODEL).card.decision.act_samples
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
-    compute_ms = 1e-3 * sum(live[0]["latency_us"][stage]["p50"] for stage in ("convert", "step", "decide", "emit"))
-    figures = {"scans": scans, "faults": fault_table(MODEL, compute_ms), "live": live, "act_samples": act_samples}
+    compute_ms = 1e-3 * sum(
+        live[0]["latency_us"][stage]["p50"] for stage in ("convert", "step", "decide", "emit")
+    )
+    figures = {
+        "scans": scans,
+        "faults": fault_table(MODEL, compute_ms),
+        "live": live,
+        "act_samples": act_samples,
+    }
     return figures | {"delays": delays(scans, compute_ms, act_samples), "memory": memory(MODEL)}
 
 
@@ -124,24 +146,42 @@ def _onset(out: Path) -> dict[str, Any]:
 
 
 MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {
-    "latency": _latency, "cost": _cost, "training": _training, "instructions": _instructions, "effects": _effects,
-    "hand": _hand, "onset": _onset, "simulator": _simulator,
-}  # fmt: skip
+    "latency": _latency,
+    "cost": _cost,
+    "training": _training,
+    "instructions": _instructions,
+    "effects": _effects,
+    "hand": _hand,
+    "onset": _onset,
+    "simulator": _simulator,
+}
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
 
 
-KINDS = {"cost": "scenes simulated, people public real data", "hand": "simulated", "onset": "simulated",
-         "effects": "time on this machine", "latency": "time on this machine, samples simulated",
-         "training": "time on this machine, trials simulated", "instructions": "counted by callgrind",
-         "simulator": "simulated, time on this machine"}  # fmt: skip
+KINDS = {
+    "cost": "scenes simulated, people public real data",
+    "hand": "simulated",
+    "onset": "simulated",
+    "effects": "time on this machine",
+    "latency": "time on this machine, samples simulated",
+    "training": "time on this machine, trials simulated",
+    "instructions": "counted by callgrind",
+    "simulator": "simulated, time on this machine",
+}
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
 SEED = 0
 
 
 def _host(what: str) -> dict[str, Any]:
-    """What stands in every JSON: where and with what it was measured. All measures draw from fixed seeds."""
-    machine = {"machine": platform.machine(), "system": platform.system(), "cpus": os.cpu_count(), "cpu": _cpu()}
+    """What stands in every JSON: where and with what it was measured. All measures draw from fixed
+    seeds."""
+    machine = {
+        "machine": platform.machine(),
+        "system": platform.system(),
+        "cpus": os.cpu_count(),
+        "cpu": _cpu(),
+    }
     versions = {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
     return {"kind": KINDS[what], "seed": SEED, "host": machine, "versions": versions}
 
@@ -152,5 +192,9 @@ def _cpu() -> str | None:
         text = Path("/proc/cpuinfo").read_text("utf-8")
     except OSError:
         return None
-    names = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
+    names = [
+        line.partition(":")[2].strip()
+        for line in text.splitlines()
+        if line.startswith("model name")
+    ]
     return names[0] if names else None

@@ -1,4 +1,5 @@
-"""`holdfast bias --source URL --out FILE`: what the unloaded hand reads, with a look at how good that is.
+"""`holdfast bias --source URL --out FILE`: what the unloaded hand reads, with a look at how good
+that is.
 
 Hand open, nothing touched, two seconds. Where something is odd nothing is written, unless --anyway.
 """
@@ -25,8 +26,12 @@ RATE_HZ = 100.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     add_live_options(parser)
-    parser.add_argument("--out", type=path_argument, required=True, metavar="FILE", help="the bias, as JSON")
-    parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="for so long (default 2)")
+    parser.add_argument(
+        "--out", type=path_argument, required=True, metavar="FILE", help="the bias, as JSON"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=2.0, metavar="S", help="for so long (default 2)"
+    )
     parser.add_argument("--anyway", action="store_true", help="write it although something is odd")
 
 
@@ -42,10 +47,13 @@ def run(args: argparse.Namespace) -> int:
     bias, warnings = bias_of(rows, source.unit)
     for warning in warnings:
         say(f"warning: {warning}")
-    odd = len(warnings) - bool(bias.reversed.any())  # a reversed magnet is turned by the model's preparation
+    # a reversed magnet is turned by the model's preparation
+    odd = len(warnings) - bool(bias.reversed.any())
     if odd and not args.anyway:
         raise DataError(
-            "not a good bias, nothing is written", cause="the lines above", next_step="mend that, or add --anyway"
+            "not a good bias, nothing is written",
+            cause="the lines above",
+            next_step="mend that, or add --anyway",
         )
     write_bias(args.out, bias)
     show(f"{bias.n} rows, spread at most {bias.spread.max():.3g} {bias.unit}: {args.out}")

@@ -1,4 +1,5 @@
-"""`holdfast board udev|service`: what the board needs installed, on stdout, to be piped where it belongs."""
+"""`holdfast board udev|service`: what the board needs installed, on stdout, to be piped where it
+belongs."""
 
 from __future__ import annotations
 

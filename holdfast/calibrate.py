@@ -1,22 +1,28 @@
-"""`holdfast calibrate PATH --out FILE`: known loads -> field to force, judged on probings it never saw.
+"""`holdfast calibrate PATH --out FILE`: known loads -> field to force, judged on probings it never
+saw.
 
-PATH is a CSV file with the columns Time, X1..Zn (uT) and Fx, Fy, Fz (N), in which every fingertip is pressed at least
-twice; or a folder in the layout of eflesh_calibration (normal_force/ and shear_force/, a folder a probing).
+PATH is a CSV file with the columns Time, X1..Zn (uT) and Fx, Fy, Fz (N), in which every fingertip
+is pressed at least twice; or a folder in the layout of eflesh_calibration (normal_force/ and
+shear_force/, a folder a probing).
 
 Every split leaves one probing out. In a CSV file a probing runs from unloaded to unloaded.
 
-The unit of the load in eflesh_calibration is written nowhere ("weight"), so `load_unit` looks for it in the data and
-refuses where not exactly one unit fits. Its evidence, printed with every run:
+The unit of the load in eflesh_calibration is written nowhere ("weight"), so `load_unit` looks for
+it in the data and refuses where not exactly one unit fits. Its evidence, printed with every run:
 
-- A reading of exactly -1 is no load: nearly every second row has it, no other reading is below zero. It is left out.
-- The deeper half of a press gives the pad's stiffness, and its end the largest load. In newtons the pad would carry
-  3.5 kN at 380 N/mm under a probe that an arm holds; in gram-force 34 N at 3.7 N/mm (shear: 18 N at 1.1 N/mm).
-- The authors publish 0.27 N and 0.12 N. A network is not 250 times better than the best line through the same
-  readings, so newtons are out; nor is it worse than a line, so millinewtons are out. Gram-force is what is left.
-- Centinewtons are 2 % off gram-force, and the data cannot tell these two apart; a column called "weight" can.
+- A reading of exactly -1 is no load: nearly every second row has it, no other reading is below
+  zero. It is left out.
+- The deeper half of a press gives the pad's stiffness, and its end the largest load. In newtons the
+  pad would carry 3.5 kN at 380 N/mm under a probe that an arm holds; in gram-force 34 N at 3.7 N/mm
+  (shear: 18 N at 1.1 N/mm).
+- The authors publish 0.27 N and 0.12 N. A network is not 250 times better than the best line
+  through the same readings, so newtons are out; nor is it worse than a line, so millinewtons are
+  out. Gram-force is what is left.
+- Centinewtons are 2 % off gram-force, and the data cannot tell these two apart; a column called
+  "weight" can.
 
-The field needs no guess: it moves in steps of 2.4 (x, y) and 3.872 (z), or 0.6 and 0.968, which are 16 and 4 times the
-MLX90393's 0.150 and 0.242 uT.
+The field needs no guess: it moves in steps of 2.4 (x, y) and 3.872 (z), or 0.6 and 0.968, which are
+16 and 4 times the MLX90393's 0.150 and 0.242 uT.
 """
 
 from __future__ import annotations
@@ -57,7 +63,8 @@ LARGEST_PLAUSIBLE_N = 200.0
 """More than an arm that probes a palm-sized printed pad can push."""
 NO_LOAD = -1.0
 KINDS = {"normal_force": NORMAL_AXIS, "shear_force": 0}
-"""Folder, and the axis its load is on. Which way the pad was sheared is not told; it is called x here."""
+"""Folder, and the axis its load is on. Which way the pad was sheared is not told; it is called x
+here."""
 MOST = 1e12
 """Neither a field nor a force, nor a time."""
 FORCES = ("Fx", "Fy", "Fz")
@@ -69,7 +76,8 @@ N_TREES = 200
 
 @dataclass(frozen=True)
 class Probing:
-    """field_ut [M, S, 3], tared; load [M, 3] in the study's unit, a column of nan for an axis without a reading."""
+    """field_ut [M, S, 3], tared; load [M, 3] in the study's unit, a column of nan for an axis
+    without a reading."""
 
     name: str
     field_ut: FloatArray
@@ -78,8 +86,8 @@ class Probing:
 
 @dataclass(frozen=True)
 class Study:
-    """Probings of one piece of hardware. load_n: newtons in one unit of the load. rest_ut: [S, 3] or None,
-    reversed_: [S] magnets found upside down, or None where polarity says nothing."""
+    """Probings of one piece of hardware. load_n: newtons in one unit of the load. rest_ut: [S, 3]
+    or None, reversed_: [S] magnets found upside down, or None where polarity says nothing."""
 
     name: str
     probings: tuple[Probing, ...]
@@ -102,12 +110,16 @@ class Study:
     @property
     def blocks(self) -> FloatArray:
         """[M] which probing a row is of."""
-        return np.repeat(np.arange(len(self.probings), dtype=np.float64), [len(one.load) for one in self.probings])
+        return np.repeat(
+            np.arange(len(self.probings), dtype=np.float64),
+            [len(one.load) for one in self.probings],
+        )
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A model's errors: [G, 3] RMSE on each probing by the others; nan where an axis was not loaded."""
+    """A model's errors: [G, 3] RMSE on each probing by the others; nan where an axis was not
+    loaded."""
 
     name: str
     held_out_n: FloatArray
@@ -118,19 +130,36 @@ class Judged:
         for axis, of in (("normal", rmse_normal), ("shear", rmse_shear)):
             each = [of(row) for row in self.held_out_n]
             if np.isfinite(each).all():
-                found[axis] = {"rmse_n": float(np.sqrt(np.mean(np.square(each)))), "each_probing_n": each}
+                found[axis] = {
+                    "rmse_n": float(np.sqrt(np.mean(np.square(each)))),
+                    "each_probing_n": each,
+                }
         return found
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument(
-        "path", type=path_argument, metavar="PATH", help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or eflesh's folder"
+        "path",
+        type=path_argument,
+        metavar="PATH",
+        help="a CSV file Time,X1..Zn,Fx,Fy,Fz, or eflesh's folder",
     )
-    parser.add_argument("--out", type=path_argument, required=True, metavar="FILE", help="the calibration, as JSON")
-    parser.add_argument("--json", type=path_argument, metavar="FILE", help="also the figures, as JSON")
-    parser.add_argument("--date", default=date.today().isoformat(), metavar="DAY", help="of the loads (default today)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the trees compared with (default 0)")
+    parser.add_argument(
+        "--out", type=path_argument, required=True, metavar="FILE", help="the calibration, as JSON"
+    )
+    parser.add_argument(
+        "--json", type=path_argument, metavar="FILE", help="also the figures, as JSON"
+    )
+    parser.add_argument(
+        "--date",
+        default=date.today().isoformat(),
+        metavar="DAY",
+        help="of the loads (default today)",
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="S", help="of the trees compared with (default 0)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -150,37 +179,55 @@ def run(args: argparse.Namespace) -> int:
 
 def _studies_and_targets(path: Path, out: Path) -> tuple[list[Study], list[Path]]:
     studies = read_studies(path)
-    return studies, [out if k == 0 else out.with_stem(f"{out.stem}.{s.name}") for k, s in enumerate(studies)]
+    return studies, [
+        out if k == 0 else out.with_stem(f"{out.stem}.{s.name}") for k, s in enumerate(studies)
+    ]
 
 
 def read_studies(path: Path) -> list[Study]:
-    """What PATH holds: one study of a CSV file, or the normal and the shear one of a folder. Raises a DataError."""
+    """What PATH holds: one study of a CSV file, or the normal and the shear one of a folder. Raises
+    a DataError."""
     if not path.is_dir():
         return [_csv_study(path)]
     kinds = [kind for kind in KINDS if (path / kind).is_dir()]
     if not kinds:
         raise DataNotFound(
-            f"no {' or '.join(KINDS)} in this folder", where=path, next_step="give eflesh_calibration, or a CSV file"
+            f"no {' or '.join(KINDS)} in this folder",
+            where=path,
+            next_step="give eflesh_calibration, or a CSV file",
         )
     return [_probed_study(path / kind, KINDS[kind]) for kind in kinds]
 
 
 def judge(study: Study, source: str, day: str, seed: int) -> tuple[Calibration, list[Judged]]:
-    """The calibration of all probings; and the line and the trees, judged on each probing by the others."""
+    """The calibration of all probings; and the line and the trees, judged on each probing by the
+    others."""
     fitted = fit(
-        study.field_ut, study.force_n, study.blocks,
-        reversed_=study.reversed_, source=f"{source}/{study.name}", date=day, load_unit=study.load_unit,
-    )  # fmt: skip
+        study.field_ut,
+        study.force_n,
+        study.blocks,
+        reversed_=study.reversed_,
+        source=f"{source}/{study.name}",
+        date=day,
+        load_unit=study.load_unit,
+    )
     plain = fitted.calibration
     calibration = Calibration(plain.matrix, study.rest_ut, plain.reversed, plain.meta)
-    return calibration, [Judged("one matrix", fitted.held_out_n), Judged("extra trees", _trees(study, seed))]
+    return calibration, [
+        Judged("one matrix", fitted.held_out_n),
+        Judged("extra trees", _trees(study, seed)),
+    ]
 
 
 def _trees(study: Study, seed: int) -> FloatArray:
     """[G, 3] RMSE of extra trees on each probing by the others."""
     from sklearn.ensemble import ExtraTreesRegressor
 
-    field, force, blocks = study.field_ut.reshape(len(study.blocks), -1), study.force_n, study.blocks
+    field, force, blocks = (
+        study.field_ut.reshape(len(study.blocks), -1),
+        study.force_n,
+        study.blocks,
+    )
     axes = np.flatnonzero(np.isfinite(force).all(axis=0))
     rmse = np.full((len(study.probings), 3), np.nan)
     for block in range(len(study.probings)):
@@ -225,11 +272,15 @@ def _as_json(study: Study, judged: Sequence[Judged], seed: int) -> dict[str, Any
 def _probed_study(folder: Path, axis: int) -> Study:
     places = sorted(path_argument for path_argument in folder.iterdir() if path_argument.is_dir())
     if len(places) < 2:
-        raise TooFewGroups(f"{len(places)} probings", where=folder, next_step="one is held out: give at least two")
+        raise TooFewGroups(
+            f"{len(places)} probings", where=folder, next_step="one is held out: give at least two"
+        )
     read = [_read_probing(path_argument, axis) for path_argument in places]
     probings = tuple(probing for probing, _, _ in read)
     if len({one.field_ut.shape[1] for one in probings}) > 1:
-        raise ChannelError("probings of different numbers of sensors", where=folder, next_step="split the folder")
+        raise ChannelError(
+            "probings of different numbers of sensors", where=folder, next_step="split the folder"
+        )
     depth_mm = np.concatenate([depth for _, depth, _ in read])
     loads = np.concatenate([one.load[:, axis] for one in probings])
     missing = f"-1 stands for no reading in {sum(m for _, _, m in read)} rows, left out; no other reading is below zero"
@@ -238,35 +289,50 @@ def _probed_study(folder: Path, axis: int) -> Study:
 
 
 def _read_probing(folder: Path, axis: int) -> tuple[Probing, FloatArray, int]:
-    """(probing, depth [M] mm of the probe, rows without a reading). The field is tared before every press."""
+    """(probing, depth [M] mm of the probe, rows without a reading). The field is tared before every
+    press."""
     field, states = _table(folder / "sensor_post_baselines.csv"), _table(folder / "states.csv")
     if (field.shape[1] - 1) % 3 or states.shape[1] != 5 or len(field) != len(states):
         raise ColumnError(
             f"{field.shape[1]} columns of fields, {states.shape[1]} of states, {len(field)} and {len(states)} rows",
-            where=folder, next_step="time and three columns a sensor; time, x, y, z, load; row for row",
-        )  # fmt: skip
+            where=folder,
+            next_step="time and three columns a sensor; time, x, y, z, load; row for row",
+        )
     load = states[:, 4]
     read = load != NO_LOAD
     if (load[read] < 0.0).any():
-        raise UnitError("loads below zero beside the -1 for no reading", where=folder, next_step="look at states.csv")
+        raise UnitError(
+            "loads below zero beside the -1 for no reading",
+            where=folder,
+            next_step="look at states.csv",
+        )
     three = np.full((int(read.sum()), 3), np.nan)
     three[:, axis] = load[read]
     depth_mm = states[:, 3].max() - states[read, 3]
-    return Probing(folder.name, field[read, 1:].reshape(len(three), -1, 3), three), depth_mm, int((~read).sum())
+    return (
+        Probing(folder.name, field[read, 1:].reshape(len(three), -1, 3), three),
+        depth_mm,
+        int((~read).sum()),
+    )
 
 
 def load_unit(
     probings: Sequence[Probing], axis: int, loads: FloatArray, depth_mm: FloatArray
 ) -> tuple[str, tuple[str, ...]]:
-    """(unit of the load column, the evidence): the readings and the published error leave one unit, else UnitError."""
+    """(unit of the load column, the evidence): the readings and the published error leave one unit,
+    else UnitError."""
     published = PUBLISHED_N["normal" if axis == NORMAL_AXIS else "shear"]
     blocks = np.repeat(np.arange(len(probings)), [len(one.load) for one in probings])
     line = fit(
-        np.concatenate([one.field_ut for one in probings]), np.concatenate([one.load for one in probings]), blocks
+        np.concatenate([one.field_ut for one in probings]),
+        np.concatenate([one.load for one in probings]),
+        blocks,
     )
     units_rmse = float(np.sqrt(np.mean(line.held_out_n[:, axis] ** 2)))
     stiffness = _stiffness_per_mm(loads, depth_mm)
-    lines = [f"load column: steps of {_resolution(loads):g}, up to {loads.max():.0f} at {depth_mm.max():.0f} mm"]
+    lines = [
+        f"load column: steps of {_resolution(loads):g}, up to {loads.max():.0f} at {depth_mm.max():.0f} mm"
+    ]
     left = []
     for unit, newton in UNITS_N.items():
         ratio = published / (units_rmse * newton)
@@ -282,7 +348,11 @@ def load_unit(
             cause="; ".join(lines),
             next_step="ask who recorded it",
         )
-    doubt = "; centinewton (2 % more) cannot be told apart by the data" if left == ["gram-force"] else ""
+    doubt = (
+        "; centinewton (2 % more) cannot be told apart by the data"
+        if left == ["gram-force"]
+        else ""
+    )
     return left[0], (*lines, f"taken as {left[0]}{doubt}")
 
 
@@ -303,7 +373,9 @@ def _table(path: Path) -> FloatArray:
         require_lines(path)
         table = np.loadtxt(path, delimiter=",", ndmin=2)
     except OSError:
-        raise DataNotFound("no such file, or unreadable", where=path, next_step="copy the folder again") from None
+        raise DataNotFound(
+            "no such file, or unreadable", where=path, next_step="copy the folder again"
+        ) from None
     except ValueError as error:
         raise NotANumber(str(error), where=path, next_step="write plain decimal numbers") from None
     if not table.size or not np.isfinite(table).all():
@@ -321,36 +393,47 @@ def _csv_study(path: Path) -> Study:
     starts = probing_starts(np.linalg.norm(force, axis=1))
     if len(starts) < 2:
         raise TooFewGroups(
-            f"{len(starts)} probings", where=path,
+            f"{len(starts)} probings",
+            where=path,
             cause=f"the load never passes {LOADED_N:g} N and comes back below {UNLOADED_N:g} N for {MIN_UNLOADED} rows",
             next_step="press every fingertip at least twice, with a pause",
-        )  # fmt: skip
+        )
     bounds = zip(starts, [*starts[1:], len(force)], strict=True)
     pieces = [_tared(field[a:b], force[a:b]) for a, b in bounds]
-    probings = tuple(Probing(f"probing {k + 1}", moved, force) for k, (moved, force, _) in enumerate(pieces))
+    probings = tuple(
+        Probing(f"probing {k + 1}", moved, force) for k, (moved, force, _) in enumerate(pieces)
+    )
     rest_ut = np.median([rest for _, _, rest in pieces], axis=0)
     reversed_ = rest_ut[:, NORMAL_AXIS] < -NORMAL_FLOOR["uT"]
     names = ", ".join(str(k + 1) for k in np.flatnonzero(reversed_)) or "none"
-    evidence = (f"{int(lost.sum())} rows with a lost value left out; sensors with a reversed magnet: {names}",)
+    evidence = (
+        f"{int(lost.sum())} rows with a lost value left out; sensors with a reversed magnet: {names}",
+    )
     return Study(path.stem, probings, "N", 1.0, rest_ut, reversed_, evidence)
 
 
 def _tared(field: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(field less its rest, force, rest [S, 3]): the median of the unloaded rows the probing begins with."""
+    """(field less its rest, force, rest [S, 3]): the median of the unloaded rows the probing begins
+    with."""
     loaded = np.flatnonzero(np.linalg.norm(force, axis=1) >= UNLOADED_N)
     rest = np.median(field[: loaded[0]], axis=0)
     return field - rest, force, rest
 
 
 def probing_starts(load_n: FloatArray) -> list[int]:
-    """First rows of probings: of each pause (MIN_UNLOADED rows below UNLOADED_N) that is followed by a press.
+    """First rows of probings: of each pause (MIN_UNLOADED rows below UNLOADED_N) that is followed
+    by a press.
 
     >>> probing_starts(np.array([0.0] * 6 + [2.0] * 3 + [0.0] * 6 + [2.0] + [0.0] * 7))
     [0, 9]
     """
     pauses = [(a, b) for a, b in _runs(load_n < UNLOADED_N) if b - a >= MIN_UNLOADED]
     ends = [a for a, _ in pauses[1:]] + [len(load_n)]
-    return [a for (a, b), end in zip(pauses, ends[: len(pauses)], strict=True) if (load_n[b:end] > LOADED_N).any()]
+    return [
+        a
+        for (a, b), end in zip(pauses, ends[: len(pauses)], strict=True)
+        if (load_n[b:end] > LOADED_N).any()
+    ]
 
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:
@@ -367,22 +450,30 @@ def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
     if n_sensors == 0 or sorted(header) != sorted(wanted):
         odd = sorted(set(header) ^ set(wanted)) or ["some twice"]
         raise ColumnError(
-            f"columns missing, doubled or unknown: {listed(odd)}", where=path, next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz"
+            f"columns missing, doubled or unknown: {listed(odd)}",
+            where=path,
+            next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz",
         )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # no rows: said below
             table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, encoding="utf-8-sig")
     except ValueError as error:
-        raise NotANumber(str(error), where=path, next_step="write nan for a value that was lost") from None
+        raise NotANumber(
+            str(error), where=path, next_step="write nan for a value that was lost"
+        ) from None
     if not table.size:
         raise EmptyRecording("no rows", where=path, next_step="record it again")
     if table.shape[1] != len(header):
         raise ColumnError(
-            f"{table.shape[1]} columns under a header of {len(header)}", where=path, next_step="write a name for each"
+            f"{table.shape[1]} columns under a header of {len(header)}",
+            where=path,
+            next_step="write a name for each",
         )
     if (np.abs(table[np.isfinite(table)]) > MOST).any():
-        raise NotANumber(f"a number beyond {MOST:g}", where=path, next_step="write fields in uT and forces in N")
+        raise NotANumber(
+            f"a number beyond {MOST:g}", where=path, next_step="write fields in uT and forces in N"
+        )
     columns = {name: table[:, index] for index, name in enumerate(header)}
     values = np.column_stack([columns[name] for name in channel_names(n_sensors)])
     return values, np.column_stack([columns[name] for name in FORCES])
@@ -394,6 +485,10 @@ def _header(path: Path) -> list[str]:
         with path.open(newline="", encoding="utf-8-sig") as lines:
             return [name.strip() for name in next(csv.reader(lines), [])]
     except OSError as error:
-        raise DataNotFound(f"cannot be read ({error.strerror})", where=path, next_step="check the path") from None
+        raise DataNotFound(
+            f"cannot be read ({error.strerror})", where=path, next_step="check the path"
+        ) from None
     except (UnicodeDecodeError, csv.Error):
-        raise NotANumber("no CSV text file", where=path, next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz") from None
+        raise NotANumber(
+            "no CSV text file", where=path, next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz"
+        ) from None

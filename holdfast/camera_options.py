@@ -19,10 +19,21 @@ SIDE_MM = (1.0, 200.0)
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """--tag-mm, --fps and --exposure-ms, which an OAK camera needs."""
-    parser.add_argument("--tag-mm", type=printed_mm, metavar="MM", help="oak: the printed side of the tags, measured")
-    parser.add_argument("--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}")
     parser.add_argument(
-        "--exposure-ms", type=positive, default=EXPOSURE_MS, metavar="MS", help=f"oak: default {EXPOSURE_MS:g}"
+        "--tag-mm",
+        type=printed_mm,
+        metavar="MM",
+        help="oak: the printed side of the tags, measured",
+    )
+    parser.add_argument(
+        "--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}"
+    )
+    parser.add_argument(
+        "--exposure-ms",
+        type=positive,
+        default=EXPOSURE_MS,
+        metavar="MS",
+        help=f"oak: default {EXPOSURE_MS:g}",
     )
 
 
@@ -30,7 +41,9 @@ def printed_mm(word: str) -> float:
     """A tag's printed side from the command line, mm."""
     side_mm = positive(word)
     if not SIDE_MM[0] <= side_mm <= SIDE_MM[1]:
-        raise argparse.ArgumentTypeError(f"{word!r} mm is no tag's side: {SIDE_MM[0]:g} to {SIDE_MM[1]:g}")
+        raise argparse.ArgumentTypeError(
+            f"{word!r} mm is no tag's side: {SIDE_MM[0]:g} to {SIDE_MM[1]:g}"
+        )
     return side_mm
 
 

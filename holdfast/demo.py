@@ -1,4 +1,5 @@
-"""`make demo`: no hardware, no data set: simulate, train, export, and watch trials go by that the model never met."""
+"""`make demo`: no hardware, no data set: simulate, train, export, and watch trials go by that the
+model never met."""
 
 from __future__ import annotations
 
@@ -20,8 +21,12 @@ Await = Callable[[str], Path]
 
 
 def run(out: Path, work: Path) -> int:
-    """Train, export, show three trials the model has never seen, and leave model and report in out."""
-    print(f"simulating {TRIALS} trials of the thesis' protocol at {RATE_HZ:g} Hz (simulated: no recording)", flush=True)
+    """Train, export, show three trials the model has never seen, and leave model and report in
+    out."""
+    print(
+        f"simulating {TRIALS} trials of the thesis' protocol at {RATE_HZ:g} Hz (simulated: no recording)",
+        flush=True,
+    )
     with _simulated_beside(work) as ready:
         _learn_and_watch(out, work, ready)
     print("real recordings: make real (needs HOLDFAST_DATA; holdfast doctor says what is there)")
@@ -44,8 +49,13 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     print(f"macro F1 over four situations, trials held out: {macro_f1:.2f}", flush=True)
     path, verified = export_artifact(work / "model", out / "holdfast.onnx")
     checked = verified["heads"]["situation"]
-    print(f"exported {path}: {checked['rows']:,} rows checked, {checked['label_mismatches']} labels differ", flush=True)
-    print(f"\none character = {COLUMN_S} s; . nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)")
+    print(
+        f"exported {path}: {checked['rows']:,} rows checked, {checked['label_mismatches']} labels differ",
+        flush=True,
+    )
+    print(
+        f"\none character = {COLUMN_S} s; . nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)"
+    )
     unseen, model = ready(UNSEEN), Model(path)
     pictures = [watch(model, unseen, one) for one in load(unseen, windows="natural").recordings]
     for picture in pictures:
@@ -56,14 +66,17 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
 
 @contextmanager
 def _simulated_beside(work: Path) -> Iterator[Await]:
-    """The demo's trials in another process; yields what waits for one of its sets. Raises HoldfastError."""
+    """The demo's trials in another process; yields what waits for one of its sets. Raises
+    HoldfastError."""
     command = [sys.executable, "-m", "holdfast.demo_trials", str(work)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         said = iter(child.stdout or ())
 
         def ready(name: str) -> Path:
             if next(said, "").strip() != name:
-                raise HoldfastError("the trials could not be simulated", cause="see the lines above")
+                raise HoldfastError(
+                    "the trials could not be simulated", cause="see the lines above"
+                )
             return work / name
 
         try:
@@ -74,9 +87,15 @@ def _simulated_beside(work: Path) -> Iterator[Await]:
 
 def main(argv: Sequence[str]) -> int:
     """Parse and run; what is simulated goes into a temporary folder, which is removed."""
-    parser = Parser(prog="make demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(
+        prog="make demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
-        "--out", type=path_argument, default=Path("build/demo"), metavar="DIR", help="default build/demo"
+        "--out",
+        type=path_argument,
+        default=Path("build/demo"),
+        metavar="DIR",
+        help="default build/demo",
     )
     args = parser.parse_args(argv)
     require_writable(args.out)

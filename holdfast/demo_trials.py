@@ -1,4 +1,5 @@
-"""The demo's trials, simulated in a process of their own while the demo loads its libraries and trains.
+"""The demo's trials, simulated in a process of their own while the demo loads its libraries and
+trains.
 
     python -m holdfast.demo_trials FOLDER      writes FOLDER/train, then FOLDER/unseen, and says each when it is whole
 """

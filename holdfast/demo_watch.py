@@ -1,4 +1,5 @@
-"""What the demo shows: a trial that the model has never met goes by, its truth above and the answers below."""
+"""What the demo shows: a trial that the model has never met goes by, its truth above and the
+answers below."""
 
 from __future__ import annotations
 
@@ -21,7 +22,11 @@ COLUMN_S = 0.2
 def watch(model: Model, folder: Path, recording: Recording) -> StreamPicture:
     """Feed a trial to the edge runtime sample by sample."""
     monitor = GripMonitor(model, None)
-    t_ns = np.round(1e9 * np.arange(len(recording.samples)) / recording.rate_hz).astype(np.int64).tolist()
+    t_ns = (
+        np.round(1e9 * np.arange(len(recording.samples)) / recording.rate_hz)
+        .astype(np.int64)
+        .tolist()
+    )
     samples = zip(t_ns, recording.samples, recording.valid, strict=True)
     answers = [monitor.feed(Sample(t, row, valid, k)) for k, (t, row, valid) in enumerate(samples)]
     acts = np.array([answer.act for answer in answers])
@@ -35,11 +40,16 @@ def _situation(answer: Prediction) -> int:
 def show(picture: StreamPicture) -> None:
     """Truth above, answer below, and how long after the load came on the hand would act."""
     recording = picture.recording
-    was = np.repeat([phase.situation for phase in picture.phases], [p.stop - p.first for p in picture.phases])
+    was = np.repeat(
+        [phase.situation for phase in picture.phases], [p.stop - p.first for p in picture.phases]
+    )
     step = round(COLUMN_S * recording.rate_hz)
     print(f"\n{recording.object_name}/{recording.action}")
     for name, states in (("was ", was), ("says", picture.answer)):
-        print(f"  {name}  " + "".join(_letter(states[k : k + step]) for k in range(0, len(states), step)))
+        print(
+            f"  {name}  "
+            + "".join(_letter(states[k : k + step]) for k in range(0, len(states), step))
+        )
     print("  " + _outcome(picture))
 
 
@@ -53,10 +63,16 @@ def _outcome(picture: StreamPicture) -> str:
     rate_hz = picture.recording.rate_hz
     acts_s = np.flatnonzero(picture.acts) / rate_hz
     if picture.recording.action == "pass":
-        return f"a hand-over: the hand {'WOULD ACT (wrongly)' if len(acts_s) else 'leaves it alone'}"
+        return (
+            f"a hand-over: the hand {'WOULD ACT (wrongly)' if len(acts_s) else 'leaves it alone'}"
+        )
     onset_s, gross_s = picture.events["load_onset_s"], picture.events["gross_slip_s"]
     slipped = f"all fingers slide {1e3 * (gross_s - onset_s):.0f} ms after the load came on"
-    early = f"; WRONGLY asks before, at {acts_s[0]:.1f} s" if len(acts_s) and acts_s[0] < onset_s else ""
+    early = (
+        f"; WRONGLY asks before, at {acts_s[0]:.1f} s"
+        if len(acts_s) and acts_s[0] < onset_s
+        else ""
+    )
     after_s = acts_s[acts_s >= onset_s]
     if not len(after_s):
         return f"{slipped}; the slip is MISSED{early}"

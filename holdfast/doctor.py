@@ -1,4 +1,5 @@
-"""`holdfast doctor`: what is here, what is missing and how to get it. Never crashes, whatever it finds."""
+"""`holdfast doctor`: what is here, what is missing and how to get it. Never crashes, whatever it
+finds."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ EXTRAS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at: ok, missing or broken, what was found, and the next step if it is not ok."""
+    """One thing looked at: ok, missing or broken, what was found, and the next step if it is not
+    ok."""
 
     what: str
     status: Literal["ok", "missing", "broken"]
@@ -73,7 +75,14 @@ def _safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
     try:
         return check()
     except ModuleNotFoundError as error:
-        return [Finding(name, "missing", f"needs {error.name}", "only the live path is here: get the whole repository")]
+        return [
+            Finding(
+                name,
+                "missing",
+                f"needs {error.name}",
+                "only the live path is here: get the whole repository",
+            )
+        ]
     except Exception as error:  # a doctor who faints helps nobody
         return [Finding(name, "broken", f"{type(error).__name__}: {error}", "report this line")]
 
@@ -81,7 +90,14 @@ def _safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
 def _machine() -> list[Finding]:
     found = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
     enough = sys.version_info >= (3, 11)
-    return [Finding("machine", "ok" if enough else "broken", found, "" if enough else "install Python 3.11 or newer")]
+    return [
+        Finding(
+            "machine",
+            "ok" if enough else "broken",
+            found,
+            "" if enough else "install Python 3.11 or newer",
+        )
+    ]
 
 
 def _packages() -> list[Finding]:
@@ -112,7 +128,9 @@ def _data_sets() -> list[Finding]:
     from training.datasets import PUBLIC_SETS, data_folder
 
     folder = data_folder()
-    step = "set HOLDFAST_DATA to the folder that holds it (only needed for figures on real recordings)"
+    step = (
+        "set HOLDFAST_DATA to the folder that holds it (only needed for figures on real recordings)"
+    )
     return [
         Finding(name, "ok", f"in {folder}")
         if (folder / name).is_dir()
@@ -130,7 +148,13 @@ def _default_model() -> list[Finding]:
         step = "python training/train.py && python export/export.py"
         return [Finding("model", "missing", f"no {path}", step)]
     try:
-        return [Finding("model", "ok", f"{path}, id {Model(path).card.model_id}, golden sequences reproduced")]
+        return [
+            Finding(
+                "model",
+                "ok",
+                f"{path}, id {Model(path).card.model_id}, golden sequences reproduced",
+            )
+        ]
     except HoldfastError as error:
         return [Finding("model", "broken", str(error), error.next_step)]
 
@@ -166,27 +190,63 @@ def _bridges() -> list[Finding]:
 def _native_buses() -> list[Finding]:
     buses = sorted(Path("/dev").glob("i2c-*"))
     if not buses:
-        return [Finding("i2c", "missing", "no /dev/i2c-*", "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt")]
+        return [
+            Finding(
+                "i2c",
+                "missing",
+                "no /dev/i2c-*",
+                "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt",
+            )
+        ]
     closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
     if closed:
-        return [Finding("i2c", "broken", f"not allowed: {', '.join(closed)}", "sudo usermod -aG i2c $USER")]
+        return [
+            Finding(
+                "i2c", "broken", f"not allowed: {', '.join(closed)}", "sudo usermod -aG i2c $USER"
+            )
+        ]
     return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
 
 
 def _udev() -> list[Finding]:
     folder = Path("/etc/udev/rules.d")
     if not folder.is_dir():
-        return [Finding("udev", "missing", "no /etc/udev/rules.d", "as root, or without udev, USB is open anyway")]
-    found = [rule for rule in folder.glob("*.rules") if "6014" in rule.read_text(encoding="utf-8", errors="replace")]
+        return [
+            Finding(
+                "udev",
+                "missing",
+                "no /etc/udev/rules.d",
+                "as root, or without udev, USB is open anyway",
+            )
+        ]
+    found = [
+        rule
+        for rule in folder.glob("*.rules")
+        if "6014" in rule.read_text(encoding="utf-8", errors="replace")
+    ]
     step = "" if found else "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
-    return [Finding("udev", "ok" if found else "missing", ", ".join(map(str, found)) or "no rule of ours", step)]
+    return [
+        Finding(
+            "udev",
+            "ok" if found else "missing",
+            ", ".join(map(str, found)) or "no rule of ours",
+            step,
+        )
+    ]
 
 
 def _clock() -> list[Finding]:
     info = time.get_clock_info("monotonic")
     fine = info.monotonic and info.resolution <= 1e-6
     found = f"{info.implementation}, resolution {1e9 * info.resolution:g} ns"
-    return [Finding("clock", "ok" if fine else "broken", found, "" if fine else "a kernel with high-resolution timers")]
+    return [
+        Finding(
+            "clock",
+            "ok" if fine else "broken",
+            found,
+            "" if fine else "a kernel with high-resolution timers",
+        )
+    ]
 
 
 def _governor() -> list[Finding]:
@@ -205,5 +265,5 @@ def _priority() -> list[Finding]:
     with real_time() as allowed:
         if allowed:
             return [Finding("priority", "ok", "a hand is read with real-time priority")]
-    step = f"echo \"$USER - rtprio {PRIORITY}\" | sudo tee /etc/security/limits.d/holdfast.conf, then log in anew"
+    step = f'echo "$USER - rtprio {PRIORITY}" | sudo tee /etc/security/limits.d/holdfast.conf, then log in anew'
     return [Finding("priority", "missing", "a busy machine may delay a sample", step)]

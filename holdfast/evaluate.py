@@ -1,4 +1,5 @@
-"""`holdfast evaluate MODEL --data SET ..`: the file itself answers labelled sets, sample by sample, and is scored."""
+"""`holdfast evaluate MODEL --data SET ..`: the file itself answers labelled sets, sample by sample,
+and is scored."""
 
 from __future__ import annotations
 
@@ -16,17 +17,45 @@ from evaluation import MOST_FALSE_PER_MIN
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
-    parser.add_argument("--data", required=True, nargs="+", metavar="SET|FOLDER", help="labelled sets by name or path")
-    parser.add_argument("--choose", nargs="+", default=(), metavar="SET|FOLDER",
-                        help="other streams, to choose the confidence on (default: as deployed)")  # fmt: skip
-    parser.add_argument("--false-per-min", type=positive, default=MOST_FALSE_PER_MIN, metavar="N",
-                        help=f"false alarms a minute allowed there (default {MOST_FALSE_PER_MIN})")  # fmt: skip
-    parser.add_argument("--train", metavar="FOLDER", help="what the thesis' forest is trained on, to stand beside")
-    parser.add_argument("--real", type=path_argument, metavar="DIR", help="what `make real` left, for the report")
+    parser.add_argument(
+        "--data",
+        required=True,
+        nargs="+",
+        metavar="SET|FOLDER",
+        help="labelled sets by name or path",
+    )
+    parser.add_argument(
+        "--choose",
+        nargs="+",
+        default=(),
+        metavar="SET|FOLDER",
+        help="other streams, to choose the confidence on (default: as deployed)",
+    )
+    parser.add_argument(
+        "--false-per-min",
+        type=positive,
+        default=MOST_FALSE_PER_MIN,
+        metavar="N",
+        help=f"false alarms a minute allowed there (default {MOST_FALSE_PER_MIN})",
+    )
+    parser.add_argument(
+        "--train", metavar="FOLDER", help="what the thesis' forest is trained on, to stand beside"
+    )
+    parser.add_argument(
+        "--real", type=path_argument, metavar="DIR", help="what `make real` left, for the report"
+    )
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
-    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of the intervals and the choice of groups")
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="S",
+        help="of the intervals and the choice of groups",
+    )
     parser.add_argument("--json", type=path_argument, metavar="OUT", help="write the figures here")
-    parser.add_argument("--report", type=path_argument, metavar="OUT", help="write a report for people here (HTML)")
+    parser.add_argument(
+        "--report", type=path_argument, metavar="OUT", help="write a report for people here (HTML)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,9 +70,13 @@ def run(args: argparse.Namespace) -> int:
             require_writable(out.parent)
     model = Model(args.model)
     asked = EvaluationRequest(
-        tuple(args.data), tuple(args.choose), args.train, args.groups,
-        most_false_per_min=args.false_per_min, seed=args.seed,
-    )  # fmt: skip
+        tuple(args.data),
+        tuple(args.choose),
+        args.train,
+        args.groups,
+        most_false_per_min=args.false_per_min,
+        seed=args.seed,
+    )
     long = args.report is not None or sys.stderr.isatty()
     with stages(3 * len(asked.data) + 4) if long else nullcontext(lambda line: None) as say:
         evidence = evaluate_events(model, asked, say)
@@ -71,15 +104,26 @@ def in_words(figures: dict[str, Any]) -> list[str]:
     if len(rows) > 1:
         rows["all"] = figures["all"]["rows"][headline]
     for name, row in rows.items():
-        lines += [_events_in_words(f"{name}, {headline}", row), *_camera_in_words(name, row["camera"])]
-    lines += [f"{name}: {words}" for name, one in figures["sets"].items() if (words := onsets_in_words(one["data"]))]
+        lines += [
+            _events_in_words(f"{name}, {headline}", row),
+            *_camera_in_words(name, row["camera"]),
+        ]
+    lines += [
+        f"{name}: {words}"
+        for name, one in figures["sets"].items()
+        if (words := onsets_in_words(one["data"]))
+    ]
     return [*lines, f"threshold: {figures['thresholds']['how']}"]
 
 
 def _events_in_words(name: str, row: dict[str, Any]) -> str:
     if not row["events"]:
         return f"{name}: no risky event; {row['false_alarms']} false alarms in {row['minutes']:.1f} min"
-    delay = "" if row["delay_ms"] is None else f", act {row['delay_ms']['p50']:.0f} ms after load onset (median)"
+    delay = (
+        ""
+        if row["delay_ms"] is None
+        else f", act {row['delay_ms']['p50']:.0f} ms after load onset (median)"
+    )
     return (
         f"{name}: {row['found']} of {row['events']} risky events found{delay}; "
         f"{row['false_per_min']:.2f} false alarms a minute in {row['minutes']:.1f} min"
@@ -87,7 +131,8 @@ def _events_in_words(name: str, row: dict[str, Any]) -> str:
 
 
 def _camera_in_words(name: str, seen: dict[str, Any] | None) -> list[str]:
-    """The alarm against the slip as a camera saw it, and beside it by the scene's truth; nothing without a camera."""
+    """The alarm against the slip as a camera saw it, and beside it by the scene's truth; nothing
+    without a camera."""
     if seen is None:
         return []
     if not seen["found"]:
@@ -104,8 +149,11 @@ def _camera_in_words(name: str, seen: dict[str, Any] | None) -> list[str]:
         "not known" if truth[key] is None else f"{truth[key]['p50']:+.0f} ms"
         for key in ("delay_ms", "lead_ms", "start_off_ms", "gross_off_ms")
     )
-    return [*lines, f"{name}, by the scene's truth: act {delay} from the first sliding, {lead} left to gross slip; "
-                    f"the camera's times are {start} and {gross} from these"]  # fmt: skip
+    return [
+        *lines,
+        f"{name}, by the scene's truth: act {delay} from the first sliding, {lead} left to gross slip; "
+        f"the camera's times are {start} and {gross} from these",
+    ]
 
 
 def _set_in_words(figures: dict[str, Any]) -> list[str]:
@@ -120,8 +168,12 @@ def _set_in_words(figures: dict[str, Any]) -> list[str]:
     ]
     if "predict_250ms" in figures:
         head = figures["predict_250ms"]
-        lines.append(f"0.25 s prediction: AUC          {_with_interval(head['auc'], head['auc_ci'])}")
-        lines.append(f"  average precision {_with_interval(head['average_precision'], head['average_precision_ci'])}")
+        lines.append(
+            f"0.25 s prediction: AUC          {_with_interval(head['auc'], head['auc_ci'])}"
+        )
+        lines.append(
+            f"  average precision {_with_interval(head['average_precision'], head['average_precision_ci'])}"
+        )
     if figures["unknown_windows"]:
         lines.append(
             f"WARNING: the state is unknown at {figures['unknown_windows']} windows (lost or unsettled sensors); "

@@ -18,10 +18,16 @@ if TYPE_CHECKING:
 def add_live_options(parser: argparse.ArgumentParser) -> None:
     """--source and --calibration."""
     parser.add_argument(
-        "--source", required=True, metavar="URL", help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD"
+        "--source",
+        required=True,
+        metavar="URL",
+        help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD",
     )
     parser.add_argument(
-        "--calibration", type=path_argument, metavar="FILE", help="field to force, made by holdfast calibrate"
+        "--calibration",
+        type=path_argument,
+        metavar="FILE",
+        help="field to force, made by holdfast calibrate",
     )
 
 
@@ -44,6 +50,8 @@ def resting_of(path: Path | None, source: Source) -> FloatArray | None:
     if bias.unit != source.unit or len(bias.values) != source.n_channels:
         raise UnitError(
             f"{len(bias.values)} channels in {bias.unit}, the source has {source.n_channels} in {source.unit}",
-            where=path, cause="taken with another calibration or hand", next_step="holdfast bias again",
-        )  # fmt: skip
+            where=path,
+            cause="taken with another calibration or hand",
+            next_step="holdfast bias again",
+        )
     return bias.values

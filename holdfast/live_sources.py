@@ -6,8 +6,9 @@
               &fault=nack:3@1.5+0.2           (drivers/virtual/faults.py)
     any other source                          a recording or a scene, at the pace it was recorded at
 
-A hand also takes layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without CRC is refused; off: nothing
-is checked), burst=1 (shorter reads without CRC) and together=1 (all fingers convert at one moment, when asked).
+A hand also takes layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without CRC is
+refused; off: nothing is checked), burst=1 (shorter reads without CRC) and together=1 (all fingers
+convert at one moment, when asked).
 """
 
 from __future__ import annotations
@@ -44,9 +45,17 @@ HAND_KEYS = ("layout", "averages", "crc", "burst", "together", "bus_hz", "number
 CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
-"""A scene's field is simulated so often for the virtual chips, which convert it at their own times."""
-OF_THE_CHIP = ("averaging", "hall_noise", "saturation", "quantisation", "timing_jitter", "dropped_samples",
-               "stale_sensor")  # fmt: skip
+"""A scene's field is simulated so often for the virtual chips, which convert it at their own
+times."""
+OF_THE_CHIP = (
+    "averaging",
+    "hall_noise",
+    "saturation",
+    "quantisation",
+    "timing_jitter",
+    "dropped_samples",
+    "stale_sensor",
+)
 """Effects that the virtual chip and the bus have themselves."""
 
 ToForce = Callable[[FloatArray], FloatArray]
@@ -68,14 +77,17 @@ class SourceUrl:
         """The same, a whole number. Raises UsageError."""
         text = self.text(key, str(default))
         if not text.isdecimal() or len(text) > MOST_DIGITS:
-            raise UsageError(f"{key}={text[:40]!r} is no whole number", next_step=f"{key}={default}")
+            raise UsageError(
+                f"{key}={text[:40]!r} is no whole number", next_step=f"{key}={default}"
+            )
         return int(text)
 
 
 def open_live(
     url: str, *, clock: Any, say: Callable[[str], None], to_force: ToForce | None = None
 ) -> Source:
-    """Open and start a live source. clock: now_ns, spend and wait_until; to_force: a calibration, for a hand.
+    """Open and start a live source. clock: now_ns, spend and wait_until; to_force: a calibration,
+    for a hand.
 
     Raises UsageError for a URL that cannot be, and what the hand or the recording raises.
     """
@@ -94,7 +106,8 @@ def open_live(
 
 
 def open_bus(url: str, clock: Any) -> Bus:
-    """The bus behind a hand's URL, nothing brought up. Raises UsageError, and what the bridge raises."""
+    """The bus behind a hand's URL, nothing brought up. Raises UsageError, and what the bridge
+    raises."""
     told = _taken_apart(url)
     if told.scheme not in HANDS:
         require_meant(url)
@@ -130,24 +143,40 @@ def _taken_apart(url: str) -> SourceUrl:
 def _known(told: SourceUrl, allowed: tuple[str, ...]) -> None:
     for key in told.options:
         if key not in allowed:
-            raise UsageError(f"{told.scheme}://: {key!r} is not known", next_step=f"allowed: {', '.join(allowed)}")
+            raise UsageError(
+                f"{told.scheme}://: {key!r} is not known",
+                next_step=f"allowed: {', '.join(allowed)}",
+            )
 
 
 def _started(
-    open_bus: Callable[[], Bus], told: SourceUrl, clock: Any, say: Callable[[str], None], to_force: ToForce | None
+    open_bus: Callable[[], Bus],
+    told: SourceUrl,
+    clock: Any,
+    say: Callable[[str], None],
+    to_force: ToForce | None,
 ) -> LiveHand:
     averages = told.number("averages", 32)
     if averages not in (1, 2, 4, 8, 16, 32):
-        raise UsageError(f"averages={averages} is not what the chip has", next_step="1, 2, 4, 8, 16 or 32")
+        raise UsageError(
+            f"averages={averages} is not what the chip has", next_step="1, 2, 4, 8, 16 or 32"
+        )
     crc = told.text("crc", "auto")
     if crc not in CRC_WORDS:
-        raise UsageError(f"crc={crc[:40]!r} is not known", next_step=f"crc={' or crc='.join(CRC_WORDS)}")
+        raise UsageError(
+            f"crc={crc[:40]!r} is not known", next_step=f"crc={' or crc='.join(CRC_WORDS)}"
+        )
     hand = Hand(
-        open_bus, read_layout(told.text("layout", "mux")), now_ns=clock.now_ns, say=say,
+        open_bus,
+        read_layout(told.text("layout", "mux")),
+        now_ns=clock.now_ns,
+        say=say,
         crc=cast("Crc", crc),
-        setup=Setup(averages, burst=bool(told.number("burst", 0)), together=bool(told.number("together", 0))),
+        setup=Setup(
+            averages, burst=bool(told.number("burst", 0)), together=bool(told.number("together", 0))
+        ),
         pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
-    )  # fmt: skip
+    )
     hand.start()
     return LiveHand(hand, to_force)
 
@@ -159,7 +188,9 @@ def _virtual(told: SourceUrl, clock: Any) -> VirtualHand:
     layout = told.text("layout", "mux")
     name = layout.partition("@")[0]
     if name not in LAYOUTS:
-        raise UsageError("a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}")
+        raise UsageError(
+            "a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}"
+        )
     seed = told.number("seed", 0)
     hand = VirtualHand(
         clock,
@@ -183,7 +214,8 @@ def _track(scene: str, seed: int, trial: int) -> Any:
 
 
 def scene_of(url: str) -> tuple[Scene, SimulatedTrial] | None:
-    """The scene behind a URL and what happens in it: virtual://..?scene=.., or a single trial of sim://; else None."""
+    """The scene behind a URL and what happens in it: virtual://..?scene=.., or a single trial of
+    sim://; else None."""
     if url.startswith(SIM):
         return simulated_trial(url)
     told = _taken_apart(url)

@@ -12,12 +12,15 @@ _NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
 
 
 def require_meant(word: str) -> None:
-    """Raise UsageError that says what to write, where a source without `://` is no file but the name of something."""
+    """Raise UsageError that says what to write, where a source without `://` is no file but the
+    name of something."""
     if "://" in word or _exists(word):
         return
     meant = _meant(word)
     if meant:
-        raise UsageError(f"{word!r} is no file, and no source without its scheme", next_step=f"write {meant}")
+        raise UsageError(
+            f"{word!r} is no file, and no source without its scheme", next_step=f"write {meant}"
+        )
 
 
 def _exists(word: str) -> bool:

@@ -1,4 +1,5 @@
-"""Real time: the clock that a live verb runs by, and the priority of the thread that reads a hand."""
+"""Real time: the clock that a live verb runs by, and the priority of the thread that reads a
+hand."""
 
 from __future__ import annotations
 
@@ -22,5 +23,7 @@ def first_in_line(say: Callable[[str], None]) -> Iterator[bool]:
     """Real-time priority, or one line that there is none."""
     with real_time() as allowed:
         if not allowed:
-            say("usual priority: other programs can delay a sample; holdfast doctor says how to allow real time")
+            say(
+                "usual priority: other programs can delay a sample; holdfast doctor says how to allow real time"
+            )
         yield allowed

@@ -24,7 +24,13 @@ def run(args: argparse.Namespace) -> int:
     model = Model(args.model)
     card = model.card
     source = open_source(args.trial, channels=card.n_channels, preparation=card.preparation)
-    require_fit(card, n_channels=source.values.shape[1], unit=source.unit, rate_hz=source.rate_hz, where=args.trial)
+    require_fit(
+        card,
+        n_channels=source.values.shape[1],
+        unit=source.unit,
+        rate_hz=source.rate_hz,
+        where=args.trial,
+    )
     monitor = GripMonitor(model, None)
     for sample in source:
         sys.stdout.write(to_json_line(monitor.feed(sample)) + "\n")

@@ -1,7 +1,7 @@
 """`holdfast run MODEL --source URL`: read a hand, answer every sample, until Ctrl-C or SIGTERM.
 
-    holdfast run models/holdfast-150hz.onnx --source usb://ft232h
-    holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h
+holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
 """
 
 from __future__ import annotations
@@ -38,33 +38,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
     add_live_options(parser)
-    parser.add_argument("--out", type=path_argument, metavar="FILE", help="JSON lines into a new file too")
+    parser.add_argument(
+        "--out", type=path_argument, metavar="FILE", help="JSON lines into a new file too"
+    )
     parser.add_argument("--udp", metavar="HOST:PORT", help="JSON lines as datagrams too")
-    parser.add_argument("--commands", metavar="HOST:PORT", help="listen for the user's opening and override")
-    parser.add_argument("--samples", type=path_argument, metavar="FILE", help="prepared samples into a CSV, to replay")
+    parser.add_argument(
+        "--commands", metavar="HOST:PORT", help="listen for the user's opening and override"
+    )
+    parser.add_argument(
+        "--samples",
+        type=path_argument,
+        metavar="FILE",
+        help="prepared samples into a CSV, to replay",
+    )
     parser.add_argument("--quiet", action="store_true", help="no JSON lines on stdout")
-    parser.add_argument("--view", action="store_true", help="a picture of the stream in the terminal (needs rich)")
-    parser.add_argument("--bias", type=path_argument, metavar="FILE", help="of holdfast bias (default: first rows)")
+    parser.add_argument(
+        "--view", action="store_true", help="a picture of the stream in the terminal (needs rich)"
+    )
+    parser.add_argument(
+        "--bias", type=path_argument, metavar="FILE", help="of holdfast bias (default: first rows)"
+    )
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
 
 
 PACE_READS = 3
 STDOUT, STDERR = "stdout", "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
-"""Errors of a standard stream that the person at its other end meant: `| head`, a closed terminal, `>&-`."""
+"""Errors of a standard stream that the person at its other end meant: `| head`, a closed terminal,
+`>&-`."""
 Emit = Callable[[Prediction, Sample, Measured], int | None]
 
 
 def run(args: argparse.Namespace) -> int:
     """Run until stopped; JSON lines on stdout, what happens and the summary on stderr.
 
-    A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete.
+    A log that fails costs its lines and nothing else; the exit code is 5 where a file is
+    incomplete.
     """
     clock, model = RunClock(), Model(args.model)
     with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
         summary, outlets = _run_until_stopped(args, clock, model, beside)
         say_summary(summary, beside)
-    return 0 if all(_reader_left(name, error) for name, error in outlets.failures.items()) else OutputError.exit_code
+    return (
+        0
+        if all(_reader_left(name, error) for name, error in outlets.failures.items())
+        else OutputError.exit_code
+    )
 
 
 def _reader_left(name: str, error: OSError) -> bool:
@@ -75,7 +94,8 @@ def _reader_left(name: str, error: OSError) -> bool:
 def _run_until_stopped(
     args: argparse.Namespace, clock: RunClock, model: Model, beside: Sink
 ) -> tuple[Summary, Outlets]:
-    """Everything opened, the loop, everything closed: within bounded time, also where a log takes nothing."""
+    """Everything opened, the loop, everything closed: within bounded time, also where a log takes
+    nothing."""
     with ExitStack() as open_until_the_end:
         enter = open_until_the_end.enter_context
         stopped = enter(stop_signals())
@@ -92,7 +112,9 @@ def _run_until_stopped(
         samples = enter(sample_file(args.samples, model.card.n_channels)) if args.samples else None
         outlets = Outlets(sinks, tell, others=[samples.sink] if samples else [], watched=[beside])
         open_until_the_end.callback(outlets.close)
-        command = enter(command_port(args.commands, tell, clock.now_ns)) if args.commands else Command
+        command = (
+            enter(command_port(args.commands, tell, clock.now_ns)) if args.commands else Command
+        )
         alive = enter(service_watchdog())
 
         def pass_on(prediction: Prediction, sample: Sample, measured: Measured) -> int:
@@ -109,7 +131,9 @@ def _run_until_stopped(
         try:
             resting = resting_of(args.bias, source)
             if resting is None:
-                tell("no --bias: the first rows count as the unloaded hand; a start under load is not noticed")
+                tell(
+                    "no --bias: the first rows count as the unloaded hand; a start under load is not noticed"
+                )
             stop = until(lambda: stopped() or outlets.none_acts(), clock, args.seconds)
             summary = answer(source, model, clock, pass_on, stop, resting=resting, command=command)
         finally:
@@ -118,7 +142,9 @@ def _run_until_stopped(
     return summary, outlets
 
 
-def _sinks(args: argparse.Namespace, enter: Callable[[AbstractContextManager[Sink]], Sink]) -> list[Sink]:
+def _sinks(
+    args: argparse.Namespace, enter: Callable[[AbstractContextManager[Sink]], Sink]
+) -> list[Sink]:
     """Where the predictions go."""
     sinks = [] if args.quiet else [enter(closing(stream_sink(sys.stdout, STDOUT)))]
     sinks += [enter(file_sink(args.out, "--out"))] if args.out else []
@@ -139,7 +165,9 @@ def answer(
     """The live loop on a source that fits the model. Raises ChannelError, UnitError, RateError."""
     card = model.card
     rate_hz = card.rate_hz if source.rate_hz is None else source.rate_hz
-    require_fit(card, n_channels=source.n_channels, unit=source.unit, rate_hz=rate_hz, where="source")
+    require_fit(
+        card, n_channels=source.n_channels, unit=source.unit, rate_hz=rate_hz, where="source"
+    )
     monitor = GripMonitor(model, clock.now_ns, bias_known=resting is not None)
     tare = Tare(card.preparation, card.n_channels, resting)
     require_pace(source, model, clock)
@@ -158,8 +186,9 @@ def require_pace(source: Source, model: Model, clock: Any) -> None:
     if min(times) * rate_hz > 1.0:
         raise RateError(
             f"a scan takes {1e3 * min(times):.1f} ms, the model wants {rate_hz:g} of them a second",
-            cause="a bridge too slow for this model", next_step="holdfast scan says which model it serves",
-        )  # fmt: skip
+            cause="a bridge too slow for this model",
+            next_step="holdfast scan says which model it serves",
+        )
 
 
 def _view(model: Model) -> AbstractContextManager[View]:
@@ -172,8 +201,12 @@ def say_summary(summary: Summary, tell: Callable[[str], object]) -> None:
     """Counts, which logs were lost, and where the time of a sample went."""
     states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
     lost = "".join(f", {count} {name}" for name, count in summary.lost().items() if count)
-    tell(f"\n{summary.samples} samples, {summary.overruns} overruns{lost}, {summary.acts} acts; {states}")
+    tell(
+        f"\n{summary.samples} samples, {summary.overruns} overruns{lost}, {summary.acts} acts; {states}"
+    )
     for sink, why in summary.lost_sinks.items():
         tell(f"lost: {sink} ({why})")
     for stage, figures in summary.latency_us().items():
-        tell(f"{stage:<14}" + "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items()))
+        tell(
+            f"{stage:<14}" + "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items())
+        )

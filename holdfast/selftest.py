@@ -1,4 +1,5 @@
-"""`holdfast selftest MODEL`: the hard cases in short, on this machine and with the very file that is deployed."""
+"""`holdfast selftest MODEL`: the hard cases in short, on this machine and with the very file that
+is deployed."""
 
 from __future__ import annotations
 
@@ -20,6 +21,10 @@ def run(args: argparse.Namespace) -> int:
     failed = 0
     for one in self_checks(args.model):
         failed += not one.ok
-        told = json.dumps(asdict(one)) if args.json else f"{'ok' if one.ok else 'failed':<8}{one.what:<28}{one.figure}"
+        told = (
+            json.dumps(asdict(one))
+            if args.json
+            else f"{'ok' if one.ok else 'failed':<8}{one.what:<28}{one.figure}"
+        )
         print(told, flush=True)
     return int(failed > 0)

@@ -1,4 +1,5 @@
-"""`holdfast simulate CARD --out DIR`: a card's trials, in the thesis' layout, with the truth beside each."""
+"""`holdfast simulate CARD --out DIR`: a card's trials, in the thesis' layout, with the truth beside
+each."""
 
 from __future__ import annotations
 
@@ -17,15 +18,29 @@ from simulation.shipped import shipped
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}")
-    parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="a new folder")
-    parser.add_argument("--trials", type=_count, metavar="N", help="N trials in the card's proportions (default: all)")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="samples a second (default: the card's)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
+    parser.add_argument(
+        "card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}"
+    )
+    parser.add_argument(
+        "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
+    )
+    parser.add_argument(
+        "--trials",
+        type=_count,
+        metavar="N",
+        help="N trials in the card's proportions (default: all)",
+    )
+    parser.add_argument(
+        "--rate", type=float, metavar="HZ", help="samples a second (default: the card's)"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and write; the same card and seed write the same bytes. Interrupted, it leaves no folder."""
+    """Simulate and write; the same card and seed write the same bytes. Interrupted, it leaves no
+    folder."""
     from simulation.card import read_card
     from simulation.folder import require_new, write_set
     from simulation.scene import Scene
@@ -34,21 +49,31 @@ def run(args: argparse.Namespace) -> int:
     require_new(args.out)
     scene = Scene(read_card(args.card, rate_hz=args.rate), args.seed)
     total = len(scene.trials(args.trials))
-    with _nothing_left_of(args.out), counted(f"simulating {total} trials of {scene.card.name}", total) as done:
+    with (
+        _nothing_left_of(args.out),
+        counted(f"simulating {total} trials of {scene.card.name}", total) as done,
+    ):
         files = write_set(scene, args.out, args.trials, done)
     show(scene.card.title)
-    show(f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}")
+    show(
+        f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}"
+    )
     return 0
 
 
 @contextmanager
 def _nothing_left_of(out: Path) -> Iterator[None]:
-    """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder; and say so."""
+    """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder;
+    and say so."""
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    heeded = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) != signal.SIG_IGN]
+    heeded = [
+        number
+        for number in (signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) != signal.SIG_IGN
+    ]
     before: dict[int, Any] = {number: signal.signal(number, interrupt) for number in heeded}
     try:
         yield

@@ -1,8 +1,8 @@
 """Source URLs: where samples come from, one way to say it for every verb.
 
-    replay://PATH, PATH         a recorded trial
-    replay://SET#N, SET#N       trial N (or its name) of a data set
-    sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0); trials=K: K of them end to end
+replay://PATH, PATH         a recorded trial
+replay://SET#N, SET#N       trial N (or its name) of a data set
+sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0); trials=K: K of them end to end
 """
 
 from __future__ import annotations
@@ -28,13 +28,17 @@ SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
 MOST_DIGITS = 18
 
 
-def open_source(url: str, *, channels: int | None = None, preparation: Preparation | None = None) -> Replay:
-    """Open a source, its bias removed as `preparation` says (sets come prepared). Raises a DataError or UsageError."""
+def open_source(
+    url: str, *, channels: int | None = None, preparation: Preparation | None = None
+) -> Replay:
+    """Open a source, its bias removed as `preparation` says (sets come prepared). Raises a
+    DataError or UsageError."""
     if url.startswith(SIM):
         source = _simulated(url)
     elif "://" in url and not url.startswith(REPLAY):
         raise UsageError(
-            f"{url!r}: no such source", next_step=f"{REPLAY}PATH, {SIM}CARD; for holdfast run also usb://, i2c://, virtual://"
+            f"{url!r}: no such source",
+            next_step=f"{REPLAY}PATH, {SIM}CARD; for holdfast run also usb://, i2c://, virtual://",
         )
     else:
         require_meant(url)
@@ -51,7 +55,9 @@ def _simulated(url: str) -> Replay:
     scene, trials = _trials_of(url)
     signal, _, _ = scene.join(trials)
     t_ns = np.round(signal.t_s * 1e9).astype(np.int64)
-    return Replay(t_ns, signal.values.reshape(len(t_ns), -1), signal.valid, scene.card.rate_hz, signal.unit)
+    return Replay(
+        t_ns, signal.values.reshape(len(t_ns), -1), signal.valid, scene.card.rate_hz, signal.unit
+    )
 
 
 def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
@@ -66,11 +72,14 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     from simulation.scene import Scene
 
     parts, told = taken_apart(url), _numbers(url)
-    scene = Scene(read_card(parts.netloc + parts.path, rate_hz=told.get("rate_hz")), int(told["seed"]))
+    scene = Scene(
+        read_card(parts.netloc + parts.path, rate_hz=told.get("rate_hz")), int(told["seed"])
+    )
     trials, first, count = scene.trials(), int(told["trial"]), int(told["trials"])
     if not 0 <= first < first + count <= len(trials):
         raise UsageError(
-            f"{url!r}: no trials {first} to {first + count - 1}", next_step=f"the card has 0..{len(trials) - 1}"
+            f"{url!r}: no trials {first} to {first + count - 1}",
+            next_step=f"the card has 0..{len(trials) - 1}",
         )
     return scene, scene.run_together(trials[first : first + count])
 
@@ -80,11 +89,15 @@ def _numbers(url: str) -> dict[str, float]:
     numbers: dict[str, float] = {"seed": 0, "trial": 0, "trials": 1}
     for key, values in told.items():
         if key not in SIM_KEYS:
-            raise UsageError(f"{url!r}: {key!r} is not known", next_step=f"allowed: {', '.join(SIM_KEYS)}")
+            raise UsageError(
+                f"{url!r}: {key!r} is not known", next_step=f"allowed: {', '.join(SIM_KEYS)}"
+            )
         try:
             numbers[key] = float(values[-1]) if key == "rate_hz" else _whole(values[-1])
         except ValueError:
-            raise UsageError(f"{url[:80]!r}: {key}={values[-1][:40]!r} is no number", next_step=f"{key}=1") from None
+            raise UsageError(
+                f"{url[:80]!r}: {key}={values[-1][:40]!r} is no number", next_step=f"{key}=1"
+            ) from None
     return numbers
 
 
@@ -100,7 +113,9 @@ def taken_apart(url: str) -> SplitResult:
     try:
         return urlsplit(url)
     except ValueError as error:
-        raise UsageError(f"{url[:80]!r} is no URL ({error})", next_step="SCHEME://NAME?key=value") from None
+        raise UsageError(
+            f"{url[:80]!r} is no URL ({error})", next_step="SCHEME://NAME?key=value"
+        ) from None
 
 
 def _index(chosen: str, count: int) -> int:

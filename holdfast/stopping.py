@@ -1,4 +1,5 @@
-"""When a live verb stops: after its time, or on a signal; and what it then does with terminals that are gone."""
+"""When a live verb stops: after its time, or on a signal; and what it then does with terminals that
+are gone."""
 
 from __future__ import annotations
 
@@ -18,10 +19,12 @@ def until(stopped: Callable[[], bool], clock: Any, seconds: float | None) -> Cal
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], bool]]:
-    """SIGINT, SIGTERM and SIGHUP ask to stop after the sample under way; a second one has its usual effect.
+    """SIGINT, SIGTERM and SIGHUP ask to stop after the sample under way; a second one has its usual
+    effect.
 
-    Not so SIGHUP, which comes twice where an SSH connection drops, from the shell and from the system; under nohup it
-    is left ignored. A terminal that is gone with it is replaced by nothing: a word to it would be an error.
+    Not so SIGHUP, which comes twice where an SSH connection drops, from the shell and from the
+    system; under nohup it is left ignored. A terminal that is gone with it is replaced by nothing:
+    a word to it would be an error.
     """
     asked = False
     terminals = [handle for handle in (0, 1, 2) if os.isatty(handle)]
@@ -35,7 +38,11 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, before[number])
 
     under_nohup = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    wanted = (signal.SIGINT, signal.SIGTERM) if under_nohup else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    wanted = (
+        (signal.SIGINT, signal.SIGTERM)
+        if under_nohup
+        else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    )
     before: dict[int, Any] = {number: signal.signal(number, ask) for number in wanted}
     try:
         yield lambda: asked
@@ -46,7 +53,8 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def output_from_the_background() -> Iterator[None]:
-    """Write to a terminal also where it stops programs in its background that do (`stty tostop`), whole programs."""
+    """Write to a terminal also where it stops programs in its background that do (`stty tostop`),
+    whole programs."""
     before = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
     try:
         yield
@@ -55,7 +63,8 @@ def output_from_the_background() -> Iterator[None]:
 
 
 def _let_go(terminals: list[int]) -> None:
-    """Lead the descriptors of terminals that are gone to /dev/null; those still there stay as they are."""
+    """Lead the descriptors of terminals that are gone to /dev/null; those still there stay as they
+    are."""
     for handle in terminals:
         try:
             termios.tcgetattr(handle)

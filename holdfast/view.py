@@ -1,7 +1,9 @@
-"""`holdfast run --view`: the stream in a terminal, also over SSH. On stderr, so that stdout stays JSON lines.
+"""`holdfast run --view`: the stream in a terminal, also over SSH. On stderr, so that stdout stays
+JSON lines.
 
-A thread of its own draws and writes, so a terminal that takes nothing stops the picture and nothing else. rich's own
-`Live` is not used: its `stop` waits for the drawing thread, which may wait for the terminal.
+A thread of its own draws and writes, so a terminal that takes nothing stops the picture and nothing
+else. rich's own `Live` is not used: its `stop` waits for the drawing thread, which may wait for the
+terminal.
 """
 
 from __future__ import annotations
@@ -22,12 +24,19 @@ from edge_runtime.live import Measured
 
 REFRESH_HZ = 8
 BAR = 30
-COLOURS = {"unknown": "magenta", "nothing": "bright_black", "grasp": "cyan", "safe_slip": "green", "risky_slip": "red"}
+COLOURS = {
+    "unknown": "magenta",
+    "nothing": "bright_black",
+    "grasp": "cyan",
+    "safe_slip": "green",
+    "risky_slip": "red",
+}
 CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
 
 
 class View:
-    """The newest sample as a picture that is drawn over again, with the lines that are told above it."""
+    """The newest sample as a picture that is drawn over again, with the lines that are told above
+    it."""
 
     def __init__(self, unit: str, console: Console) -> None:
         self._unit, self._console = unit, console
@@ -47,7 +56,8 @@ class View:
 
     @property
     def drawing(self) -> bool:
-        """Whether what is told comes to be seen here: not before the start, after the end, or on a lost terminal."""
+        """Whether what is told comes to be seen here: not before the start, after the end, or on a
+        lost terminal."""
         return self._thread.is_alive() and not self._done.is_set()
 
     def start(self) -> None:
@@ -72,7 +82,11 @@ class View:
 
     def _picture(self) -> str:
         with self._console.capture() as captured:
-            self._console.print(picture(*self._newest, self._unit) if self._newest else "waiting for the first sample")
+            self._console.print(
+                picture(*self._newest, self._unit)
+                if self._newest
+                else "waiting for the first sample"
+            )
         return captured.get()
 
     def _frame(self, drawn: str) -> str:
@@ -86,7 +100,8 @@ class View:
 
 @contextmanager
 def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
-    """A view that draws until the end, beside the loop and never in it; on what is no terminal it draws nothing."""
+    """A view that draws until the end, beside the loop and never in it; on what is no terminal it
+    draws nothing."""
     console = console or Console(stderr=True)
     view = View(unit, console)
     if not console.is_terminal or console.is_dumb_terminal:
@@ -100,15 +115,22 @@ def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
 
 
 def picture(prediction: Prediction, sample: Sample, measured: Measured, unit: str) -> Group:
-    """State and request, the four situations as bars, and every finger with what is wrong with it."""
+    """State and request, the four situations as bars, and every finger with what is wrong with
+    it."""
     request = "  ACT" if prediction.act else "  arm" if prediction.arm else ""
     style = f"bold {COLOURS[prediction.state]}"
     head = Text(f"{prediction.state.replace('_', ' ').upper()}{request}", style=style)
-    told = Text(f"sample {prediction.sequence}, {1e-3 * prediction.latency_us:.1f} ms after it was taken")
+    told = Text(
+        f"sample {prediction.sequence}, {1e-3 * prediction.latency_us:.1f} ms after it was taken"
+    )
     bars = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
         share = prediction.p_situation[name]
-        bars.add_row(name.replace("_", " "), Text("█" * round(BAR * share), style=COLOURS[name]), f"{share:.2f}")
+        bars.add_row(
+            name.replace("_", " "),
+            Text("█" * round(BAR * share), style=COLOURS[name]),
+            f"{share:.2f}",
+        )
     fingers = Table(box=None, padding=(0, 1))
     for column in ("finger", f"normal, {unit}", f"shear, {unit}", ""):
         fingers.add_column(column, justify="right")
@@ -117,5 +139,7 @@ def picture(prediction: Prediction, sample: Sample, measured: Measured, unit: st
         shear = float(np.hypot(*force[:NORMAL_AXIS]))
         why = measured.why[k] if measured.why else ""
         trouble = "" if good else why or "taring"
-        fingers.add_row(str(k + 1), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}", Text(trouble, style="magenta"))
+        fingers.add_row(
+            str(k + 1), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}", Text(trouble, style="magenta")
+        )
     return Group(head, told, bars, fingers)

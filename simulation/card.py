@@ -1,4 +1,5 @@
-"""An experiment card (TOML): which objects, which actions by whom, which effects, what is recorded. Read and checked.
+"""An experiment card (TOML): which objects, which actions by whom, which effects, what is recorded.
+Read and checked.
 
     title = "One pull, with a noisy sensor"
 
@@ -77,7 +78,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Card:
-    """A checked card. effects: name -> what the card says of it, in the order of the table; text: the file."""
+    """A checked card. effects: name -> what the card says of it, in the order of the table; text:
+    the file."""
 
     name: str
     title: str
@@ -106,7 +108,9 @@ def find_card(name: str) -> Path:
     if _is_file(Path(name)):
         return Path(name)
     raise CardError(
-        f"no card {name!r}", cause="neither a shipped card nor a file", next_step=f"choose from {', '.join(shipped())}"
+        f"no card {name!r}",
+        cause="neither a shipped card nor a file",
+        next_step=f"choose from {', '.join(shipped())}",
     )
 
 
@@ -127,7 +131,9 @@ def read_card(name: str, *, rate_hz: float | None = None) -> Card:
     except (OSError, UnicodeDecodeError) as error:
         raise CardError("cannot be read as text", where=path, cause=type(error).__name__) from None
     except RecursionError:
-        raise CardError("no TOML: nested too deep", where=path, next_step="take the brackets away") from None
+        raise CardError(
+            "no TOML: nested too deep", where=path, next_step="take the brackets away"
+        ) from None
     except ValueError as error:  # TOMLDecodeError, and what Python says of a number of 5000 digits
         raise CardError(f"no TOML: {error}", where=path, next_step="mend that line") from None
     return _Reader(path).card(raw, text, rate_hz)
@@ -149,12 +155,24 @@ class _Reader:
             record["rate_hz"] = rate_hz
         said = self.numbers("record", record, RECORD)
         step_s = self.numbers("physics", self.table(raw, "physics"), PHYSICS)["step_s"]
-        objects = OBJECTS | {name: self.thing(name, told) for name, told in self.table(raw, "objects").items()}
+        objects = OBJECTS | {
+            name: self.thing(name, told) for name, told in self.table(raw, "objects").items()
+        }
         effects = self.effects(self.table(raw, "effects"))
         card = Card(
-            self.path.stem, str(raw.get("title", self.path.stem)), said["rate_hz"], unit, int(said["join"]), step_s,
-            tuple(self.rows(raw.get("trials"), objects)), effects, objects, self.camera(raw), self.hand(raw), text,
-        )  # fmt: skip
+            self.path.stem,
+            str(raw.get("title", self.path.stem)),
+            said["rate_hz"],
+            unit,
+            int(said["join"]),
+            step_s,
+            tuple(self.rows(raw.get("trials"), objects)),
+            effects,
+            objects,
+            self.camera(raw),
+            self.hand(raw),
+            text,
+        )
         self.agree(card)
         return card
 
@@ -198,11 +216,17 @@ class _Reader:
             self.check(f"effects.{name}", values, EFFECTS[name].parameters)
             constant = CONSTANTS.get(name, "")
             if isinstance(values.get(constant), dict):
-                self.refuse(f"effects.{name}.{constant}", values[constant], "a number, the same for every trial")
+                self.refuse(
+                    f"effects.{name}.{constant}",
+                    values[constant],
+                    "a number, the same for every trial",
+                )
         return {name: told[name] for name in EFFECTS if name in told}
 
     def camera(self, raw: Mapping[str, Any]) -> dict[str, float] | None:
-        return self.numbers("camera", self.table(raw, "camera"), CAMERA) if "camera" in raw else None
+        return (
+            self.numbers("camera", self.table(raw, "camera"), CAMERA) if "camera" in raw else None
+        )
 
     def hand(self, raw: Mapping[str, Any]) -> Hand:
         counts = self.numbers("hand", self.table(raw, "hand"), HAND)
@@ -222,28 +246,43 @@ class _Reader:
         for name in card.effects:
             for need in EFFECTS[name].needs:
                 if need not in card.effects:
-                    self.refuse(f"effects.{name}", "on the card", f"only together with [effects.{need}]")
+                    self.refuse(
+                        f"effects.{name}", "on the card", f"only together with [effects.{need}]"
+                    )
             if card.step_s > LONGEST_STEP_S.get(name, 1.0):
-                self.refuse("physics.step_s", card.step_s, f"at most {LONGEST_STEP_S[name]:g} s with effects.{name}")
+                self.refuse(
+                    "physics.step_s",
+                    card.step_s,
+                    f"at most {LONGEST_STEP_S[name]:g} s with effects.{name}",
+                )
         if "camera_frames" in card.effects and card.camera is None:
             self.refuse("effects.camera_frames", "on the card", "only together with [camera]")
         if card.camera is not None:
             self.camera_agrees(card, card.camera)
         if card.unit == "uT" and "dipole" not in card.effects:
-            self.refuse("record.unit", "uT", "only with [effects.dipole]: an ideal force sensor has no field")
+            self.refuse(
+                "record.unit",
+                "uT",
+                "only with [effects.dipole]: an ideal force sensor has no field",
+            )
         if "averaging" in card.effects:
             told = card.effects["averaging"].get("averages", 32.0)
             fastest = 1.0 / conversion_s(float(told) if isinstance(told, (int, float)) else 32.0)
             if card.rate_hz > fastest:
-                self.refuse("record.rate_hz", card.rate_hz, f"at most {fastest:.0f} Hz, what the chip delivers")
+                self.refuse(
+                    "record.rate_hz",
+                    card.rate_hz,
+                    f"at most {fastest:.0f} Hz, what the chip delivers",
+                )
         for k, row in enumerate(card.rows):
             for name in row.objects if row.action not in ("fall",) else ():
                 least = least_grip_n(card.objects[name])
                 if least > MAX_GRIP_N:
                     self.refuse(
-                        f"trials[{k}].objects", name,
+                        f"trials[{k}].objects",
+                        name,
                         f"what the hand can hold: {name} needs {least:.3g} N a side, it grips {MAX_GRIP_N:g} N",
-                    )  # fmt: skip
+                    )
 
     def camera_agrees(self, card: Card, camera: Mapping[str, float]) -> None:
         if "camera_frames" not in card.effects:
@@ -251,7 +290,11 @@ class _Reader:
         if card.join > 1:
             self.refuse("record.join", card.join, "1 with a camera: it films single trials")
         if 1e-3 * camera["exposure_ms"] * camera["fps"] > 1.0:
-            self.refuse("camera.exposure_ms", camera["exposure_ms"], f"at most a frame, {1e3 / camera['fps']:.3g} ms")
+            self.refuse(
+                "camera.exposure_ms",
+                camera["exposure_ms"],
+                f"at most a frame, {1e3 / camera['fps']:.3g} ms",
+            )
 
     def table(self, raw: Mapping[str, Any], name: str) -> dict[str, Any]:
         value = raw.get(name, {})
@@ -259,7 +302,9 @@ class _Reader:
             self.refuse(name, value, f"a table: [{name}]")
         return dict(value)
 
-    def numbers(self, key: str, told: Mapping[str, Any], table: Mapping[str, Parameter]) -> dict[str, float]:
+    def numbers(
+        self, key: str, told: Mapping[str, Any], table: Mapping[str, Parameter]
+    ) -> dict[str, float]:
         """Constants only."""
         self.known(told, table, key)
         for name, value in told.items():
@@ -277,7 +322,9 @@ class _Reader:
         for name in told:
             if name not in allowed:
                 raise CardError(
-                    f"{what}: {name!r} is not known", where=self.path, next_step=f"allowed: {', '.join(allowed)}"
+                    f"{what}: {name!r} is not known",
+                    where=self.path,
+                    next_step=f"allowed: {', '.join(allowed)}",
                 )
 
     def refuse(self, key: str, value: Any, allowed: str) -> None:

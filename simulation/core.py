@@ -1,25 +1,30 @@
-"""The core: brush contacts on an object in three dimensions, one implicit step, many trials at once.
+"""The core: brush contacts on an object in three dimensions, one implicit step, many trials at
+once.
 
 Six contacts, unless a card asks for a hand with more (hand.py).
 
-Hand frame: x from the thumb to the fingers (contact normal), y across, z along the object's axis, upwards; origin
-where the object is taken. Arrays are [.., B] with trials (lanes) last; every lane has a step of its own.
+Hand frame: x from the thumb to the fingers (contact normal), y across, z along the object's axis,
+upwards; origin where the object is taken. Arrays are [.., B] with trials (lanes) last; every lane
+has a step of its own.
 
-Contact i (those of the thumb, then the fingers') presses by how deep its finger is closed into the object:
+Contact i (those of the thumb, then the fingers') presses by how deep its finger is closed into the
+object:
 
     depth_i = closure_i(t) - s_i x - r_i,   r_i = (curvature_y dy^2 + curvature_z dz^2) / 2,   s = +1 thumb, -1 finger
     N_i = max(0, k_i depth_i + c_i d(depth_i)/dt)
 
-so on a curved object that moves by d the normal falls by k d^2/2R, and the same energy pushes it out with N d/R.
-Along the surface a contact is a brush of E elements: spring k_e, deflection u, and |k_e u| <= mu N_e (Coulomb,
-set-valued: no motion below the limit at all); mu falls from static to kinetic with slip speed (Stribeck).
+so on a curved object that moves by d the normal falls by k d^2/2R, and the same energy pushes it
+out with N d/R. Along the surface a contact is a brush of E elements: spring k_e, deflection u, and
+|k_e u| <= mu N_e (Coulomb, set-valued: no motion below the limit at all); mu falls from static to
+kinetic with slip speed (Stribeck).
 
-One step of length dt is implicit in the velocity (backward Euler): first x with the normals, then y and z with the
-brushes. With |k u| bounded, the second is the minimum of a convex function whose springs are those of Huber; it is
-found by reweighting them, rho = min(1, limit / |k (u + v dt)|), until rho stands still (Huber & Ronchetti, "Robust
-statistics", 2009, 7.8). Backward Euler cannot gain energy from convex springs at any dt; the squeeze of a curved
-object is concave and is taken at the old place for the same reason (Eyre, "Unconditionally gradient stable time
-marching", 1998). Friction by return mapping: Simo & Hughes, "Computational inelasticity", 1998, chapter 1.
+One step of length dt is implicit in the velocity (backward Euler): first x with the normals, then y
+and z with the brushes. With |k u| bounded, the second is the minimum of a convex function whose
+springs are those of Huber; it is found by reweighting them, rho = min(1, limit / |k (u + v dt)|),
+until rho stands still (Huber & Ronchetti, "Robust statistics", 2009, 7.8). Backward Euler cannot
+gain energy from convex springs at any dt; the squeeze of a curved object is concave and is taken at
+the old place for the same reason (Eyre, "Unconditionally gradient stable time marching", 1998).
+Friction by return mapping: Simo & Hughes, "Computational inelasticity", 1998, chapter 1.
 """
 
 from __future__ import annotations
@@ -42,7 +47,8 @@ MAX_SWEEPS = 60
 
 @cache
 def sides(contacts: int, thumb: int) -> FloatArray:
-    """[S, 1] which way a contact pushes the object: the thumb's, which come first, along x, the fingers' against it."""
+    """[S, 1] which way a contact pushes the object: the thumb's, which come first, along x, the
+    fingers' against it."""
     return np.where(np.arange(contacts) < thumb, 1.0, -1.0)[:, None]
 
 
@@ -54,12 +60,14 @@ SIDE = sides(6, 2)
 class Body:
     """What is held and by what: constants of a batch.
 
-    mass_kg [B]; gravity_m_s2 [3, B]; curvature_per_m [2, B]; straight_m [B] (half length of a cylinder, 0: ball);
-    at_m [2, 6, B]: where in the hand a contact sits (y, z), from where it meets the apex or the middle of the object;
-    stiffness_n_per_m, damping_n_s_per_m [6, B]: normal; brush_n_per_m [E, 6, B]: each element's spring;
-    pressure [E, 1, 1]: share of the normal an element bears; static, kinetic [B]: friction; stribeck_m_s: slip speed
-    at which friction is half way; loss_s: a finger's damping along the surface over its stiffness (none in sliding);
-    thumb: how many of the contacts, the first, are the thumb's. 6 here and below is S where a hand has S contacts.
+    mass_kg [B]; gravity_m_s2 [3, B]; curvature_per_m [2, B]; straight_m [B] (half length of a
+    cylinder, 0: ball); at_m [2, 6, B]: where in the hand a contact sits (y, z), from where it meets
+    the apex or the middle of the object; stiffness_n_per_m, damping_n_s_per_m [6, B]: normal;
+    brush_n_per_m [E, 6, B]: each element's spring; pressure [E, 1, 1]: share of the normal an
+    element bears; static, kinetic [B]: friction; stribeck_m_s: slip speed at which friction is half
+    way; loss_s: a finger's damping along the surface over its stiffness (none in sliding); thumb:
+    how many of the contacts, the first, are the thumb's. 6 here and below is S where a hand has S
+    contacts.
     """
 
     mass_kg: FloatArray
@@ -85,7 +93,8 @@ class Body:
 
 @dataclass(frozen=True)
 class Pull:
-    """A person: a damped spring to a moving target that never pulls harder than cap_n, and a share of the weight.
+    """A person: a damped spring to a moving target that never pulls harder than cap_n, and a share
+    of the weight.
 
     stiffness_n_per_m, damping_n_s_per_m, cap_n, weight_share [B]; target_m, target_m_s [3, B].
     """
@@ -100,7 +109,8 @@ class Pull:
 
 @dataclass(frozen=True)
 class Floor:
-    """A box from below: a unilateral spring at height_m [B] that pushes with at most cap_n [B], and hardly slides."""
+    """A box from below: a unilateral spring at height_m [B] that pushes with at most cap_n [B], and
+    hardly slides."""
 
     stiffness_n_per_m: float
     damping_n_s_per_m: float
@@ -111,7 +121,8 @@ class Floor:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the hand and its surroundings do during one step: closure_m [6, B] at its end, people, a box."""
+    """What the hand and its surroundings do during one step: closure_m [6, B] at its end, people, a
+    box."""
 
     closure_m: FloatArray
     people: tuple[Pull, ...] = ()
@@ -120,11 +131,13 @@ class Inputs:
 
 @dataclass
 class State:
-    """Where everything is: position_m, velocity_m_s [3, B]; stretch_m [2, E, 6, B] of the brush elements.
+    """Where everything is: position_m, velocity_m_s [3, B]; stretch_m [2, E, 6, B] of the brush
+    elements.
 
-    rho [E, 6, B]: share of a trial stretch that friction could hold in the last step; slip_m_s [E, 6, B];
-    depth_m, normal_n [6, B]; agents_n [3, B]: what people and the box did to the object in the last step;
-    brush_j [B]: energy in the brushes; offset_m [2, 6, B], recess_m [6, B]: of the contacts, kept from the last step.
+    rho [E, 6, B]: share of a trial stretch that friction could hold in the last step; slip_m_s [E,
+    6, B]; depth_m, normal_n [6, B]; agents_n [3, B]: what people and the box did to the object in
+    the last step; brush_j [B]: energy in the brushes; offset_m [2, 6, B], recess_m [6, B]: of the
+    contacts, kept from the last step.
     """
 
     position_m: FloatArray
@@ -178,7 +191,9 @@ def step(
     speed_x = _normals(body, state, inputs.closure_m, held_n[0], drag[0], dt_s, effects)
     limit_m = _stretch_limit(body, old, state.normal_n, dt_s, effects)
     squeeze_n = (body.curvature_per_m[:, None] * old.offset_m * state.normal_n).sum(axis=1)
-    sideways = _sideways(body, state, held_n[1:] + squeeze_n, drag[1:] + damping(body, old, limit_m), limit_m, dt_s)
+    sideways = _sideways(
+        body, state, held_n[1:] + squeeze_n, drag[1:] + damping(body, old, limit_m), limit_m, dt_s
+    )
     state.velocity_m_s = np.concatenate([speed_x[None], sideways])
     state.position_m = old.position_m + state.velocity_m_s * dt_s
     state.agents_n = load_n - drag * state.velocity_m_s
@@ -212,23 +227,32 @@ def brush_j(body: Body, state: State) -> FloatArray:
 
 
 def normal_j(body: Body, closure_m: FloatArray, x_m: FloatArray, recess: FloatArray) -> FloatArray:
-    """[B] energy in the normal springs with the object at x_m [B] and the surface recessed by [6, B]."""
+    """[B] energy in the normal springs with the object at x_m [B] and the surface recessed by [6,
+    B]."""
     depth = np.maximum(closure_m - recess - body.side * x_m, 0.0)
     energy: FloatArray = 0.5 * (body.stiffness_n_per_m * (depth * depth)).sum(axis=0)
     return energy
 
 
 def _taken_by_lags_j(
-    body: Body, old: State, state: State, closure_m: FloatArray, dt_s: FloatArray, effects: PhysicsEffects
+    body: Body,
+    old: State,
+    state: State,
+    closure_m: FloatArray,
+    dt_s: FloatArray,
+    effects: PhysicsEffects,
 ) -> FloatArray:
-    """[B] what the object's own motion puts into the lags; what the fingers' motion does is not the object's to pay."""
+    """[B] what the object's own motion puts into the lags; what the fingers' motion does is not the
+    object's to pay."""
     was_m = np.maximum(closure_m - old.recess_m - body.side * old.position_m[0], 0.0)
     recess = recess_m(body, offset_m(body, state.position_m[1:]))
     depth_m = np.maximum(closure_m - recess - body.side * state.position_m[0], 0.0)
     taken_j = np.zeros_like(dt_s)
     for lag in effects.lags:
         stiffness, held_n = lag.terms(dt_s)
-        push_n = np.where(state.normal_n > 0.0, held_n + stiffness * (depth_m - np.maximum(old.depth_m, 0.0)), 0.0)
+        push_n = np.where(
+            state.normal_n > 0.0, held_n + stiffness * (depth_m - np.maximum(old.depth_m, 0.0)), 0.0
+        )
         taken_j = taken_j + (push_n * (depth_m - was_m)).sum(axis=0)
     return taken_j
 
@@ -236,14 +260,19 @@ def _taken_by_lags_j(
 def _keep_the_balance(
     body: Body, old: State, state: State, closure_m: FloatArray, given_j: FloatArray
 ) -> None:
-    """Slow a lane that ended with more energy than it had and was given; at a fine step there is none.
+    """Slow a lane that ended with more energy than it had and was given; at a fine step there is
+    none.
 
-    Normals and brushes are solved one after the other and the squeeze at the old place, so a long step can miss
-    the balance. Where all of its motion is not enough, the object stays where it was.
+    Normals and brushes are solved one after the other and the squeeze at the old place, so a long
+    step can miss the balance. Where all of its motion is not enough, the object stays where it was.
     """
     state.offset_m = offset_m(body, state.position_m[1:])
     state.recess_m = recess_m(body, state.offset_m)
-    had_j = kinetic_j(body, old) + old.brush_j + normal_j(body, closure_m, old.position_m[0], old.recess_m)
+    had_j = (
+        kinetic_j(body, old)
+        + old.brush_j
+        + normal_j(body, closure_m, old.position_m[0], old.recess_m)
+    )
     moving_j, state.brush_j = kinetic_j(body, state), brush_j(body, state)
     still_j = state.brush_j + normal_j(body, closure_m, state.position_m[0], state.recess_m)
     too_much = np.flatnonzero(moving_j + still_j > had_j + given_j)
@@ -258,11 +287,15 @@ def _keep_the_balance(
     state.position_m[:, stuck] = old.position_m[:, stuck]
     state.stretch_m[..., stuck] = np.minimum(state.rho, 1.0)[..., stuck] * old.stretch_m[..., stuck]
     state.brush_j[stuck] = brush_j(body, state)[stuck]
-    state.offset_m[..., stuck], state.recess_m[..., stuck] = old.offset_m[..., stuck], old.recess_m[..., stuck]
+    state.offset_m[..., stuck], state.recess_m[..., stuck] = (
+        old.offset_m[..., stuck],
+        old.recess_m[..., stuck],
+    )
 
 
 def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
-    """[2, 6, B] how far each contact is from where the object is flat, with the object at sideways_m [2, B]."""
+    """[2, 6, B] how far each contact is from where the object is flat, with the object at
+    sideways_m [2, B]."""
     from_apex = sideways_m[:, None] - body.at_m
     along = from_apex[1]
     from_apex[1] = along - np.minimum(np.maximum(along, -body.straight_m), body.straight_m)
@@ -277,8 +310,11 @@ def recess_m(body: Body, offset: FloatArray) -> FloatArray:
     return recess
 
 
-def _loads(body: Body, state: State, inputs: Inputs, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forces of people and box at zero velocity [3, B], and what a velocity takes off them [3, B]."""
+def _loads(
+    body: Body, state: State, inputs: Inputs, dt_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Forces of people and box at zero velocity [3, B], and what a velocity takes off them [3,
+    B]."""
     load_n, drag = np.zeros_like(state.position_m), np.zeros_like(state.position_m)
     for pull in inputs.people:
         to_go = pull.target_m - state.position_m
@@ -294,10 +330,14 @@ def _loads(body: Body, state: State, inputs: Inputs, dt_s: FloatArray) -> tuple[
     return load_n, drag
 
 
-def _add_floor(floor: Floor, state: State, load_n: FloatArray, drag: FloatArray, dt_s: FloatArray) -> None:
+def _add_floor(
+    floor: Floor, state: State, load_n: FloatArray, drag: FloatArray, dt_s: FloatArray
+) -> None:
     above_m = floor.height_m - state.position_m[2]
     pressed_m = np.maximum(above_m - state.velocity_m_s[2] * dt_s, 0.0)
-    share = np.minimum(1.0, floor.cap_n / np.maximum(floor.stiffness_n_per_m * pressed_m, TINY)) * (pressed_m > 0.0)
+    share = np.minimum(1.0, floor.cap_n / np.maximum(floor.stiffness_n_per_m * pressed_m, TINY)) * (
+        pressed_m > 0.0
+    )
     load_n += share * floor.stiffness_n_per_m * above_m
     drag[2] += share * (floor.stiffness_n_per_m * dt_s + floor.damping_n_s_per_m)
     drag[:2] += share * floor.sideways_n_s_per_m
@@ -337,7 +377,9 @@ def _normals(
             break
         pressing = tried
         push_n = np.where(pressing, side * still_n, 0.0).sum(axis=0)
-        speed = (drive + dt_s * push_n) / (mass + dt_s * dt_s * np.where(pressing, slope, 0.0).sum(axis=0))
+        speed = (drive + dt_s * push_n) / (
+            mass + dt_s * dt_s * np.where(pressing, slope, 0.0).sum(axis=0)
+        )
     moved_m = side * (speed * dt_s)
     state.depth_m = stays_m - moved_m
     state.normal_n = np.where(state.depth_m > 0.0, np.maximum(still_n - slope * moved_m, 0.0), 0.0)
@@ -347,7 +389,9 @@ def _normals(
 def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
     """[B] N s/m of the fingers along the surface: of the elements that touch and do not slide."""
     sticks = (state.slip_m_s == 0.0) & (limit_m > 0.0)
-    coefficient: FloatArray = body.loss_s * np.where(sticks, body.brush_n_per_m, 0.0).sum(axis=(0, 1))
+    coefficient: FloatArray = body.loss_s * np.where(sticks, body.brush_n_per_m, 0.0).sum(
+        axis=(0, 1)
+    )
     return coefficient
 
 
@@ -355,7 +399,8 @@ def _stretch_limit(
     body: Body, state: State, normal_n: FloatArray, dt_s: FloatArray, effects: PhysicsEffects
 ) -> FloatArray:
     """[E, 6, B] how far friction lets each element stretch."""
-    friction = state.slip_m_s / body.stribeck_m_s  # its speed at first; in place, as is all that is large and often
+    # its speed at first; in place, as is all that is large and often
+    friction = state.slip_m_s / body.stribeck_m_s
     friction *= friction
     friction += 1.0
     np.divide(body.static - body.kinetic, friction, out=friction)
@@ -368,24 +413,37 @@ def _stretch_limit(
 
 
 def _sideways(
-    body: Body, state: State, held_n: FloatArray, drag: FloatArray, limit_m: FloatArray, dt_s: FloatArray
+    body: Body,
+    state: State,
+    held_n: FloatArray,
+    drag: FloatArray,
+    limit_m: FloatArray,
+    dt_s: FloatArray,
 ) -> FloatArray:
-    """[2, B] velocity at the end of the step; stretches the brushes by it and lets go what friction cannot hold."""
+    """[2, B] velocity at the end of the step; stretches the brushes by it and lets go what friction
+    cannot hold."""
     drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
     mass = body.mass_kg + dt_s * drag
     velocity, rho, trial, length = _sweep(
         drive, mass, body.brush_n_per_m, state.stretch_m, state.rho, limit_m, dt_s
     )
     change = rho - state.rho
-    open_ = two_at_least(np.flatnonzero(np.abs(change, out=change).max(axis=(0, 1)) > RHO_TOLERANCE))
+    open_ = two_at_least(
+        np.flatnonzero(np.abs(change, out=change).max(axis=(0, 1)) > RHO_TOLERANCE)
+    )
     for _ in range(MAX_SWEEPS):
         if not open_.size:
             break
         before = rho[..., open_]
         velocity[:, open_], after, trial[..., open_], length[..., open_] = _sweep(
-            drive[:, open_], mass[:, open_], body.brush_n_per_m[..., open_],
-            state.stretch_m[..., open_], before, limit_m[..., open_], dt_s[open_],
-        )  # fmt: skip
+            drive[:, open_],
+            mass[:, open_],
+            body.brush_n_per_m[..., open_],
+            state.stretch_m[..., open_],
+            before,
+            limit_m[..., open_],
+            dt_s[open_],
+        )
         rho[..., open_] = after
         open_ = open_[np.abs(after - before).max(axis=(0, 1)) > RHO_TOLERANCE]
     state.rho = rho
@@ -398,7 +456,8 @@ def _sideways(
 
 
 def two_at_least(lanes: IntArray) -> IntArray:
-    """A single lane twice: numpy sums one lane in another order than many, and a trial must not depend on its batch."""
+    """A single lane twice: numpy sums one lane in another order than many, and a trial must not
+    depend on its batch."""
     return np.repeat(lanes, 2) if len(lanes) == 1 else lanes
 
 
@@ -411,7 +470,8 @@ def _sweep(
     limit: FloatArray,
     dt_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """One reweighting: velocity [2, B] with the springs weakened by rho; rho, stretch and its length after it."""
+    """One reweighting: velocity [2, B] with the springs weakened by rho; rho, stretch and its
+    length after it."""
     spring = brush * rho
     stiffness = spring.sum(axis=(0, 1))
     pull = (spring * stretch).sum(axis=(1, 2))

@@ -1,8 +1,8 @@
 """What an effect is: optional, named on the card or absent, with a random stream of its own.
 
-Three stages, in this order. `physics` effects take part in every step of the core; `sensor` effects turn the forces
-on the fingertips into what a sensor reports; `camera` draws frames. A card compiles to the list of effects it
-names: one that is not on it is never called and keeps no state.
+Three stages, in this order. `physics` effects take part in every step of the core; `sensor` effects
+turn the forces on the fingertips into what a sensor reports; `camera` draws frames. A card compiles
+to the list of effects it names: one that is not on it is never called and keeps no state.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ Drawn = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Signal:
-    """What S fingertips (6, or the card's) report: t_s [T], values [T, S, 3] (shear x, y, normal z), valid [T, S]."""
+    """What S fingertips (6, or the card's) report: t_s [T], values [T, S, 3] (shear x, y, normal
+    z), valid [T, S]."""
 
     t_s: FloatArray
     values: FloatArray
@@ -39,9 +40,9 @@ SensorFunction = Callable[[Signal, Drawn, np.random.Generator], Signal]
 class Effect:
     """One entry of the table of effects.
 
-    make: for `sensor`, the function itself; for `physics`, what builds the effect for a batch (see core.py).
-    needs: effects that must be on the card too. marks_invalid: it can make samples invalid, so the trial's
-    file has columns that say so.
+    make: for `sensor`, the function itself; for `physics`, what builds the effect for a batch (see
+    core.py). needs: effects that must be on the card too. marks_invalid: it can make samples
+    invalid, so the trial's file has columns that say so.
     """
 
     name: str
@@ -52,13 +53,16 @@ class Effect:
     marks_invalid: bool = False
 
     def draw(self, told: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-        """One trial's parameters, drawn in the order of the table, so that no draw depends on the card's order."""
+        """One trial's parameters, drawn in the order of the table, so that no draw depends on the
+        card's order."""
         return {name: p.draw(told.get(name, p.default), rng) for name, p in self.parameters.items()}
 
 
 def stream(seed: int, trial: int, name: str) -> np.random.Generator:
     """The random stream of one part of one trial; no other part's draws can shift it."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, zlib.crc32(name.encode()))))
+    return np.random.default_rng(
+        np.random.SeedSequence(seed, spawn_key=(trial, zlib.crc32(name.encode())))
+    )
 
 
 class Shake(Protocol):
@@ -73,7 +77,8 @@ class Texture(Protocol):
     """Something that makes friction depend on how far an element has slipped."""
 
     def scale(self, slipped_m: FloatArray) -> FloatArray:
-        """[E, 6, B] factor of the limit, told what each element slipped in the last step, m [E, 6, B]."""
+        """[E, 6, B] factor of the limit, told what each element slipped in the last step, m [E, 6,
+        B]."""
         ...
 
 
@@ -109,7 +114,9 @@ class PhysicsEffects:
     def without_lanes(self, count: int, lanes: int) -> PhysicsEffects:
         """The effects of a batch without the first so many of its lanes."""
         kinds = (getattr(self, one.name) for one in fields(self))
-        return PhysicsEffects(*(tuple(without_lanes(effect, count, lanes) for effect in kind) for kind in kinds))
+        return PhysicsEffects(
+            *(tuple(without_lanes(effect, count, lanes) for effect in kind) for kind in kinds)
+        )
 
 
 Batched = TypeVar("Batched")
@@ -118,7 +125,8 @@ Batched = TypeVar("Batched")
 def without_lanes(whole: Batched, count: int, lanes: int) -> Batched:
     """A copy of an object that is told about a batch, without the first so many of its lanes.
 
-    Every array of it whose last axis is as long as the batch, also one in a list, has the lanes there.
+    Every array of it whose last axis is as long as the batch, also one in a list, has the lanes
+    there.
     """
     part = copy(whole)
     for name, value in vars(whole).items():

@@ -11,16 +11,26 @@ AVERAGING = Effect(
     "averaging",
     "physics",
     make=lambda: None,
-    parameters={"averages": Parameter(32.0, "", 1, 32, "conversions of each axis a reading is the mean of")},
+    parameters={
+        "averages": Parameter(32.0, "", 1, 32, "conversions of each axis a reading is the mean of")
+    },
 )
-"""The chip reports the mean over its conversion time, 25 us * 3 axes * averages (TMAG5273 data sheet, table 7-4).
+"""The chip reports the mean over its conversion time, 25 us * 3 axes * averages (TMAG5273 data
+sheet, table 7-4).
 
-Without it a reading is the force at its instant, and whatever vibrates faster than half the rate is folded down.
+Without it a reading is the force at its instant, and whatever vibrates faster than half the rate is
+folded down.
 """
 CAMERA = Effect("camera_frames", "camera", make=lambda: None)
-"""Frames of a camera that sees a tag on the object and one on the hand; needs [camera] on the card (camera/)."""
+"""Frames of a camera that sees a tag on the object and one on the hand; needs [camera] on the card
+(camera/)."""
 
-EFFECTS: dict[str, Effect] = {**LOOP_EFFECTS, "averaging": AVERAGING, **SENSOR_EFFECTS, "camera_frames": CAMERA}
+EFFECTS: dict[str, Effect] = {
+    **LOOP_EFFECTS,
+    "averaging": AVERAGING,
+    **SENSOR_EFFECTS,
+    "camera_frames": CAMERA,
+}
 
 
 def conversion_s(averages: float) -> float:

@@ -1,4 +1,5 @@
-"""What simulated trials leave on disk: the thesis' layout, a truth beside each trial, and the card itself.
+"""What simulated trials leave on disk: the thesis' layout, a truth beside each trial, and the card
+itself.
 
     OUT/card.toml, OUT/meta.json                       the card as it was read; name, unit, seed, rate, effects
     OUT/<object>/meta.json                             its mass
@@ -35,17 +36,21 @@ KIND = "simulated"
 STREAM = "daily"
 """Folder of recordings that are several trials joined."""
 THING_TOLD = ("mass_g", "friction", "kinetic_share", "stiffness_n_per_m")
-"""Of the object, in the truth: with the draws, what decides whether a grip holds (friction before its factor)."""
+"""Of the object, in the truth: with the draws, what decides whether a grip holds (friction before
+its factor)."""
 DECIMALS = {"N": 4, "uT": 1, "count": 0}
 SIMULATED_SHARE = 0.8
 """Of the time of a trial; the rest is for writing it."""
 
 
-def write_set(scene: Scene, out: Path, total: int | None = None, done: Done = lambda n: None) -> int:
-    """Simulate a card's trials into a new folder; returns how many files of samples. Raises OutputError.
+def write_set(
+    scene: Scene, out: Path, total: int | None = None, done: Done = lambda n: None
+) -> int:
+    """Simulate a card's trials into a new folder; returns how many files of samples. Raises
+    OutputError.
 
-    done: told now and then how many trials' worth of the work is done. The folder gets its name when all of it is
-    written: a run that is interrupted leaves none.
+    done: told now and then how many trials' worth of the work is done. The folder gets its name
+    when all of it is written: a run that is interrupted leaves none.
     """
     require_new(out)
     with whole_folder(out) as unfinished:
@@ -90,22 +95,28 @@ class _Work:
 def require_new(out: Path) -> None:
     """Refuse a folder with anything in it: nothing is ever written over."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OutputError("is there already", where=out, next_step="name a new folder, or remove it yourself")
+        raise OutputError(
+            "is there already", where=out, next_step="name a new folder, or remove it yourself"
+        )
     require_writable(out)
 
 
 def write_recording(path: Path, scene: Scene, told: Sequence[SimulatedTrial]) -> None:
-    """One recording of one trial, or of several end to end: samples, truth, motion; path without its ending."""
+    """One recording of one trial, or of several end to end: samples, truth, motion; path without
+    its ending."""
     signal, starts_s, drawn = scene.join(told)
     write_whole(path.with_name(f"{path.name}.csv"), _samples(signal, scene))
     write_whole(path.with_name(f"{path.name}.motion.csv"), _motion(told, starts_s))
-    write_whole(path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, told, starts_s, drawn)))
+    write_whole(
+        path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, told, starts_s, drawn))
+    )
     if scene.camera:
         write_whole(path.with_name(f"{path.name}.frames.npz"), _film(scene, told[0], scene.camera))
 
 
 def _write_streams(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
-    """Trials of an object in random order, card.join of them to a recording; many recordings are simulated together."""
+    """Trials of an object in random order, card.join of them to a recording; many recordings are
+    simulated together."""
     streams = list(_streams(scene, out, trials))
     together = max(1, BATCH // scene.card.join)
     work = _Work(done)
@@ -126,7 +137,10 @@ def _streams(scene: Scene, out: Path, trials: Sequence[Any]) -> Iterator[tuple[P
         here = [t for t in trials if t.thing.name == name]
         order = np.random.default_rng([scene.seed, len(here)]).permutation(len(here))
         for number, start in enumerate(range(0, len(here), scene.card.join), 1):
-            yield out / name / STREAM / f"trial_{number}", [here[k] for k in order[start : start + scene.card.join]]
+            yield (
+                out / name / STREAM / f"trial_{number}",
+                [here[k] for k in order[start : start + scene.card.join]],
+            )
 
 
 def _names(trials: Sequence[Any]) -> dict[int, str]:
@@ -160,7 +174,9 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
     n_sensors = signal.values.shape[1]
     header = [TIME_COLUMN, *channel_names(n_sensors)]
     columns: list[tuple[FloatArray, int]] = [(signal.t_s, 6)]
-    columns += [(column, DECIMALS[signal.unit]) for column in signal.values.reshape(len(signal.t_s), -1).T]
+    columns += [
+        (column, DECIMALS[signal.unit]) for column in signal.values.reshape(len(signal.t_s), -1).T
+    ]
     if any(EFFECTS[name].marks_invalid for name in scene.card.effects):
         header += [f"valid{k}" for k in range(1, n_sensors + 1)]
         columns += [(column.astype(np.float64), 0) for column in signal.valid.T]
@@ -168,16 +184,28 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
 
 
 def _motion(told: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
-    t_s = np.concatenate([one.motion.t_s + start for one, start in zip(told, starts_s, strict=True)])
+    t_s = np.concatenate(
+        [one.motion.t_s + start for one, start in zip(told, starts_s, strict=True)]
+    )
     object_mm = 1e3 * np.concatenate([one.motion.position_m for one in told])
-    hand = [one.hand_m if one.hand_m is not None else np.zeros_like(one.motion.position_m) for one in told]
+    hand = [
+        one.hand_m if one.hand_m is not None else np.zeros_like(one.motion.position_m)
+        for one in told
+    ]
     hand_mm = 1e3 * np.concatenate(hand)
-    header = ["Time", *(f"object_{axis}_mm" for axis in "xyz"), *(f"hand_{axis}_mm" for axis in "xyz")]
-    return csv_bytes(header, [(t_s, 6), *((column, 3) for column in np.hstack([object_mm, hand_mm]).T)])
+    header = [
+        "Time",
+        *(f"object_{axis}_mm" for axis in "xyz"),
+        *(f"hand_{axis}_mm" for axis in "xyz"),
+    ]
+    return csv_bytes(
+        header, [(t_s, 6), *((column, 3) for column in np.hstack([object_mm, hand_mm]).T)]
+    )
 
 
 def _film(scene: Scene, told: SimulatedTrial, camera: Camera) -> bytes:
-    """frames [K, H, W] uint8; time_s [K], the end of every exposure; and the camera's numbers by name."""
+    """frames [K, H, W] uint8; time_s [K], the end of every exposure; and the camera's numbers by
+    name."""
     time_s, frames = scene.film(told, camera)
     packed = io.BytesIO()
     numbers: dict[str, Any] = {name: np.float64(value) for name, value in asdict(camera).items()}
@@ -186,7 +214,10 @@ def _film(scene: Scene, told: SimulatedTrial, camera: Camera) -> bytes:
 
 
 def _truth(
-    scene: Scene, told: Sequence[SimulatedTrial], starts_s: Sequence[float], drawn: dict[str, dict[str, Any]]
+    scene: Scene,
+    told: Sequence[SimulatedTrial],
+    starts_s: Sequence[float],
+    drawn: dict[str, dict[str, Any]],
 ) -> dict[str, Any]:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
     parts = [one.truth.shifted(start).to_json() for one, start in zip(told, starts_s, strict=True)]

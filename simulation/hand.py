@@ -4,9 +4,10 @@
     thumb = 4                # contacts on the thumb, 2 unless said
     finger = 4               # contacts on each of the four fingers, 1 unless said: 20 with the thumb's
 
-A finger's contacts share it: each has an equal part of the finger's stiffness, and of the object's under it, so that
-a finger on more places is no stiffer finger. Along a cylinder they stand side by side over the finger's width. All
-press along the thumb's axis: there is no palm, and a finger does not bend between its contacts.
+A finger's contacts share it: each has an equal part of the finger's stiffness, and of the object's
+under it, so that a finger on more places is no stiffer finger. Along a cylinder they stand side by
+side over the finger's width. All press along the thumb's axis: there is no palm, and a finger does
+not bend between its contacts.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
 
 @dataclass(frozen=True)
 class Hand:
-    """Numbers of contacts: those of the thumb come first, then finger by finger. The default is the thesis' hand."""
+    """Numbers of contacts: those of the thumb come first, then finger by finger. The default is the
+    thesis' hand."""
 
     thumb: int = 2
     finger: int = 1

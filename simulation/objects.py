@@ -1,7 +1,8 @@
 """What is held: mass, size, shape, friction and stiffness.
 
-Masses and sizes are the thesis'; friction against silicone and stiffness are ours, plausible for foam, PET, rubber
-and printed plastic, and varied from trial to trial by the card. A card may add objects of its own.
+Masses and sizes are the thesis'; friction against silicone and stiffness are ours, plausible for
+foam, PET, rubber and printed plastic, and varied from trial to trial by the card. A card may add
+objects of its own.
 """
 
 from __future__ import annotations
@@ -16,8 +17,12 @@ from simulation.values import Parameter
 OBJECT_KEYS = {
     "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),
     "radius_mm": Parameter(30.0, "mm", 5.0, 60.0, "radius of curvature across the grip"),
-    "axial_radius_mm": Parameter(0.0, "mm", 0.0, 1000.0, "radius of curvature along the axis; 0: a cylinder"),
-    "half_length_mm": Parameter(0.0, "mm", 0.0, 500.0, "half the straight length of a cylinder; 0 for a ball"),
+    "axial_radius_mm": Parameter(
+        0.0, "mm", 0.0, 1000.0, "radius of curvature along the axis; 0: a cylinder"
+    ),
+    "half_length_mm": Parameter(
+        0.0, "mm", 0.0, 500.0, "half the straight length of a cylinder; 0 for a ball"
+    ),
     "friction": Parameter(0.7, "", 0.0, 3.0, "static friction coefficient on silicone"),
     "kinetic_share": Parameter(0.8, "", 0.0, 1.0, "kinetic over static friction"),
     "stiffness_n_per_m": Parameter(1e4, "N/m", 50.0, 1e7, "of the object, in series with a finger"),
@@ -50,8 +55,19 @@ def thing(name: str, told: Mapping[str, Any]) -> Thing:
     return Thing(name, **{key: float(told.get(key, p.default)) for key, p in OBJECT_KEYS.items()})
 
 
-def _ball(name: str, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0) -> Thing:
-    return Thing(name, MASSES_G[name], diameter_mm / 2, (tall_mm or diameter_mm) / 2, 0.0, friction, 0.8, stiffness)
+def _ball(
+    name: str, diameter_mm: float, friction: float, stiffness: float, tall_mm: float = 0
+) -> Thing:
+    return Thing(
+        name,
+        MASSES_G[name],
+        diameter_mm / 2,
+        (tall_mm or diameter_mm) / 2,
+        0.0,
+        friction,
+        0.8,
+        stiffness,
+    )
 
 
 def _bottle(name: str, stiffness: float) -> Thing:

@@ -1,6 +1,8 @@
-"""What hand and people do in a trial: the parameters of every action, and one trial's worth of them drawn.
+"""What hand and people do in a trial: the parameters of every action, and one trial's worth of them
+drawn.
 
-The hand takes the object that a person holds out, the person lets go, the hand holds for a while, and then:
+The hand takes the object that a person holds out, the person lets go, the hand holds for a while,
+and then:
 
     pass        another person takes it slowly, and the hand opens (the full bottle's taker waits before it opens)
     pull        another person tears at it
@@ -9,7 +11,8 @@ The hand takes the object that a person holds out, the person lets go, the hand 
     hold        nothing but the disturbances that are asked for: of grip (dFn), load (dFt) or motor (dq)
     nothing     the hand stays open and empty
 
-Every action may have a supported, weak grip too (weak_share), so that a weak grip gives no fall away.
+Every action may have a supported, weak grip too (weak_share), so that a weak grip gives no fall
+away.
 """
 
 from __future__ import annotations
@@ -29,23 +32,43 @@ GRAVITY_M_S2 = 9.81
 NEVER_S = 1e9
 
 COMMON = {
-    "close_at_s": Parameter({"uniform": [2.6, 3.4]}, "s", 0.05, 100, "when the hand begins to close"),
+    "close_at_s": Parameter(
+        {"uniform": [2.6, 3.4]}, "s", 0.05, 100, "when the hand begins to close"
+    ),
     "closing_s": Parameter({"uniform": [0.3, 0.5]}, "s", 0.05, 5, "how long closing takes"),
     "grip_n": Parameter({"uniform": [2.5, 6.0]}, "N", 0.1, 70, "normal force of either side"),
-    "spare": Parameter({"uniform": [1.4, 2.2]}, "", 1, 20, "grip over the least that holds the weight, at least"),
-    "weak_share": Parameter(0.25, "", 0, 1, "how often the grip is weak and the person goes on supporting"),
-    "weak_grip": Parameter({"uniform": [0.2, 0.75]}, "", 0, 1, "a weak grip over the least that holds the weight"),
-    "gentlest_n": Parameter(0.5, "N", 0, 70, "the gentlest grip of the hand: none is weaker, but where it must fall"),
-    "give_after_s": Parameter({"uniform": [0.15, 0.4]}, "s", 0, 10, "after closing the person begins to let go"),
+    "spare": Parameter(
+        {"uniform": [1.4, 2.2]}, "", 1, 20, "grip over the least that holds the weight, at least"
+    ),
+    "weak_share": Parameter(
+        0.25, "", 0, 1, "how often the grip is weak and the person goes on supporting"
+    ),
+    "weak_grip": Parameter(
+        {"uniform": [0.2, 0.75]}, "", 0, 1, "a weak grip over the least that holds the weight"
+    ),
+    "gentlest_n": Parameter(
+        0.5, "N", 0, 70, "the gentlest grip of the hand: none is weaker, but where it must fall"
+    ),
+    "give_after_s": Parameter(
+        {"uniform": [0.15, 0.4]}, "s", 0, 10, "after closing the person begins to let go"
+    ),
     "give_s": Parameter({"uniform": [0.2, 0.5]}, "s", 0.01, 10, "how long letting go takes"),
     "hold_s": Parameter({"uniform": [2.5, 4.0]}, "s", 0.8, 600, "from closed hand to the action"),
     "tail_s": Parameter({"uniform": [2.0, 3.0]}, "s", 0.2, 600, "the empty hand after the action"),
     "tilt_deg": Parameter({"normal": [0, 6]}, "deg", -60, 60, "of the hand, thumb side down"),
     "roll_deg": Parameter({"normal": [0, 6]}, "deg", -60, 60, "of the hand about the thumb's axis"),
-    "finger_n_per_m": Parameter({"uniform": [400, 900]}, "N/m", 50, 1e7, "normal stiffness of a finger"),
-    "shear_ratio": Parameter({"uniform": [1.0, 1.6]}, "", 0.01, 100, "stiffness along the surface over normal"),
-    "share_spread": Parameter(0.2, "", 0, 0.9, "how unequal the fingers are (spread of their shares)"),
-    "offset_mm": Parameter(1.0, "mm", 0, 20, "how far off its apex a finger meets a curved object (sd)"),
+    "finger_n_per_m": Parameter(
+        {"uniform": [400, 900]}, "N/m", 50, 1e7, "normal stiffness of a finger"
+    ),
+    "shear_ratio": Parameter(
+        {"uniform": [1.0, 1.6]}, "", 0.01, 100, "stiffness along the surface over normal"
+    ),
+    "share_spread": Parameter(
+        0.2, "", 0, 0.9, "how unequal the fingers are (spread of their shares)"
+    ),
+    "offset_mm": Parameter(
+        1.0, "mm", 0, 20, "how far off its apex a finger meets a curved object (sd)"
+    ),
     "friction_factor": Parameter({"normal": [1.0, 0.08]}, "", 0, 3, "of the object's friction"),
 }
 OPENING = {
@@ -54,36 +77,58 @@ OPENING = {
 ACTIONS: dict[str, dict[str, Parameter]] = {
     "pass": {
         **OPENING,
-        "distance_m": Parameter({"uniform": [0.08, 0.25]}, "m", 0, 3, "how far the taker carries it"),
+        "distance_m": Parameter(
+            {"uniform": [0.08, 0.25]}, "m", 0, 3, "how far the taker carries it"
+        ),
         "move_s": Parameter({"uniform": [1.0, 2.2]}, "s", 0.05, 60, "in what time"),
         "open_after_s": Parameter({"uniform": [0.25, 0.8]}, "s", 0, 60, "from taking to opening"),
-        "take_s": Parameter({"uniform": [0.2, 0.6]}, "s", 0.01, 60, "in which the taker takes the weight over"),
-        "wait_s": Parameter(0.0, "s", 0, 60, "the taker waits so long, weight taken, before it moves"),
-        "arm_n_per_m": Parameter({"log_uniform": [150, 600]}, "N/m", 1, 1e5, "stiffness of the taker's arm"),
+        "take_s": Parameter(
+            {"uniform": [0.2, 0.6]}, "s", 0.01, 60, "in which the taker takes the weight over"
+        ),
+        "wait_s": Parameter(
+            0.0, "s", 0, 60, "the taker waits so long, weight taken, before it moves"
+        ),
+        "arm_n_per_m": Parameter(
+            {"log_uniform": [150, 600]}, "N/m", 1, 1e5, "stiffness of the taker's arm"
+        ),
         "cap_n": Parameter({"uniform": [4, 12]}, "N", 0.1, 500, "the taker pulls no harder"),
     },
     "pull": {
-        "distance_m": Parameter({"uniform": [0.15, 0.3]}, "m", 0, 3, "how far the object is torn away"),
+        "distance_m": Parameter(
+            {"uniform": [0.15, 0.3]}, "m", 0, 3, "how far the object is torn away"
+        ),
         "move_s": Parameter({"uniform": [0.25, 0.5]}, "s", 0.02, 60, "in what time"),
-        "arm_n_per_m": Parameter({"log_uniform": [600, 2000]}, "N/m", 1, 1e5, "stiffness of the puller's arm"),
+        "arm_n_per_m": Parameter(
+            {"log_uniform": [600, 2000]}, "N/m", 1, 1e5, "stiffness of the puller's arm"
+        ),
         "cap_n": Parameter({"uniform": [25, 50]}, "N", 0.1, 500, "the puller pulls no harder"),
     },
     "fall": {
-        "vanish_s": Parameter({"uniform": [0.02, 0.06]}, "s", 0.001, 10, "in which the support is gone"),
+        "vanish_s": Parameter(
+            {"uniform": [0.02, 0.06]}, "s", 0.001, 10, "in which the support is gone"
+        ),
         "watch_s": Parameter(1.0, "s", 0.1, 60, "how long the fall may take"),
     },
     "put-down": {
         **OPENING,
-        "box_m_s": Parameter({"uniform": [0.02, 0.06]}, "m/s", 0.001, 2, "how fast the hand comes down on the box"),
+        "box_m_s": Parameter(
+            {"uniform": [0.02, 0.06]}, "m/s", 0.001, 2, "how fast the hand comes down on the box"
+        ),
         "press": Parameter({"uniform": [1.0, 1.3]}, "", 1, 50, "force on the box over the weight"),
         "excess_n": Parameter({"uniform": [0.0, 0.5]}, "N", 0, 100, "and more, in newtons"),
-        "open_after_s": Parameter({"uniform": [1.5, 3.0]}, "s", 0, 60, "from touching the box to opening"),
+        "open_after_s": Parameter(
+            {"uniform": [1.5, 3.0]}, "s", 0, 60, "from touching the box to opening"
+        ),
     },
     "hold": {
         **OPENING,
-        "grip_change": Parameter(0.0, "", -1, 5, "dFn: change of grip at a disturbance, over the grip"),
+        "grip_change": Parameter(
+            0.0, "", -1, 5, "dFn: change of grip at a disturbance, over the grip"
+        ),
         "load_n": Parameter(0.0, "N", -50, 50, "dFt: force along the object at a disturbance"),
-        "motor_mm": Parameter(0.0, "mm", -20, 20, "dq: the fingers (not the thumb) move by so much at a disturbance"),
+        "motor_mm": Parameter(
+            0.0, "mm", -20, 20, "dq: the fingers (not the thumb) move by so much at a disturbance"
+        ),
         "times": Parameter(3.0, "", 0, 100, "how many disturbances"),
         "every_s": Parameter({"uniform": [0.8, 1.4]}, "s", 0.2, 60, "from one to the next"),
         "pulse_s": Parameter({"uniform": [0.1, 0.4]}, "s", 0.01, 10, "how long one lasts"),
@@ -99,9 +144,9 @@ FOLDERS = tuple(ACTIONS)
 class Trial:
     """One trial to be simulated: numbers drawn, nothing left to chance but its effects.
 
-    number: counts the trials of a card, and picks every random stream. told: what the card says of the action;
-    drawn: every parameter's value. contact by contact of the hand:
-    finger_n_per_m, share [S], at_m [2, S].
+    number: counts the trials of a card, and picks every random stream. told: what the card says of
+    the action; drawn: every parameter's value. contact by contact of the hand: finger_n_per_m,
+    share [S], at_m [2, S].
     """
 
     number: int
@@ -119,9 +164,16 @@ class Trial:
 
 
 def draw_trial(
-    number: int, thing: Thing, action: str, style: str, told: Mapping[str, Any], seed: int, hand: Hand
+    number: int,
+    thing: Thing,
+    action: str,
+    style: str,
+    told: Mapping[str, Any],
+    seed: int,
+    hand: Hand,
 ) -> Trial:
-    """Draw a trial from the stream of its number; told: values of the card over those of its style."""
+    """Draw a trial from the stream of its number; told: values of the card over those of its
+    style."""
     rng = stream(seed, number, "protocol")
     table = COMMON | ACTIONS[action]
     drawn = {name: p.draw(told.get(name, p.default), rng) for name, p in table.items()}
@@ -130,29 +182,42 @@ def draw_trial(
     share[hand.thumb :] /= share[hand.thumb :].sum()
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
     return Trial(
-        number, thing, action, style, drawn,
+        number,
+        thing,
+        action,
+        style,
+        drawn,
         supported=weak,
         grip_n=_grip_n(thing, drawn, weak, 0.0 if action == "fall" else drawn["gentlest_n"]),
         share=share,
-        finger_n_per_m=drawn["finger_n_per_m"] * rng.uniform(0.8, 1.25, hand.n_contacts) * hand.part,
+        finger_n_per_m=drawn["finger_n_per_m"]
+        * rng.uniform(0.8, 1.25, hand.n_contacts)
+        * hand.part,
         at_m=_places_m(thing, drawn, rng, hand),
         push=_direction(rng),
         hand=hand,
-    )  # fmt: skip
+    )
 
 
 def least_grip_n(thing: Thing, friction_factor: float = 1.0) -> float:
-    """The normal force of either side that just holds the weight by kinetic friction; inf without friction."""
+    """The normal force of either side that just holds the weight by kinetic friction; inf without
+    friction."""
     friction = thing.friction * thing.kinetic_share * friction_factor
     return thing.mass_g * 1e-3 * GRAVITY_M_S2 / (2.0 * friction) if friction > 0.0 else np.inf
 
 
 def _grip_n(thing: Thing, drawn: dict[str, float], weak: bool, gentlest_n: float) -> float:
     least = least_grip_n(thing, drawn["friction_factor"])
-    return max(drawn["weak_grip"] * least, gentlest_n) if weak else max(drawn["grip_n"], drawn["spare"] * least)
+    return (
+        max(drawn["weak_grip"] * least, gentlest_n)
+        if weak
+        else max(drawn["grip_n"], drawn["spare"] * least)
+    )
 
 
-def _places_m(thing: Thing, drawn: dict[str, float], rng: np.random.Generator, hand: Hand) -> np.ndarray:
+def _places_m(
+    thing: Thing, drawn: dict[str, float], rng: np.random.Generator, hand: Hand
+) -> np.ndarray:
     """[2, S]: fingers stand along a cylinder, and about the apex of a ball, which they wrap."""
     places = 1e-3 * drawn["offset_mm"] * rng.normal(size=(2, hand.n_contacts))
     if not thing.axial_radius_mm:
@@ -161,6 +226,7 @@ def _places_m(thing: Thing, drawn: dict[str, float], rng: np.random.Generator, h
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:
-    """[3] unit vector along which the object is taken: away from the palm, up or down by up to 60 degrees."""
+    """[3] unit vector along which the object is taken: away from the palm, up or down by up to 60
+    degrees."""
     angle = rng.uniform(-np.pi / 3, np.pi / 3)
     return np.array([0.0, np.cos(angle), np.sin(angle)])

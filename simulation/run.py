@@ -27,10 +27,11 @@ Done = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Loop:
-    """How a batch is stepped: step_s where anything can happen, pressure [E] of the brush, effects, averaging.
+    """How a batch is stepped: step_s where anything can happen, pressure [E] of the brush, effects,
+    averaging.
 
-    average_s: the sensor reports the mean over so long before each sample (0: the value at the sample).
-    busy: further fine intervals of every lane.
+    average_s: the sensor reports the mean over so long before each sample (0: the value at the
+    sample). busy: further fine intervals of every lane.
     """
 
     rate_hz: float
@@ -45,9 +46,9 @@ class Loop:
 class Motion:
     """What one trial left: forces_n [T, S, 3] at t_s [T], and per step [K] what really happened.
 
-    position_m [T, 3] of the object; per step: at_s,
-    agents_n [K, 3], gripped [K] (any contact), slips and slides [K] (any, every touching element slides),
-    slip_m [K] (mean travel of the touching contacts so far).
+    position_m [T, 3] of the object; per step: at_s, agents_n [K, 3], gripped [K] (any contact),
+    slips and slides [K] (any, every touching element slides), slip_m [K] (mean travel of the
+    touching contacts so far).
     """
 
     t_s: FloatArray
@@ -62,7 +63,8 @@ class Motion:
 
 
 class _Tape:
-    """Arrays that a batch writes while it runs; the samples of all lanes lie end to end, lane by lane."""
+    """Arrays that a batch writes while it runs; the samples of all lanes lie end to end, lane by
+    lane."""
 
     def __init__(self, grids: Sequence[Grid], contacts: int) -> None:
         lanes, n_steps = len(grids), max(len(grid.at_s) for grid in grids)
@@ -70,22 +72,31 @@ class _Tape:
         self.forces = np.zeros((self.starts[-1], contacts, 3))
         self.position = np.zeros((self.starts[-1], 3))
         self.agents = np.zeros((n_steps, 3, lanes), dtype=np.float32)
-        self.gripped, self.slips, self.slides = (np.zeros((n_steps, lanes), dtype=np.bool_) for _ in range(3))
+        self.gripped, self.slips, self.slides = (
+            np.zeros((n_steps, lanes), dtype=np.bool_) for _ in range(3)
+        )
         self.slip = np.zeros((n_steps, lanes), dtype=np.float32)
 
 
 def run_batch(trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None) -> list[Motion]:
-    """Step a batch of trials to their ends; a trial's result does not depend on its batch (of two or more).
+    """Step a batch of trials to their ends; a trial's result does not depend on its batch (of two
+    or more).
 
     done: told now and then which share of the batch has been stepped.
     """
     return list(motions(trials, loop, done))
 
 
-def motions(trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None) -> Iterator[Motion]:
-    """The same, each motion made when it is asked for: those of a large batch need not be in memory together."""
+def motions(
+    trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None
+) -> Iterator[Motion]:
+    """The same, each motion made when it is asked for: those of a large batch need not be in memory
+    together."""
     spans = loop.busy or [()] * len(trials)
-    grids = [grid_of(trial, loop.rate_hz, loop.step_s, more) for trial, more in zip(trials, spans, strict=True)]
+    grids = [
+        grid_of(trial, loop.rate_hz, loop.step_s, more)
+        for trial, more in zip(trials, spans, strict=True)
+    ]
     at_s, sample = _stack(grids)
     before_s = np.vstack([[grid.start_s for grid in grids], at_s[:-1]])
     lasts = np.array([len(grid.at_s) for grid in grids])
@@ -94,14 +105,22 @@ def motions(trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None
     for start in range(0, len(at_s), CHUNK):
         lanes.leave(_ended(lasts[lanes.first :] <= start))
         steps = slice(start, start + CHUNK)
-        _step_on(lanes, tape, start, at_s[steps, lanes.first :], before_s[steps, lanes.first :], sample[steps])
+        _step_on(
+            lanes,
+            tape,
+            start,
+            at_s[steps, lanes.first :],
+            before_s[steps, lanes.first :],
+            sample[steps],
+        )
         done(min(1.0, (start + CHUNK) / len(at_s)))
     for lane, grid in enumerate(grids):
         yield _motion(tape, loop.rate_hz, lane, grid)
 
 
 class _Lanes:
-    """The trials of a batch that go on, all behind the first: their bodies, script, state, effects and averages."""
+    """The trials of a batch that go on, all behind the first: their bodies, script, state, effects
+    and averages."""
 
     def __init__(self, trials: Sequence[Trial], loop: Loop, start_s: FloatArray) -> None:
         self.trials, self.loop, self.effects, self.first = trials, loop, loop.effects, 0
@@ -113,7 +132,8 @@ class _Lanes:
         self.travel_m = np.zeros(shape)
 
     def leave(self, count: int) -> None:
-        """Step the first so many lanes no further, where that is worth the copying; two at least go on."""
+        """Step the first so many lanes no further, where that is worth the copying; two at least go
+        on."""
         count = min(count, len(self.trials) - 2)
         if count < max(1, len(self.trials) // WORTH_LEAVING):
             return
@@ -153,7 +173,10 @@ def _step_on(
 def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
     """[K, B] times and samples; a lane that has ended goes on in steps of its last one, unheard."""
     longest = max(len(grid.at_s) for grid in grids)
-    at_s, sample = np.empty((longest, len(grids))), np.full((longest, len(grids)), -1, dtype=np.int64)
+    at_s, sample = (
+        np.empty((longest, len(grids))),
+        np.full((longest, len(grids)), -1, dtype=np.int64),
+    )
     for lane, grid in enumerate(grids):
         n, last_s = len(grid.at_s), np.concatenate([[grid.start_s], grid.at_s])[-2:]
         at_s[:n, lane], sample[:n, lane] = grid.at_s, grid.sample
@@ -173,7 +196,8 @@ def _note(tape: _Tape, k: int, first: int, state: State, travel: FloatArray) -> 
 
 
 def _forces(body: Body, state: State) -> FloatArray:
-    """[S, 3, B] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it moves."""
+    """[S, 3, B] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it
+    moves."""
     shear = (body.brush_n_per_m * state.stretch_m).sum(axis=1)
     forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
     forces[:, 0], forces[:, 1], forces[:, 2] = shear[0], shear[1] * -body.side, state.normal_n
@@ -181,7 +205,8 @@ def _forces(body: Body, state: State) -> FloatArray:
 
 
 class _Mean:
-    """Averaging as the chip does: the mean of the forces over its conversion time before each sample."""
+    """Averaging as the chip does: the mean of the forces over its conversion time before each
+    sample."""
 
     def __init__(self, loop: Loop, contacts: int, lanes: int) -> None:
         self.window_s, self.period_s = loop.average_s, 1.0 / loop.rate_hz
@@ -190,7 +215,8 @@ class _Mean:
     def add(self, body: Body, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
         """The part of the step that lies within the window before the next sample counts.
 
-        A lane outside its window adds nothing times its forces, which alters no bit and costs less than leaving it out.
+        A lane outside its window adds nothing times its forces, which alters no bit and costs less
+        than leaving it out.
         """
         opens_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s - self.window_s
         weight_s = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))

@@ -1,7 +1,8 @@
-"""A batch of trials as the core wants it: bodies, times of every step, and what hand and people do then.
+"""A batch of trials as the core wants it: bodies, times of every step, and what hand and people do
+then.
 
-Steps are fine where anything can happen (something moves, lets go, touches) and one sample long elsewhere; a trial's
-steps depend on nothing but the trial.
+Steps are fine where anything can happen (something moves, lets go, touches) and one sample long
+elsewhere; a trial's steps depend on nothing but the trial.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ class Times:
         act = closed + d["hold_s"]
         give = closed + d["give_after_s"]
         if trial.supported:
-            give = act + {"fall": 0.0, "pull": 0.0, "pass": d.get("take_s", 0.0)}.get(trial.action, NEVER_S)
+            give = act + {"fall": 0.0, "pull": 0.0, "pass": d.get("take_s", 0.0)}.get(
+                trial.action, NEVER_S
+            )
         lasts, opens = _lasts(trial, act)
         if trial.supported and trial.action == "put-down":
             give = act + BOX_GAP_M / d["box_m_s"]
@@ -93,7 +96,9 @@ def busy(trial: Trial) -> list[Interval]:
     elif trial.action == "pass":
         found += [(t.act, t.act + d["take_s"]), (t.act + d["wait_s"], t.open + d["opening_s"])]
     else:
-        found.append((t.act, t.act + (d["move_s"] if trial.action == "pull" else d["watch_s"] - SETTLE_S)))
+        found.append(
+            (t.act, t.act + (d["move_s"] if trial.action == "pull" else d["watch_s"] - SETTLE_S))
+        )
     return [(start - 0.02, stop + SETTLE_S) for start, stop in found]
 
 
@@ -103,9 +108,11 @@ def _giving_s(trial: Trial) -> float:
 
 @dataclass(frozen=True)
 class Grid:
-    """Steps of one trial: at_s [K] their ends, sample [K] the sample each ends at (-1 between samples).
+    """Steps of one trial: at_s [K] their ends, sample [K] the sample each ends at (-1 between
+    samples).
 
-    n_samples: of the whole trial; before the first step and after the last nothing touches, and nothing is stepped.
+    n_samples: of the whole trial; before the first step and after the last nothing touches, and
+    nothing is stepped.
     """
 
     at_s: FloatArray
@@ -115,10 +122,14 @@ class Grid:
 
 
 def grid_of(trial: Trial, rate_hz: float, step_s: float, more: Sequence[Interval] = ()) -> Grid:
-    """Samples are at 0, 1/rate, ..; the step to the next is cut into ceil(1 / (rate * step_s)) where it touches an
-    interval in which anything can happen. Stepping begins as the hand begins to close, and ends when it is open."""
+    """Samples are at 0, 1/rate, ..; the step to the next is cut into ceil(1 / (rate * step_s))
+    where it touches an interval in which anything can happen. Stepping begins as the hand begins to
+    close, and ends when it is open."""
     times, fine = Times.of(trial), [*busy(trial), *more]
-    n, pieces = int(np.floor(times.end * rate_hz)), max(1, int(np.ceil(1.0 / (rate_hz * step_s) - 1e-9)))
+    n, pieces = (
+        int(np.floor(times.end * rate_hz)),
+        max(1, int(np.ceil(1.0 / (rate_hz * step_s) - 1e-9))),
+    )
     first = int(np.clip(np.floor((times.close - 0.02) * rate_hz), 0, n - 1))
     opened_s = times.open + trial.drawn.get("opening_s", 0.0) + SETTLE_S
     stop = int(min(n, np.ceil(opened_s * rate_hz)))
@@ -138,7 +149,10 @@ def grid_of(trial: Trial, rate_hz: float, step_s: float, more: Sequence[Interval
 
 def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
     """Constants of a batch; pressure [E]: share of the normal each brush element bears."""
-    d = {name: np.array([t.drawn[name] for t in trials]) for name in ("tilt_deg", "roll_deg", "shear_ratio")}
+    d = {
+        name: np.array([t.drawn[name] for t in trials])
+        for name in ("tilt_deg", "roll_deg", "shear_ratio")
+    }
     tilt, roll = np.radians(d["tilt_deg"]), np.radians(d["roll_deg"])
     down = np.stack([np.sin(tilt), np.cos(tilt) * np.sin(roll), -np.cos(tilt) * np.cos(roll)])
     finger = np.stack([t.finger_n_per_m for t in trials], axis=1)
@@ -155,7 +169,9 @@ def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
         at_m=np.stack([t.at_m for t in trials], axis=2),
         stiffness_n_per_m=normal,
         damping_n_s_per_m=2e-3 * normal,
-        brush_n_per_m=np.broadcast_to(d["shear_ratio"] * finger / elements, (elements, *finger.shape)).copy(),
+        brush_n_per_m=np.broadcast_to(
+            d["shear_ratio"] * finger / elements, (elements, *finger.shape)
+        ).copy(),
         pressure=pressure[:, None, None],
         static=friction,
         kinetic=friction * np.array([t.thing.kinetic_share for t in trials]),
@@ -166,20 +182,26 @@ def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
 class Script:
     """What hand and people do in a batch, at any times [n, B].
 
-    boxed: whether there are boxes, which are at -10 m where nothing is set down; by itself, where one of the trials
-    sets something down. What falls for more than a second meets one, so a batch keeps its boxes to its end.
+    boxed: whether there are boxes, which are at -10 m where nothing is set down; by itself, where
+    one of the trials sets something down. What falls for more than a second meets one, so a batch
+    keeps its boxes to its end.
     """
 
     def __init__(self, trials: Sequence[Trial], body: Body, boxed: bool = False) -> None:
         self.trials, self.body = trials, body
         times = [Times.of(t) for t in trials]
-        self.t = {name: np.array([getattr(one, name) for one in times]) for name in ("close", "give", "act", "open")}
+        self.t = {
+            name: np.array([getattr(one, name) for one in times])
+            for name in ("close", "give", "act", "open")
+        }
         actions = np.array([t.action for t in trials])
         self.holds, self.falls = actions == "hold", actions == "fall"
         self.takes = (actions == "pass") | (actions == "pull")
         self.sets_down, self.passes = actions == "put-down", actions == "pass"
         self.boxed = boxed or bool(self.sets_down.any())
-        self.closed_m = np.stack([t.grip_n * t.share for t in trials], axis=1) / body.stiffness_n_per_m
+        self.closed_m = (
+            np.stack([t.grip_n * t.share for t in trials], axis=1) / body.stiffness_n_per_m
+        )
         self.push = np.stack([t.push for t in trials], axis=1)
         self.weight_n = body.mass_kg * GRAVITY_M_S2
         self._drawn: dict[str, FloatArray] = {}
@@ -203,7 +225,9 @@ class Script:
             Inputs(
                 self._closure(shut[k], pulse[k]),
                 tuple(Pull(*(part[k] for part in person)) for person in people),
-                None if floor is None else Floor(BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS, floor[0][k], floor[1][k]),
+                None
+                if floor is None
+                else Floor(BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS, floor[0][k], floor[1][k]),
             )
             for k in range(len(t_s))
         ]
@@ -229,7 +253,8 @@ class Script:
         return closure
 
     def _giver(self, t_s: FloatArray) -> tuple[FloatArray, ...]:
-        """The person who holds the object out: there until he lets go; a falling object's support just vanishes."""
+        """The person who holds the object out: there until he lets go; a falling object's support
+        just vanishes."""
         lasts = np.where(self.falls, self.d("vanish_s", 1.0), self.d("give_s", 1.0))
         there = 1.0 - smooth((t_s - self.t["give"]) / lasts)
         if self.holds.any():
@@ -237,7 +262,14 @@ class Script:
             there = np.where(self.holds, np.maximum(there, back), there)
         damping = 2.0 * DAMPING_RATIO * np.sqrt(GIVER_N_PER_M * self.body.mass_kg)
         still = np.zeros((len(t_s), *self.push.shape))
-        return there * GIVER_N_PER_M, there * damping, there * GIVER_CAP_N + 1e-9, there, still, still
+        return (
+            there * GIVER_N_PER_M,
+            there * damping,
+            there * GIVER_CAP_N + 1e-9,
+            there,
+            still,
+            still,
+        )
 
     def _taker(self, t_s: FloatArray) -> tuple[FloatArray, ...]:
         """The person who takes (gently, with the weight) or tears."""
@@ -250,10 +282,13 @@ class Script:
         damping = 2.0 * DAMPING_RATIO * np.sqrt(stiffness * self.body.mass_kg)
         weight = np.where(self.passes, smooth((t_s - self.t["act"]) / self.d("take_s", 1.0)), 0.0)
         return (
-            np.where(grasped, stiffness, 0.0), np.where(grasped, damping, 0.0),
-            np.broadcast_to(self.d("cap_n", 1.0), t_s.shape), np.where(grasped, weight, 0.0),
-            travel[:, None] * self.push, speed[:, None] * self.push,
-        )  # fmt: skip
+            np.where(grasped, stiffness, 0.0),
+            np.where(grasped, damping, 0.0),
+            np.broadcast_to(self.d("cap_n", 1.0), t_s.shape),
+            np.where(grasped, weight, 0.0),
+            travel[:, None] * self.push,
+            speed[:, None] * self.push,
+        )
 
     def _disturber(self, t_s: FloatArray, pulse: FloatArray) -> tuple[FloatArray, ...]:
         """A force along the object: a share of its weight, taken off or laid on."""
@@ -264,7 +299,9 @@ class Script:
 
     def _box(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Height [n, B] and greatest force [n, B] of the box."""
-        risen = np.minimum((t_s - self.t["act"]) * self.d("box_m_s", 1.0), BOX_GAP_M + BOX_OVERSHOOT_M)
+        risen = np.minimum(
+            (t_s - self.t["act"]) * self.d("box_m_s", 1.0), BOX_GAP_M + BOX_OVERSHOOT_M
+        )
         height = np.where(self.sets_down & (t_s >= self.t["act"]), risen - BOX_GAP_M, -10.0)
         cap = self.d("press") * self.weight_n + self.d("excess_n")
         return height, np.broadcast_to(np.maximum(cap, 1e-9), t_s.shape)

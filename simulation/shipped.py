@@ -1,4 +1,5 @@
-"""The cards that come with the package; apart from card.py, so that `--help` can name them without numpy."""
+"""The cards that come with the package; apart from card.py, so that `--help` can name them without
+numpy."""
 
 from __future__ import annotations
 

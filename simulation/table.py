@@ -1,8 +1,9 @@
 """A table of numbers as CSV bytes, many times faster than formatting them one by one.
 
-Columns of as many decimals are formatted together: every cell is scaled, rounded half to even, and taken apart into
-groups of four digits by integer division; a group's letters are looked up. Where a cell is shorter than its column's
-longest there are blanks, and they are taken out of the whole table in the end.
+Columns of as many decimals are formatted together: every cell is scaled, rounded half to even, and
+taken apart into groups of four digits by integer division; a group's letters are looked up. Where a
+cell is shorter than its column's longest there are blanks, and they are taken out of the whole
+table in the end.
 """
 
 from __future__ import annotations
@@ -30,15 +31,18 @@ NAN = np.frombuffer(b"nan", dtype=np.uint8)
 def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
     """Header and rows; columns: (values [T], decimals). nan is written as such.
 
-    A cell is the decimal nearest to value * 10^decimals in float64, ties to even. Raises ValueError for infinite
-    values and for those with more digits than float64 has.
+    A cell is the decimal nearest to value * 10^decimals in float64, ties to even. Raises ValueError
+    for infinite values and for those with more digits than float64 has.
     """
     head = ",".join(header).encode() + b"\n"
     if not len(columns[0][0]):
         return head
     parts = []
     for decimals, alike in groupby(columns, key=lambda column: column[1]):
-        cells = _cells(np.stack([np.asarray(values, dtype=np.float64) for values, _ in alike], axis=1), decimals)
+        cells = _cells(
+            np.stack([np.asarray(values, dtype=np.float64) for values, _ in alike], axis=1),
+            decimals,
+        )
         parts.append(cells.reshape(len(cells), -1))
     parts[-1][:, -1] = NEWLINE
     return head + np.hstack(parts).tobytes().translate(None, b" ")
@@ -53,10 +57,14 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
     scaled = np.rint(found * 10.0**decimals)
     left = np.abs(scaled)
     before_point = max(len(str(int(left.max()))) - decimals, len(NAN) - 1)
-    letters = np.empty((*values.shape, 1 + before_point + (decimals > 0) + decimals + 1), dtype=np.uint8)
+    letters = np.empty(
+        (*values.shape, 1 + before_point + (decimals > 0) + decimals + 1), dtype=np.uint8
+    )
     letters[..., 0] = np.where(scaled < 0.0, MINUS, BLANK)
     letters[..., -1] = COMMA
-    rest = _write_decimals(left.astype(np.uint32 if left.max() < 2**32 else np.uint64), letters[..., 1:-1], decimals)
+    rest = _write_decimals(
+        left.astype(np.uint32 if left.max() < 2**32 else np.uint64), letters[..., 1:-1], decimals
+    )
     _write_whole(rest, letters[..., 1 : 1 + before_point])
     if lost.any():
         letters[lost, :-1] = BLANK
@@ -65,12 +73,15 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
 
 
 def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
-    """The last digits of whole numbers [T, K], and the point before them, at the end of letters; returns the rest."""
+    """The last digits of whole numbers [T, K], and the point before them, at the end of letters;
+    returns the rest."""
     for end in range(decimals, 0, -GROUP):
         start = max(end - GROUP, 0)
         left, group = _parted(left, end - start)
         place = letters.shape[-1] - decimals
-        letters[..., place + start : place + end] = _looked_up(_zeros_in_front(), group, end - start)
+        letters[..., place + start : place + end] = _looked_up(
+            _zeros_in_front(), group, end - start
+        )
     if decimals:
         letters[..., -1 - decimals] = POINT
     return left
@@ -104,9 +115,13 @@ def _looked_up(table: npt.NDArray[np.uint32], group: Whole, width: int) -> Lette
 
 @cache
 def _zeros_in_front() -> npt.NDArray[np.uint32]:
-    return np.frombuffer("".join(f"{n:0{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32)
+    return np.frombuffer(
+        "".join(f"{n:0{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32
+    )
 
 
 @cache
 def _blanks_in_front() -> npt.NDArray[np.uint32]:
-    return np.frombuffer("".join(f"{n:{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32)
+    return np.frombuffer(
+        "".join(f"{n:{GROUP}d}" for n in range(10**GROUP)).encode(), dtype=np.uint32
+    )

@@ -1,4 +1,5 @@
-"""What really happened in a trial, read from the core's own state, never from a sensor: events and phases.
+"""What really happened in a trial, read from the core's own state, never from a sensor: events and
+phases.
 
 load onset     the first change, after the action began, of what people and box do to the object by LOAD_N
 incipient slip from then on, the first element of any touching brush that slides
@@ -13,7 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, SITUATIONS, BoolArray, FloatArray
+from edge_runtime.contract import (
+    GRASP,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    SITUATIONS,
+    BoolArray,
+    FloatArray,
+)
 from edge_runtime.trial_layout import RISKY_ACTIONS
 from simulation.protocol import Trial
 from simulation.run import Motion
@@ -28,7 +37,8 @@ Mark = tuple[float, int]
 
 @dataclass(frozen=True)
 class Truth:
-    """Times in s, None where a thing never happened; marks: (since when, situation), in order, until end_s."""
+    """Times in s, None where a thing never happened; marks: (since when, situation), in order,
+    until end_s."""
 
     contact_s: float | None
     load_onset_s: float | None
@@ -78,14 +88,21 @@ def truth_of(trial: Trial, motion: Motion) -> Truth:
     since = np.arange(len(motion.at_s)) >= (len(motion.at_s) if onset is None else onset)
     since[lost:] = False
     incipient = _first(motion.slips & since)
-    gross = _first((motion.slides | (motion.slip_m - motion.slip_m[onset or 0] >= GROSS_SLIP_M)) & since)
+    gross = _first(
+        (motion.slides | (motion.slip_m - motion.slip_m[onset or 0] >= GROSS_SLIP_M)) & since
+    )
     at = _clock(motion, len(motion.at_s) if lost >= len(motion.at_s) else None)
     marks = _marks(trial, motion, times, contact, onset, gross, lost)
     return Truth(
-        at(contact), at(onset), at(incipient), at(gross), at(lost),
+        at(contact),
+        at(onset),
+        at(incipient),
+        at(gross),
+        at(lost),
         slip_mm=1e3 * float(motion.slip_m[lost - 1] - motion.slip_m[contact]),
-        marks=tuple(marks), end_s=end_s,
-    )  # fmt: skip
+        marks=tuple(marks),
+        end_s=end_s,
+    )
 
 
 def _clock(motion: Motion, beyond: int | None) -> Any:
@@ -105,7 +122,13 @@ def _onset(motion: Motion, act_s: float) -> int | None:
 
 
 def _marks(
-    trial: Trial, motion: Motion, times: Times, contact: int, onset: int | None, gross: int | None, lost: int
+    trial: Trial,
+    motion: Motion,
+    times: Times,
+    contact: int,
+    onset: int | None,
+    gross: int | None,
+    lost: int,
 ) -> list[Mark]:
     at_s = motion.at_s
     gone = (float(at_s[lost]) if lost < len(at_s) else float(at_s[-1]), NOTHING)
@@ -125,7 +148,8 @@ def _marks(
 
 
 def _transferred(trial: Trial, motion: Motion, times: Times, onset: int) -> float | None:
-    """When a put-down (or a taker who waits) has taken the weight over; None where there is no such pause."""
+    """When a put-down (or a taker who waits) has taken the weight over; None where there is no such
+    pause."""
     if trial.action == "pass" and trial.drawn["wait_s"] == 0.0:
         return None
     before_opening = motion.at_s < times.open

@@ -1,11 +1,11 @@
 """A parameter of a card: a constant, a choice, or a distribution, drawn once a trial.
 
-    grip_n = 8.0
-    grip_n = { uniform = [6, 10] }
-    grip_n = { normal = [8, 1] }            # mean and standard deviation, kept within the allowed range
-    grip_n = { log_uniform = [0.1, 10] }
-    grip_n = { choice = [4, 8, 12] }
-    sensors = [2, 5]                        # where a list is what is wanted
+grip_n = 8.0
+grip_n = { uniform = [6, 10] }
+grip_n = { normal = [8, 1] }            # mean and standard deviation, kept within the allowed range
+grip_n = { log_uniform = [0.1, 10] }
+grip_n = { choice = [4, 8, 12] }
+sensors = [2, 5]                        # where a list is what is wanted
 """
 
 from __future__ import annotations
@@ -75,12 +75,20 @@ class Parameter:
         if len(value) != 1 or next(iter(value)) not in DISTRIBUTIONS:
             return f"{self.allowed()}, or one of {{ {kinds} }}"
         ((kind, numbers),) = value.items()
-        if not isinstance(numbers, list) or len(numbers) != LENGTHS.get(kind, len(numbers)) or not numbers:
+        if (
+            not isinstance(numbers, list)
+            or len(numbers) != LENGTHS.get(kind, len(numbers))
+            or not numbers
+        ):
             return f"{kind} = [{'mean, standard deviation' if kind == 'normal' else 'low, high'}]"
         if kind == "normal":
             spread = isinstance(numbers[1], (int, float)) and 0 <= numbers[1] <= sys.float_info.max
             fits = self._inside(numbers[0]) and spread
-            return None if fits else f"a mean within {self.allowed()} and a standard deviation that is not negative"
+            return (
+                None
+                if fits
+                else f"a mean within {self.allowed()} and a standard deviation that is not negative"
+            )
         if not all(self._inside(number) for number in numbers):
             return f"limits within {self.allowed()}"
         if kind != "choice" and not numbers[0] <= numbers[1]:

@@ -1,8 +1,10 @@
-"""`make ablation`: what each feature group brings on people never seen, and what it costs in microseconds.
+"""`make ablation`: what each feature group brings on people never seen, and what it costs in
+microseconds.
 
-Every row is a full cross-validation on human_slip_uskin, 18 channels: the default groups, each of them
-left out, and each other group added. A row with a group of unlimited memory (the band-pass bank) is not
-clock-free and says so. The cost is the median of a single step of the feature graph, all rows in turns.
+Every row is a full cross-validation on human_slip_uskin, 18 channels: the default groups, each of
+them left out, and each other group added. A row with a group of unlimited memory (the band-pass
+bank) is not clock-free and says so. The cost is the median of a single step of the feature graph,
+all rows in turns.
 """
 
 from __future__ import annotations
@@ -97,7 +99,9 @@ def table(rows: dict[str, Any]) -> str:
 
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write ablation.json and ablation.md, print the table."""
-    parser = Parser(prog="ablation.py", description="what each feature group brings, and what it costs")
+    parser = Parser(
+        prog="ablation.py", description="what each feature group brings, and what it costs"
+    )
     parser.add_argument("--out", type=path_argument, default=Path("build/ablation"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args = parser.parse_args(argv)
@@ -105,7 +109,13 @@ def main(argv: Sequence[str]) -> int:
     plan, data = TrainingPlan(), load(HUMAN)
     with stages(len(rows_of(plan.groups))) as say:
         rows = run(data, plan, args.seed, say)
-    result = {"data": HUMAN, "caveat": data.caveat, "seed": args.seed, "versions": versions(), "rows": rows}
+    result = {
+        "data": HUMAN,
+        "caveat": data.caveat,
+        "seed": args.seed,
+        "versions": versions(),
+        "rows": rows,
+    }
     write_whole(args.out / "ablation.json", json.dumps(result, indent=2) + "\n")
     write_whole(args.out / "ablation.md", table(rows))
     print(table(rows) + data.caveat)

@@ -1,4 +1,5 @@
-"""What several tests need: the public data sets, where they are; small models made by the whole pipeline."""
+"""What several tests need: the public data sets, where they are; small models made by the whole
+pipeline."""
 
 from __future__ import annotations
 
@@ -25,16 +26,18 @@ if TYPE_CHECKING:
     from training.recording import DataSet
 
 
-pytest_plugins = ["bridge_bench", "drawn_frames", "recorder_bench"]
+pytest_plugins = ["bridge_bench", "command_line", "drawn_frames", "recorder_bench"]
 """For their fixtures, which several files share."""
 
-settings.register_profile("fixed", derandomize=True, deadline=None)  # fixed seeds, no clock: what passed passes again
+# fixed seeds, no clock: what passed passes again
+settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
 
 
 @pytest.fixture(scope="session")
 def real_set() -> Callable[[str], Path]:
-    """Folder of a public set by name; without it the test skips, or fails if HOLDFAST_REQUIRE_DATA=1."""
+    """Folder of a public set by name; without it the test skips, or fails if
+    HOLDFAST_REQUIRE_DATA=1."""
 
     def folder(name: str) -> Path:
         try:
@@ -50,7 +53,8 @@ def real_set() -> Callable[[str], Path]:
 
 @dataclass(frozen=True)
 class Built:
-    """A made-up set in the thesis' layout, the artifact trained on it, and the sealed file exported from that."""
+    """A made-up set in the thesis' layout, the artifact trained on it, and the sealed file exported
+    from that."""
 
     data: DataSet
     fixture: Path

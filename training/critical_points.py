@@ -1,14 +1,16 @@
-"""Critical points for labelling, found OFFLINE: these functions look ahead and use the whole recording.
+"""Critical points for labelling, found OFFLINE: these functions look ahead and use the whole
+recording.
 
 Nothing here may run on a hand. The detectors that do are causal, live in `export`, and bear another
 name. Two methods look for the moment at which a grip changes:
 
-band-pass  slip rings. Engeberg and Meek's bank, H(s) = s [wn^2 / (s^2 + 2 z wn s + wn^2)]^2 [wl / (s + wl)],
-           ten bands on every shear channel; the largest rectified band against the recording's own noise.
+band-pass  slip rings. Engeberg and Meek's bank, H(s) = s [wn^2 / (s^2 + 2 z wn s + wn^2)]^2 [wl /
+           (s + wl)], ten bands on every shear channel; the largest rectified band against the
+           recording's own noise.
 friction   the ratio of shear to normal force jumps, and the force itself has moved a moment later.
 
-Every rule is in seconds and every threshold is relative to the recording itself, so that one setting
-serves all objects, rates and units.
+Every rule is in seconds and every threshold is relative to the recording itself, so that one
+setting serves all objects, rates and units.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ Source = Literal["band-pass", "friction", "both"]
 Rows = npt.NDArray[np.int64]
 
 NOISE_TIMES = 6.0  # a point stands this far above the median of its signal
-LEAST_SHARE = 0.02  # and above this share of the recording's largest swing (a recording without noise)
+# and above this share of the recording's largest swing (a recording without noise)
+LEAST_SHARE = 0.02
 REST_S = 0.1  # unloaded start, the zero of all forces
 EDGE_S = 1.0  # ignored at both ends: filters settle, hands come and go
 RECOVERY_S = 0.3  # quiet between two excursions of one signal
@@ -44,7 +47,8 @@ FUSED_APART_S = 0.5
 
 @dataclass(frozen=True)
 class CriticalPoint:
-    """row: index into the recording; t_s: row / rate; source: the method (or both) that found it."""
+    """row: index into the recording; t_s: row / rate; source: the method (or both) that found
+    it."""
 
     row: int
     t_s: float
@@ -61,27 +65,39 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
     by_band, by_friction = band_pass_rows(samples, rate_hz), friction_rows(samples, rate_hz)
     apart = _rows(FUSED_APART_S, rate_hz)
     fused = _first_of_any(np.union1d(by_band, by_friction), apart)
-    return [CriticalPoint(row, row / rate_hz, _source(row, by_band, by_friction, apart)) for row in fused.tolist()]
+    return [
+        CriticalPoint(row, row / rate_hz, _source(row, by_band, by_friction, apart))
+        for row in fused.tolist()
+    ]
 
 
 def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
-    """[T, C] -> [T, 2 C / 3]: per shear channel the largest |output| over the bands, unit per second.
+    """[T, C] -> [T, 2 C / 3]: per shear channel the largest |output| over the bands, unit per
+    second.
 
-    Each channel has a state of its own, settled at its first value, and starts afresh with every call.
+    Each channel has a state of its own, settled at its first value, and starts afresh with every
+    call.
     """
     shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
-    outputs = [sosfilt(sections(rate_hz, band), shear - shear[0], axis=0) for band in bands_for(rate_hz)]
+    outputs = [
+        sosfilt(sections(rate_hz, band), shear - shear[0], axis=0) for band in bands_for(rate_hz)
+    ]
     return np.abs(outputs).max(axis=0)
 
 
 def band_pass_rows(samples: FloatArray, rate_hz: float) -> Rows:
-    """Rising edges of the excursions of any shear channel over its noise: rows, the first of any 0.6 s."""
+    """Rising edges of the excursions of any shear channel over its noise: rows, the first of any
+    0.6 s."""
     envelope = band_pass_envelope(samples, rate_hz)
     threshold = np.maximum(NOISE_TIMES * np.median(envelope, axis=0), LEAST_SHARE * envelope.max())
     above = envelope > threshold
-    edges = [_fresh_edges(above[:, channel], _rows(RECOVERY_S, rate_hz)) for channel in range(above.shape[1])]
+    edges = [
+        _fresh_edges(above[:, channel], _rows(RECOVERY_S, rate_hz))
+        for channel in range(above.shape[1])
+    ]
     return _first_of_any(
-        _inside(np.unique(np.concatenate(edges)), len(samples), rate_hz), _rows(BAND_PASS_APART_S, rate_hz)
+        _inside(np.unique(np.concatenate(edges)), len(samples), rate_hz),
+        _rows(BAND_PASS_APART_S, rate_hz),
     )
 
 
@@ -97,10 +113,10 @@ def _fresh_edges(above: BoolArray, quiet: int) -> Rows:
 def friction_rows(samples: FloatArray, rate_hz: float) -> Rows:
     """Jumps of a sensor's shear-to-normal ratio, confirmed by what the force does next: rows.
 
-    Each sensor has a cone of its own in its own fixed axes: no component whose sign or scale depends on
-    the trial. The normal force under the fraction bar never falls below a tenth of what the recording's
-    most loaded sensor carries, so the ratio is bounded where contact is light and has no pole.
-    Of marks within 0.5 s the largest jump is kept.
+    Each sensor has a cone of its own in its own fixed axes: no component whose sign or scale
+    depends on the trial. The normal force under the fraction bar never falls below a tenth of what
+    the recording's most loaded sensor carries, so the ratio is bounded where contact is light and
+    has no pole. Of marks within 0.5 s the largest jump is kept.
     """
     forces = samples.reshape(len(samples), -1, 3)
     shear, normal = forces[..., :NORMAL_AXIS], forces[..., NORMAL_AXIS:]
@@ -128,7 +144,8 @@ def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
 
 
 def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
-    """Lost values replaced by the last good one (by the first good one before that, by zero without any)."""
+    """Lost values replaced by the last good one (by the first good one before that, by zero without
+    any)."""
     good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
     rows = np.where(good, np.arange(len(samples))[:, None], -1)
     last = np.maximum.accumulate(rows, axis=0)
@@ -167,5 +184,7 @@ def _largest_of_any(rows: Rows, size: FloatArray, apart: int) -> Rows:
 
 def _source(row: int, by_band: Rows, by_friction: Rows, apart: int) -> Source:
     """Which methods have a point in the time that one fused point stands for."""
-    band, friction = (np.any((rows >= row) & (rows - row <= apart)) for rows in (by_band, by_friction))
+    band, friction = (
+        np.any((rows >= row) & (rows - row <= apart)) for rows in (by_band, by_friction)
+    )
     return "both" if band and friction else "band-pass" if band else "friction"

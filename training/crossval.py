@@ -1,7 +1,9 @@
-"""Cross-validation in which a person is never on both sides, and calibration from its held-out votes.
+"""Cross-validation in which a person is never on both sides, and calibration from its held-out
+votes.
 
-Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported file's:
-with `verify_spec` every fold's forest really is exported and compared on every held-out row.
+Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported
+file's: with `verify_spec` every fold's forest really is exported and compared on every held-out
+row.
 """
 
 from __future__ import annotations
@@ -62,20 +64,28 @@ def cross_validate(
 ) -> HeldOut:
     """Held-out votes for every window of every task; folds of people are shared by all tasks.
 
-    features: task -> [M, F]. verify_spec: export every fold's forests and compare them on all held-out rows.
-    A fold may hold out no window of a task; one that leaves none to train on is a ClassMissing. Raises TooFewGroups.
+    features: task -> [M, F]. verify_spec: export every fold's forests and compare them on all
+    held-out rows. A fold may hold out no window of a task; one that leaves none to train on is a
+    ClassMissing. Raises TooFewGroups.
     """
     main = main_task(data)
     folds = assign_groups(_groups_of_all(data, main), plan.folds, seed=seed)
     splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
-    votes = {task: np.zeros((len(rows), len(rows.classes)), np.int64) for task, rows in data.tasks.items()}
+    votes = {
+        task: np.zeros((len(rows), len(rows.classes)), np.int64)
+        for task, rows in data.tasks.items()
+    }
     reports = []
     for fold in range(plan.folds):
         say(f"fold {fold + 1} of {plan.folds}")
-        heads = [_fold_head(data, features, plan, task, splits[task][fold], seed) for task in data.tasks]
+        heads = [
+            _fold_head(data, features, plan, task, splits[task][fold], seed) for task in data.tasks
+        ]
         for task, head in zip(data.tasks, heads, strict=True):
             held = splits[task][fold][1]
-            votes[task][held] = reference_votes(head.forest, features[task][held], len(head.classes))
+            votes[task][held] = reference_votes(
+                head.forest, features[task][held], len(head.classes)
+            )
         if verify_spec is not None:
             rows = np.concatenate([features[task][splits[task][fold][1]] for task in data.tasks])
             reports.append(verify(whole_graph(verify_spec, heads), verify_spec, heads, rows, seed))
@@ -83,21 +93,29 @@ def cross_validate(
 
 
 def _groups_of_all(data: DataSet, main: str) -> npt.NDArray[np.str_]:
-    """Groups of the main task's windows, and of those windows of other tasks whose people have none of the main."""
+    """Groups of the main task's windows, and of those windows of other tasks whose people have none
+    of the main."""
     known = data.group_of(main)
     others = [data.group_of(task) for task in data.tasks if task != main]
     return np.concatenate([known, *(groups[~np.isin(groups, known)] for groups in others)])
 
 
 def main_task(data: DataSet) -> str:
-    """The task the main head learns: eight classes where there are any, else the four situations."""
+    """The task the main head learns: eight classes where there are any, else the four
+    situations."""
     return "classes" if "classes" in data.tasks else "situations"
 
 
 def fit_forest(
-    data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, rows: npt.NDArray[np.int64], seed: int
+    data: DataSet,
+    features: FloatRows,
+    plan: TrainingPlan,
+    task: str,
+    rows: npt.NDArray[np.int64],
+    seed: int,
 ) -> Forest:
-    """The plan's forest for a task, fitted on some of its windows. Raises ClassMissing where there is none."""
+    """The plan's forest for a task, fitted on some of its windows. Raises ClassMissing where there
+    is none."""
     if not len(rows):
         raise ClassMissing(
             f"task {task}: no window to train on",
@@ -134,7 +152,12 @@ def uncalibrated(n_classes: int) -> Calibration:
 
 
 def _fold_head(
-    data: DataSet, features: dict[str, FloatRows], plan: TrainingPlan, task: str, split: Fold, seed: int
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    task: str,
+    split: Fold,
+    seed: int,
 ) -> Head:
     forest = fit_forest(data, features[task], plan, task, split[0], seed)
     classes = data.tasks[task].classes

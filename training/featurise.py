@@ -1,4 +1,5 @@
-"""Features for training come out of the very step graph that runs on the hand, all recordings in step."""
+"""Features for training come out of the very step graph that runs on the hand, all recordings in
+step."""
 
 from __future__ import annotations
 
@@ -31,8 +32,11 @@ def features_of(data: DataSet, spec: StepSpec, part: Part = ignored) -> dict[str
 
 
 def features_everywhere(data: DataSet, spec: StepSpec) -> list[FloatRows]:
-    """Features [T, F] at every sample of every recording: what a free-running stream is answered with."""
-    return _compute(data, spec, [np.arange(len(recording.samples)) for recording in data.recordings])
+    """Features [T, F] at every sample of every recording: what a free-running stream is answered
+    with."""
+    return _compute(
+        data, spec, [np.arange(len(recording.samples)) for recording in data.recordings]
+    )
 
 
 def cpu_cost(data: DataSet, spec: StepSpec) -> dict[str, float]:
@@ -49,7 +53,10 @@ def _compute(
     data: DataSet, spec: StepSpec, rows: list[npt.NDArray[np.int64]], part: Part = ignored
 ) -> list[FloatRows]:
     session = open_session(feature_graph(spec).SerializeToString())
-    return [computed["features"] for computed in stepped(session, data.recordings, ["features"], rows, part)]
+    return [
+        computed["features"]
+        for computed in stepped(session, data.recordings, ["features"], rows, part)
+    ]
 
 
 def rows_wanted(data: DataSet) -> list[npt.NDArray[np.int64]]:
@@ -61,11 +68,15 @@ def rows_wanted(data: DataSet) -> list[npt.NDArray[np.int64]]:
     return [np.unique(np.concatenate(found)) if found else np.empty(0, np.int64) for found in rows]
 
 
-def _by_trial(trial: npt.NDArray[np.int64], row: npt.NDArray[np.int64]) -> list[tuple[int, npt.NDArray[np.int64]]]:
+def _by_trial(
+    trial: npt.NDArray[np.int64], row: npt.NDArray[np.int64]
+) -> list[tuple[int, npt.NDArray[np.int64]]]:
     return [(int(index), row[trial == index]) for index in np.unique(trial)]
 
 
-def pick_rows(data: DataSet, task: str, wanted: list[npt.NDArray[np.int64]], computed: list[FloatRows]) -> FloatRows:
+def pick_rows(
+    data: DataSet, task: str, wanted: list[npt.NDArray[np.int64]], computed: list[FloatRows]
+) -> FloatRows:
     """The task's windows in its own order, out of what was computed per recording."""
     labelled = data.tasks[task]
     starts = np.concatenate([[0], np.cumsum([len(rows) for rows in wanted])])

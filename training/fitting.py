@@ -1,4 +1,5 @@
-"""Recordings -> features -> cross-validation -> calibrated forests -> an artifact folder for export."""
+"""Recordings -> features -> cross-validation -> calibrated forests -> an artifact folder for
+export."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntim
 
 @dataclass(frozen=True)
 class Trained:
-    """What a training run leaves in memory: the held-out figures, and the held-out votes they come from."""
+    """What a training run leaves in memory: the held-out figures, and the held-out votes they come
+    from."""
 
     figures: dict[str, Any]
     held_out: HeldOut
@@ -42,7 +44,8 @@ def train(
     say: Say = ignored,
     part: Part = ignored,
 ) -> Trained:
-    """Train on a set and write the artifact folder. say: a line a stage; part: how much of it is done.
+    """Train on a set and write the artifact folder. say: a line a stage; part: how much of it is
+    done.
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
@@ -62,22 +65,30 @@ def train(
 def final_artifact(
     data: DataSet, features: dict[str, FloatRows], held_out: HeldOut, plan: TrainingPlan, seed: int
 ) -> Artifact:
-    """Forests on all windows, calibrated on the held-out votes, with an account of where they come from."""
+    """Forests on all windows, calibrated on the held-out votes, with an account of where they come
+    from."""
     return Artifact(
         spec=spec_for(data, plan.groups),
         preparation=data.preparation,
         decision=plan.decision.to_json(),
-        heads=[_final_head(data, features[task], plan, task, held_out, seed) for task in data.tasks],
+        heads=[
+            _final_head(data, features[task], plan, task, held_out, seed) for task in data.tasks
+        ],
         rows=np.concatenate(list(features.values())),
         training=_origin(data, plan, seed, held_out_figures(data, held_out, seed)),
     )
 
 
 def require_classes(data: DataSet) -> None:
-    """Raise ClassMissing where a task has no window of a class, unless the set lacks it by its nature."""
+    """Raise ClassMissing where a task has no window of a class, unless the set lacks it by its
+    nature."""
     for task, rows in data.tasks.items():
         counts = np.bincount(rows.label, minlength=len(rows.classes))
-        missing = [name for name, n in zip(rows.classes, counts, strict=True) if n == 0 and name not in data.lacks]
+        missing = [
+            name
+            for name, n in zip(rows.classes, counts, strict=True)
+            if n == 0 and name not in data.lacks
+        ]
         if missing:
             raise ClassMissing(
                 f"task {task}: no window of {', '.join(missing)}",
@@ -112,10 +123,14 @@ def _final_head(
 ) -> Head:
     rows = data.tasks[task]
     forest = fit_forest(data, features, plan, task, np.arange(len(rows)), seed)
-    return Head(TASK_HEADS[task], rows.classes, forest, fit_calibration(held_out.shares(task), rows.label))
+    return Head(
+        TASK_HEADS[task], rows.classes, forest, fit_calibration(held_out.shares(task), rows.label)
+    )
 
 
-def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: dict[str, Any]) -> dict[str, Any]:
+def _origin(
+    data: DataSet, plan: TrainingPlan, seed: int, figures: dict[str, Any]
+) -> dict[str, Any]:
     """What the model card says of where it comes from."""
     prints = [fingerprint(recording) for recording in data.recordings]
     return {
@@ -127,7 +142,13 @@ def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: dict[str, Any
         "recordings": prints,
         "groups": len(data.groups()),
         "windows": {
-            task: dict(zip(rows.classes, np.bincount(rows.label, minlength=len(rows.classes)).tolist(), strict=True))
+            task: dict(
+                zip(
+                    rows.classes,
+                    np.bincount(rows.label, minlength=len(rows.classes)).tolist(),
+                    strict=True,
+                )
+            )
             for task, rows in data.tasks.items()
         },
         "main_task": main_task(data),

@@ -1,8 +1,9 @@
 """A small made-up set in the thesis' layout, so that training and export run without any recording.
 
 This is NOT a physical simulation: smooth ramps, fading tones and noise, shaped so that the classes
-resemble the thesis' in kind and are not trivial to tell apart. Numbers from this set say that the pipeline
-runs and nothing about hands; simulated scenes live in `simulation`. The same arguments write the same bytes.
+resemble the thesis' in kind and are not trivial to tell apart. Numbers from this set say that the
+pipeline runs and nothing about hands; simulated scenes live in `simulation`. The same arguments
+write the same bytes.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ NEWTON_PER_GRAM = 9.81e-3
 class _Scene:
     """Forces being drawn over time, and what happens when.
 
-    t_s [T]; grip_n [T] and load_n [T]: mean normal force and shear of a sensor; slip_n [T, 6]: vibration;
-    marks: (since when, situation), in order.
+    t_s [T]; grip_n [T] and load_n [T]: mean normal force and shear of a sensor; slip_n [T, 6]:
+    vibration; marks: (since when, situation), in order.
     """
 
     def __init__(self, rng: np.random.Generator, lasts_s: float, rate_hz: float) -> None:
@@ -62,8 +63,13 @@ class _Scene:
     def shake(self, start_s: float, lasts_s: float, force_n: float) -> None:
         """Stick and slip: a tone of its own on every sensor, then fading in a tenth of a second."""
         t = self.t_s - start_s
-        envelope = force_n * self.ramp(start_s, 0.02) * np.exp(-np.clip(t - lasts_s, 0.0, None) / 0.05)
-        tone_hz, phase = self.rng.uniform(9.0, 22.0, N_SENSORS), self.rng.uniform(0.0, 2 * np.pi, N_SENSORS)
+        envelope = (
+            force_n * self.ramp(start_s, 0.02) * np.exp(-np.clip(t - lasts_s, 0.0, None) / 0.05)
+        )
+        tone_hz, phase = (
+            self.rng.uniform(9.0, 22.0, N_SENSORS),
+            self.rng.uniform(0.0, 2 * np.pi, N_SENSORS),
+        )
         self.slip_n += envelope[:, None] * np.sin(2 * np.pi * tone_hz * t[:, None] + phase)
 
     def empty(self, start_s: float, lasts_s: float) -> None:
@@ -76,7 +82,8 @@ class _Scene:
 
 
 class _Hand:
-    """Six sensors as they are mounted: offset, magnet up or down, share of the grip, axis of shear."""
+    """Six sensors as they are mounted: offset, magnet up or down, share of the grip, axis of
+    shear."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         angle = np.pi * (np.arange(N_SENSORS) > 1) + rng.uniform(-0.5, 0.5, N_SENSORS)
@@ -98,11 +105,14 @@ class _Hand:
         return (forces * self.sign).reshape(len(forces), -1)
 
 
-def write_fixture(folder: Path, *, trials_per_cell: int = 4, rate_hz: float = 50.0, seed: int = 0) -> None:
-    """Write five objects x three actions x `trials_per_cell` trials, the empty hand, truth and `meta.json`.
+def write_fixture(
+    folder: Path, *, trials_per_cell: int = 4, rate_hz: float = 50.0, seed: int = 0
+) -> None:
+    """Write five objects x three actions x `trials_per_cell` trials, the empty hand, truth and
+    `meta.json`.
 
-    A light object is pulled away, a heavy one falls. Two magnets are upside down, and every channel has an
-    offset. Files that are there already are written over.
+    A light object is pulled away, a heavy one falls. Two magnets are upside down, and every channel
+    has an offset. Files that are there already are written over.
     """
     rng = np.random.default_rng(seed)
     hand = _Hand(rng)
@@ -113,7 +123,13 @@ def write_fixture(folder: Path, *, trials_per_cell: int = 4, rate_hz: float = 50
                 scene = _trial(name, action, rng.spawn(1)[0], rate_hz)
                 _write(folder / name / action / f"trial_{number}.csv", scene, hand)
     _write(folder / "nothing" / "trial_1.csv", _Scene(rng, EMPTY_HAND_S, rate_hz), hand)
-    meta = {"kind": KIND, "unit": "N", "recordings by": "nobody", "redistributable": True, "seed": seed}
+    meta = {
+        "kind": KIND,
+        "unit": "N",
+        "recordings by": "nobody",
+        "redistributable": True,
+        "seed": seed,
+    }
     _write_json(folder / "meta.json", meta)
 
 
@@ -138,7 +154,9 @@ def _grasp(scene: _Scene, weight_n: float, *, held_by_other: bool) -> None:
     start_s, closing_s = scene.some(2.6, 3.4), scene.some(0.2, 0.6)
     scene.marks.append((start_s, GRASP))
     scene.grip_n += (scene.some(1.0, 2.5) + 1.5 * weight_n) * scene.ramp(start_s, closing_s)
-    scene.load_n += weight_n * (0.1 if held_by_other else 1.0) * scene.ramp(start_s + closing_s, 0.5)
+    scene.load_n += (
+        weight_n * (0.1 if held_by_other else 1.0) * scene.ramp(start_s + closing_s, 0.5)
+    )
     scene.shake(start_s + 0.05, 0.1, scene.some(0.1, 0.3))
 
 
@@ -172,10 +190,22 @@ def _write(path: Path, scene: _Scene, hand: _Hand) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     header = ",".join([TIME_COLUMN, *channel_names(N_SENSORS)])
     table = np.column_stack([scene.t_s, hand.feel(scene)])
-    np.savetxt(path, table, fmt="%.6f" + ",%.4f" * (3 * N_SENSORS), header=header, comments="", encoding="utf-8")
+    np.savetxt(
+        path,
+        table,
+        fmt="%.6f" + ",%.4f" * (3 * N_SENSORS),
+        header=header,
+        comments="",
+        encoding="utf-8",
+    )
     stops = [start for start, _ in scene.marks[1:]] + [float(scene.t_s[-1]) + 1.0]
     phases = [
-        {"t0_s": round(t0, 6), "t1_s": round(t1, 6), "label": SITUATIONS[situation], "provenance": KIND}
+        {
+            "t0_s": round(t0, 6),
+            "t1_s": round(t1, 6),
+            "label": SITUATIONS[situation],
+            "provenance": KIND,
+        }
         for (t0, situation), t1 in zip(scene.marks, stops, strict=True)
     ]
     _write_json(truth_path(path), {"phases": phases})

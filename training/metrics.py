@@ -1,13 +1,16 @@
-"""How good the answers are, with intervals over people: F1 of the situations, AUC and average precision.
+"""How good the answers are, with intervals over people: F1 of the situations, AUC and average
+precision.
 
-Windows of one person are not independent, hence the intervals resample people (groups), not windows:
-B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "An Introduction to the Bootstrap",
-1993, chapter 13). With one group there is nothing to resample, and intervals are None.
+Windows of one person are not independent, hence the intervals resample people (groups), not
+windows: B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "An Introduction to
+the Bootstrap", 1993, chapter 13). With one group there is nothing to resample, and intervals are
+None.
 
-What is absent is said, not guessed: the F1 of a class found neither in truth nor in prediction is None;
-the macro F1 averages the classes present in truth (for a class that is predicted but absent the mistakes
-already cost precision elsewhere); AUC and average precision are None with one class only. Draws in which
-a figure is undefined do not count towards its interval. Without a single window every figure is None.
+What is absent is said, not guessed: the F1 of a class found neither in truth nor in prediction is
+None; the macro F1 averages the classes present in truth (for a class that is predicted but absent
+the mistakes already cost precision elsewhere); AUC and average precision are None with one class
+only. Draws in which a figure is undefined do not count towards its interval. Without a single
+window every figure is None.
 """
 
 from __future__ import annotations
@@ -38,15 +41,17 @@ def report(
 ) -> dict[str, Any]:
     """All figures for answers at every window of a set, as one JSON object.
 
-    predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at each
-    window of the task "predict_250ms"; None where the model has no such head.
+    predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at
+    each window of the task "predict_250ms"; None where the model has no such head.
     """
     values: dict[str, Any] = {"n_trials": len(data.recordings), "n_groups": len(data.groups())}
     truth, groups = data.tasks["situations"].label, data.group_of("situations")
     values["situations"] = situation_scores(truth, predicted, groups, n_draws=n_draws, seed=seed)
     if risky_score is not None:
         truth, groups = data.tasks["predict_250ms"].label, data.group_of("predict_250ms")
-        values["predict_250ms"] = prediction_scores(truth, risky_score, groups, n_draws=n_draws, seed=seed)
+        values["predict_250ms"] = prediction_scores(
+            truth, risky_score, groups, n_draws=n_draws, seed=seed
+        )
     return values
 
 
@@ -61,8 +66,9 @@ def situation_scores(
 ) -> dict[str, Any]:
     """macro_f1, f1 by class and their intervals, from labels [M], [M] and groups [M].
 
-    A prediction of len(classes) means "unknown": an answer withheld, which misses what was there. Raises LabelError
-    for any other number: -1, the decision's own "unknown", would silently count as another class' answer.
+    A prediction of len(classes) means "unknown": an answer withheld, which misses what was there.
+    Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
+    as another class' answer.
     """
     n, code = len(classes), _codes(groups)
     _require_labels(truth, n, "truth")
@@ -82,7 +88,12 @@ def situation_scores(
 
 
 def prediction_scores(
-    truth: Labels, score: FloatArray, groups: npt.ArrayLike, *, n_draws: int = N_DRAWS, seed: int = 0
+    truth: Labels,
+    score: FloatArray,
+    groups: npt.ArrayLike,
+    *,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
 ) -> dict[str, Any]:
     """auc, average_precision and their intervals, from labels 0/1 [M], scores [M] and groups [M].
 
@@ -118,7 +129,8 @@ def share_scores(
     n_draws: int = N_DRAWS,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """share of the windows [M] that are hit, its interval over groups [M], and n, how many windows there are."""
+    """share of the windows [M] that are hit, its interval over groups [M], and n, how many windows
+    there are."""
     if not len(hit):
         return {"share": None, "share_ci": None, "n": 0}
     code = _codes(groups)
@@ -132,7 +144,8 @@ def share_scores(
 class Ranking:
     """Scores sorted once, best first, so that each reweighting costs one pass.
 
-    order [M] sorts rows; first [K] starts each run of equal scores in that order; positive [M] sorted.
+    order [M] sorts rows; first [K] starts each run of equal scores in that order; positive [M]
+    sorted.
     """
 
     order: npt.NDArray[np.int64]
@@ -142,8 +155,8 @@ class Ranking:
     def auc_and_precision(self, weight: FloatArray) -> tuple[float, float]:
         """AUC and average precision with row weights [M]; nan with only one class left.
 
-        Equal to scikit-learn's on rows repeated `weight` times: ties count half, and precision steps
-        at distinct scores.
+        Equal to scikit-learn's on rows repeated `weight` times: ties count half, and precision
+        steps at distinct scores.
         """
         sorted_weight = weight[self.order]
         hit = np.add.reduceat(np.where(self.positive, sorted_weight, 0.0), self.first)
@@ -165,18 +178,24 @@ def rank(truth: Labels, score: FloatArray) -> Ranking:
 
 
 def draw_groups(n_groups: int, n_draws: int, seed: int) -> FloatArray:
-    """[B, G] how often each group is drawn, G draws with replacement a row; no rows for fewer than two."""
+    """[B, G] how often each group is drawn, G draws with replacement a row; no rows for fewer than
+    two."""
     if n_groups < 2:
         return np.zeros((0, n_groups))
     rng = np.random.default_rng(seed)
-    return rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws).astype(np.float64)
+    return rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws).astype(
+        np.float64
+    )
 
 
 def _require_labels(labels: npt.ArrayLike, n: int, what: str) -> None:
     """Raise LabelError where a label is not one of 0 .. n - 1."""
     foreign = np.setdiff1d(np.asarray(labels), np.arange(n))
     if foreign.size:
-        raise LabelError(f"a {what} of {foreign.tolist()[0]}, not of 0..{n - 1}", next_step="use the task's own labels")
+        raise LabelError(
+            f"a {what} of {foreign.tolist()[0]}, not of 0..{n - 1}",
+            next_step="use the task's own labels",
+        )
 
 
 def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
@@ -184,14 +203,16 @@ def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
-    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1; nan for a class in neither."""
+    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1; nan for a class in
+    neither."""
     both = confusion.sum(axis=-1) + confusion[..., :-1].sum(axis=-2)
     right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
     return np.divide(right, both, out=np.full(both.shape, np.nan), where=both > 0)
 
 
 def _macro(confusion: npt.NDArray[Any], f1: FloatArray) -> FloatArray:
-    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth; nan without any."""
+    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth; nan without
+    any."""
     present = confusion.sum(axis=-1) > 0
     count = present.sum(axis=-1)
     total = np.where(present, f1, 0.0).sum(axis=-1)
@@ -202,6 +223,8 @@ def _value(figure: float) -> float | None:
     return float(figure) if np.isfinite(figure) else None
 
 
-def _interval(draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT) -> list[float] | None:
+def _interval(
+    draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT
+) -> list[float] | None:
     defined = draws[np.isfinite(draws)]
     return [float(edge) for edge in np.percentile(defined, percent)] if defined.size else None

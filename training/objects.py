@@ -51,21 +51,32 @@ def mass_g(folder: Path) -> float:
             cause="an object that is not in the table of training/objects.py",
             next_step=f'weigh it and write {{"mass_g": ..}} to {folder.name}/meta.json',
         )
-    if isinstance(told, bool) or not isinstance(told, int | float) or not 0.0 < told <= sys.float_info.max:
-        raise LabelError(f"mass_g is {told!r}", where=folder / "meta.json", next_step="write the mass in gram")
+    if (
+        isinstance(told, bool)
+        or not isinstance(told, int | float)
+        or not 0.0 < told <= sys.float_info.max
+    ):
+        raise LabelError(
+            f"mass_g is {told!r}", where=folder / "meta.json", next_step="write the mass in gram"
+        )
     return float(told)
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object from a file beside the recordings, empty without such a file. Raises LabelError."""
+    """A JSON object from a file beside the recordings, empty without such a file. Raises
+    LabelError."""
     try:
         value = json_of(text_of(path))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:
         raise LabelError(
-            f"cannot be read as JSON ({type(error).__name__})", where=path, next_step="mend or remove it"
+            f"cannot be read as JSON ({type(error).__name__})",
+            where=path,
+            next_step="mend or remove it",
         ) from None
     if not isinstance(value, dict):
-        raise LabelError("holds no JSON object", where=path, next_step="write {..} with the keys by name")
+        raise LabelError(
+            "holds no JSON object", where=path, next_step="write {..} with the keys by name"
+        )
     return value

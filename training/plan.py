@@ -1,6 +1,7 @@
 """What is trained by default: feature groups, one forest a head, how many folds. One place to look.
 
-The choice was made on human_slip_uskin, people held out (docs/decisions.md says how many were tried).
+The choice was made on human_slip_uskin, people held out (docs/decisions.md says how many were
+tried).
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ TASK_HEADS = {"situations": "situation", "classes": "situation", "predict_250ms"
 
 @dataclass(frozen=True)
 class ForestPlan:
-    """Parameters of one forest, by scikit-learn's names (random: a RandomForest, extra: ExtraTrees)."""
+    """Parameters of one forest, by scikit-learn's names (random: a RandomForest, extra:
+    ExtraTrees)."""
 
     kind: Literal["random", "extra"] = "extra"
     n_estimators: int = 100
@@ -39,7 +41,8 @@ class ForestPlan:
 
 
 TWO_SAMPLES, HIGH_CONFIDENCE = DecisionRules(), DecisionRules(act_samples=1, min_risky_permille=600)
-"""Act on two samples in a row, or on one of which the forest is sure: as seldom wrong, and a sample sooner."""
+"""Act on two samples in a row, or on one of which the forest is sure: as seldom wrong, and a sample
+sooner."""
 
 UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
@@ -69,13 +72,17 @@ RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNT
 
 SIZES = {
     name: TrainingPlan(
-        situation=ForestPlan(n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3),
+        situation=ForestPlan(
+            n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3
+        ),
         decision=HIGH_CONFIDENCE,
     )
     for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
 }
-"""Three models for the hand, trained on dense windows (`holdfast bench cost` says what each costs)."""
+"""Three models for the hand, trained on dense windows (`holdfast bench cost` says what each
+costs)."""
 
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)
-"""For the clock's two numbers: smooth and balanced, the best such forest found, so that the warning is fair."""
+"""For the clock's two numbers: smooth and balanced, the best such forest found, so that the warning
+is fair."""

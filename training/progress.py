@@ -1,4 +1,5 @@
-"""Progress of long work on stderr: one bar with the time left on a terminal, one line a stage where there is none."""
+"""Progress of long work on stderr: one bar with the time left on a terminal, one line a stage where
+there is none."""
 
 from __future__ import annotations
 
@@ -34,7 +35,13 @@ class Stages:
         self._begun += 1
         self._progress.update(self._bar, description=line, completed=self._begun)
         elapsed_s = time.perf_counter() - self._started_s
-        self._progress.console.print(f"{elapsed_s:6.0f} s  {line}", style="dim", highlight=False, markup=False)
+        self._progress.console.print(
+            f"{elapsed_s:6.0f} s  {line}",
+            style="dim",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
 
     def part(self, share: float) -> None:
         """So much of the stage under way is done."""
@@ -56,15 +63,26 @@ def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
     progress = _progress()
     with progress:
         if not progress.console.is_terminal:
-            progress.console.print(line, highlight=False, markup=False)
+            progress.console.print(line, highlight=False, markup=False, soft_wrap=True)
         bar = progress.add_task(line, total=total)
         yield lambda done: progress.update(bar, completed=done)
 
 
 def _progress() -> Progress:
     columns = (
-        TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
     # What is printed on a terminal goes above the bar; what is piped stays in the pipe.
-    return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=sys.stdout.isatty())
+    return Progress(
+        *columns,
+        console=console,
+        transient=True,
+        redirect_stdout=sys.stdout.isatty(),
+        disable=not console.is_terminal,
+    )

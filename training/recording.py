@@ -21,8 +21,8 @@ class Recording:
     trial_id: unique in its set. group: the person (or block) that must not be split.
     samples: [T, C] float64, *prepared* (bias removed, magnets turned the right way round).
     valid: [T, C/3]. rate_hz: from the time stamps where there are any.
-    object_name, action: None where the set has no such notion. phases: what happens when, in rows; those
-    in no phase have no label. events: grips that fail.
+    object_name, action: None where the set has no such notion. phases: what happens when, in rows;
+    those in no phase have no label. events: grips that fail.
     """
 
     trial_id: str

@@ -1,4 +1,5 @@
-"""How long work says what it does: one line a stage, and how much of it is done, to whatever shows it."""
+"""How long work says what it does: one line a stage, and how much of it is done, to whatever shows
+it."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ Fold = tuple[Rows, Rows]
 def assign_groups(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> dict[str, int]:
     """Fold of every group, from the group names [M] of all windows.
 
-    Groups are dealt largest first, one to each fold a round, in seeded random order within a round: folds
-    get equally many groups (+-1), and their windows differ by at most the largest group's.
+    Groups are dealt largest first, one to each fold a round, in seeded random order within a round:
+    folds get equally many groups (+-1), and their windows differ by at most the largest group's.
     Raises TooFewGroups where there are fewer groups than folds, or fewer than two folds.
 
     >>> sorted(assign_groups(["a", "a", "b", "c", "d"], 2).values())
@@ -27,7 +27,9 @@ def assign_groups(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> dict
         raise TooFewGroups(
             f"{len(names)} groups (people, blocks) do not make {n_folds} folds",
             cause="the set holds too few people, or was cut down with --groups",
-            next_step=f"use {len(names)} folds" if len(names) > 1 else "add recordings of other people",
+            next_step=f"use {len(names)} folds"
+            if len(names) > 1
+            else "add recordings of other people",
         )
     rng = np.random.default_rng(seed)
     by_size = names[np.argsort(-sizes, kind="stable")]
@@ -41,15 +43,21 @@ def assign_groups(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> dict
 def grouped_folds(groups: npt.ArrayLike, n_folds: int, *, seed: int = 0) -> list[Fold]:
     """Cross-validation by groups [M]. Raises TooFewGroups.
 
-    For two tasks with the same held-out people, call `assign_groups` once and `folds_of` for each task.
+    For two tasks with the same held-out people, call `assign_groups` once and `folds_of` for each
+    task.
     """
     return folds_of(groups, assign_groups(groups, n_folds, seed=seed))
 
 
 def folds_of(groups: npt.ArrayLike, assignment: dict[str, int]) -> list[Fold]:
     """Training and test rows of every fold, for windows of these groups [M]."""
-    fold = np.array([assignment[str(name)] for name in np.asarray(groups, dtype=str)], dtype=np.int64)
-    return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in sorted(set(assignment.values()))]
+    fold = np.array(
+        [assignment[str(name)] for name in np.asarray(groups, dtype=str)], dtype=np.int64
+    )
+    return [
+        (np.flatnonzero(fold != k), np.flatnonzero(fold == k))
+        for k in sorted(set(assignment.values()))
+    ]
 
 
 def leaky_folds(n_rows: int, n_folds: int, *, seed: int = 0) -> list[Fold]:

@@ -1,4 +1,5 @@
-"""A step graph on many recordings at once, on two threads: which of them run together changes no bit."""
+"""A step graph on many recordings at once, on two threads: which of them run together changes no
+bit."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ def stepped(
     rows: Sequence[Rows],
     part: Part = ignored,
 ) -> list[Outputs]:
-    """Outputs [M, ..] of a step graph at the wanted rows [M] of every recording, each from a fresh state.
+    """Outputs [M, ..] of a step graph at the wanted rows [M] of every recording, each from a fresh
+    state.
 
     part: told after every batch which share of all samples is done.
     """

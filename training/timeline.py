@@ -1,10 +1,11 @@
 """What happens when in a trial: from the truth beside it, else from the script it followed.
 
-A `hold` (kept though disturbed) and a `daily` (many grasps end to end) follow no script: they need their truth.
+A `hold` (kept though disturbed) and a `daily` (many grasps end to end) follow no script: they need
+their truth.
 
-The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of the full
-bottle, act in [7, 10) and release from 10. Then nothing. A script knows no contact: when the hand closes
-and when it is empty again is read from the normal forces.
+The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of
+the full bottle, act in [7, 10) and release from 10. Then nothing. A script knows no contact: when
+the hand closes and when it is empty again is read from the normal forces.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth beside a trial."""
 ACTION_S = 7.0
 HOLD_AGAIN_S = 9.0
-"""The script does not say when a put-down's second hold begins; its last second before the release is one."""
+"""The script does not say when a put-down's second hold begins; its last second before the release
+is one."""
 RELEASE_S = 10.0
 CONTACT_SHARE = 0.1
 CONTACT_SMOOTH_S = 0.1
@@ -51,7 +53,8 @@ class Phase:
 
 @dataclass(frozen=True)
 class RiskyEvent:
-    """A grip that fails, in s from the first sample: load onset, gross slip (None: not known), contact lost."""
+    """A grip that fails, in s from the first sample: load onset, gross slip (None: not known),
+    contact lost."""
 
     onset_s: float
     gross_s: float | None
@@ -66,7 +69,8 @@ def whole(n_rows: int, situation: int) -> tuple[Phase, ...]:
 def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -> tuple[Phase, ...]:
     """Phases of a trial that followed the script; samples [T, C] are the trial's, prepared.
 
-    Raises LabelError where the hand is not closed when the action should begin, or where there is no script.
+    Raises LabelError where the hand is not closed when the action should begin, or where there is
+    no script.
     """
     if action in UNSCRIPTED:
         raise LabelError(
@@ -100,7 +104,8 @@ def situation_of(action: str) -> int:
 def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
     """First row with the hand closed on something, and first row after the last such.
 
-    Closed: the normal forces, summed and averaged over 0.1 s, exceed a tenth of their 95th percentile.
+    Closed: the normal forces, summed and averaged over 0.1 s, exceed a tenth of their 95th
+    percentile.
     """
     load = np.abs(np.nan_to_num(samples[:, NORMAL_AXIS::3])).sum(axis=1)
     rows = contact_rows(load, 1.0 / float(np.median(np.diff(t_s))))
@@ -111,11 +116,14 @@ def contact(t_s: FloatArray, samples: FloatArray) -> tuple[int, int]:
 def _phases(marks: list[tuple[int, int]], n_rows: int) -> tuple[Phase, ...]:
     stops = [first for first, _ in marks[1:]] + [n_rows]
     pairs = zip(marks, stops, strict=True)
-    return tuple(Phase(first, stop, situation) for (first, situation), stop in pairs if first < stop)
+    return tuple(
+        Phase(first, stop, situation) for (first, situation), stop in pairs if first < stop
+    )
 
 
 def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
-    """Phases from `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`, times from the first sample.
+    """Phases from `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`, times from the first
+    sample.
 
     They follow each other without overlap; rows in no phase have no label. Raises LabelError.
     """
@@ -124,12 +132,15 @@ def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
         raise LabelError("holds no list of phases", where=path, next_step="mend or remove it")
     phases = tuple(_phase(entry, t_s, path) for entry in told)
     if any(one.stop > other.first for one, other in pairwise(phases)):
-        raise LabelError("phases overlap or are out of order", where=path, next_step="mend or remove it")
+        raise LabelError(
+            "phases overlap or are out of order", where=path, next_step="mend or remove it"
+        )
     return tuple(phase for phase in phases if phase.first < phase.stop)
 
 
 def read_events(path: Path) -> tuple[RiskyEvent, ...]:
-    """The risky phases of a truth that `read_truth` has read, each with the gross slip that falls into it."""
+    """The risky phases of a truth that `read_truth` has read, each with the gross slip that falls
+    into it."""
     told = read_json(path)
     trials = told.get("trials", [told])
     gross = [float(one["gross_slip_s"]) for one in trials if one.get("gross_slip_s") is not None]
@@ -144,7 +155,9 @@ def events_of(phases: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ..
 
 
 def _event(onset_s: float, end_s: float, gross: list[float]) -> RiskyEvent:
-    return RiskyEvent(onset_s, next((at_s for at_s in gross if onset_s <= at_s <= end_s), None), end_s)
+    return RiskyEvent(
+        onset_s, next((at_s for at_s in gross if onset_s <= at_s <= end_s), None), end_s
+    )
 
 
 def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:

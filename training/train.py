@@ -1,7 +1,9 @@
-"""Train on sets and leave an artifact folder for export: `python training/train.py --data SET .. --out DIR`.
+"""Train on sets and leave an artifact folder for export: `python training/train.py --data SET ..
+--out DIR`.
 
-Without arguments it trains on the small generated fixture, into build/default, and may be run again: an artifact of the
-fixture there is replaced. Every other artifact is replaced only with --force.
+Without arguments it trains on the small generated fixture, into build/default, and may be run
+again: an artifact of the fixture there is replaced. Every other artifact is replaced only with
+--force.
 """
 
 from __future__ import annotations
@@ -9,7 +11,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-if not __package__:  # run as a script: the folder of the script is first on sys.path and shadows the rooms
+# run as a script: the folder of the script is first on sys.path and shadows the rooms
+if not __package__:
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
 
 import argparse
@@ -24,7 +27,8 @@ if TYPE_CHECKING:
     from training.recording import DataSet
 
 WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
-"""As training/windows.py and training/plan.py have them; here so that --help need not import them."""
+"""As training/windows.py and training/plan.py have them; here so that --help need not import
+them."""
 DEFAULT_OUT = Path("build/default")
 FIXTURE = "fixture"
 MOST_STAGES = 9
@@ -35,17 +39,42 @@ FIXTURE_TRIALS = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast train`."""
-    parser.add_argument("--data", nargs="+", metavar="SET|FOLDER", help="sets by name or path (default: the fixture)")
-    parser.add_argument("--out", type=path_argument, default=DEFAULT_OUT, metavar="DIR",
-                        help="artifact folder (default build/default)")  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="replace an artifact that is in DIR already")
-    parser.add_argument("--channels", type=int, metavar="C", help="channels, where a set offers several")
+    parser.add_argument(
+        "--data",
+        nargs="+",
+        metavar="SET|FOLDER",
+        help="sets by name or path (default: the fixture)",
+    )
+    parser.add_argument(
+        "--out",
+        type=path_argument,
+        default=DEFAULT_OUT,
+        metavar="DIR",
+        help="artifact folder (default build/default)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace an artifact that is in DIR already"
+    )
+    parser.add_argument(
+        "--channels", type=int, metavar="C", help="channels, where a set offers several"
+    )
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
-    parser.add_argument("--windows", choices=WINDOWS, default="balanced", metavar="WHICH",
-                        help="of sets in the thesis' layout: balanced (default), natural, or dense")  # fmt: skip
-    parser.add_argument("--size", choices=MODEL_SIZES, metavar="SIZE",
-                        help=f"of a forest for the hand: {', '.join(MODEL_SIZES)}")  # fmt: skip
-    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
+    parser.add_argument(
+        "--windows",
+        choices=WINDOWS,
+        default="balanced",
+        metavar="WHICH",
+        help="of sets in the thesis' layout: balanced (default), natural, or dense",
+    )
+    parser.add_argument(
+        "--size",
+        choices=MODEL_SIZES,
+        metavar="SIZE",
+        help=f"of a forest for the hand: {', '.join(MODEL_SIZES)}",
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -65,7 +94,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _trained(args: argparse.Namespace, folders: Sequence[str], say: Stages) -> tuple[DataSet, dict[str, Any]]:
+def _trained(
+    args: argparse.Namespace, folders: Sequence[str], say: Stages
+) -> tuple[DataSet, dict[str, Any]]:
     """The set that was trained on, and the held-out figures."""
     from edge_runtime.writing import require_writable
     from export.artifact import require_no_artifact
@@ -84,9 +115,17 @@ def _trained(args: argparse.Namespace, folders: Sequence[str], say: Stages) -> t
     sets = []
     for folder in folders:
         say(f"reading {folder}")
-        part = load(folder, channels=args.channels, groups=args.groups, seed=args.seed, windows=args.windows,
-                    part=say.part)  # fmt: skip
-        show(f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz")
+        part = load(
+            folder,
+            channels=args.channels,
+            groups=args.groups,
+            seed=args.seed,
+            windows=args.windows,
+            part=say.part,
+        )
+        show(
+            f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz"
+        )
         show(windows_table(part))
         sets.append(part)
     data = join(sets)
@@ -94,7 +133,8 @@ def _trained(args: argparse.Namespace, folders: Sequence[str], say: Stages) -> t
 
 
 def _rebuilds_fixture(args: argparse.Namespace) -> bool:
-    """Whether this is the run without arguments, and the artifact it would replace is of the fixture too."""
+    """Whether this is the run without arguments, and the artifact it would replace is of the
+    fixture too."""
     from export.artifact import INDEX
     from training.fixture import KIND
     from training.objects import read_json

@@ -2,23 +2,26 @@
 
 A window is the N samples that end at its row. Five kinds of row are used:
 
-critical points  labelled by the phase they fall in. At an edge between phases both claim the points within
-                 0.10 s of it, one window, and the higher situation wins, as in every tie: the grasp point
-                 is the contact onset, a slip begins with its first sign and ends when the object is gone
+critical points  labelled by the phase they fall in. At an edge between phases both claim the points
+                 within 0.10 s of it, one window, and the higher situation wins, as in every tie:
+                 the grasp point is the contact onset, a slip begins with its first sign and ends
+                 when the object is gone
 slip             where the truth is known from the moment (a simulated trial, a camera), not from a script: evenly
                  spaced over each slip, since a short or faint one may have no critical point at all
 keep             steady holding: in the middle of each hold and just before what ends it, with no critical
-                 point near (critical points alone would never show a forest a hand that simply holds)
+                 point near (critical points alone would never show a forest a hand that simply
+                 holds)
 nothing          the same in each phase without contact, at the start and at the end of a trial; they bear
                  the weight of the trial's object
 nothing, without an object at all: every half second, light and heavy alternately
 
-The natural table is far from balanced. Balanced, all classes have the same count and, within a class, every
-cell of object x action x source gives as equally as it can.
+The natural table is far from balanced. Balanced, all classes have the same count and, within a
+class, every cell of object x action x source gives as equally as it can.
 
-Dense is for a hand that is asked all day long: of trials whose truth is known to the moment every risky sample, and
-evenly spaced ones of all else, each labelled by the phase it is in; no critical point chooses them. A forest weighs the
-classes equal; what it gains is to have met what a hand mostly does, which is not to slip.
+Dense is for a hand that is asked all day long: of trials whose truth is known to the moment every
+risky sample, and evenly spaced ones of all else, each labelled by the phase it is in; no critical
+point chooses them. A forest weighs the classes equal; what it gains is to have met what a hand
+mostly does, which is not to slip.
 """
 
 from __future__ import annotations
@@ -75,32 +78,45 @@ class _Spot:
 
 
 def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
-    """Every window there is, one line each: trial (index), row (the window's last), label (0..7), object,
-    action and source (band-pass, friction, both, slip, keep, nothing). part: how many trials are looked at."""
+    """Every window there is, one line each: trial (index), row (the window's last), label (0..7),
+    object, action and source (band-pass, friction, both, slip, keep, nothing). part: how many
+    trials are looked at."""
     lines = []
     for index, trial in enumerate(trials):
         name, action = trial.recording.object_name or NO_OBJECT, trial.recording.action or NO_OBJECT
-        lines += [(index, spot.row, spot.label, name, action, spot.source) for spot in _spots(trial)]
+        lines += [
+            (index, spot.row, spot.label, name, action, spot.source) for spot in _spots(trial)
+        ]
         part((index + 1) / len(trials))
     return pd.DataFrame(lines, columns=list(COLUMNS))
 
 
 def dense_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
-    """As `natural_windows`, but dense (see above); a trial without a truth to the moment gives its natural ones."""
+    """As `natural_windows`, but dense (see above); a trial without a truth to the moment gives its
+    natural ones."""
     lines = [
-        (index, spot.row, spot.label, trial.recording.object_name or NO_OBJECT,
-         trial.recording.action or NO_OBJECT, spot.source)
+        (
+            index,
+            spot.row,
+            spot.label,
+            trial.recording.object_name or NO_OBJECT,
+            trial.recording.action or NO_OBJECT,
+            spot.source,
+        )
         for index, trial in enumerate(trials)
-        for spot in (_dense(trial, trial.heavy) if trial.timed and trial.heavy is not None else _spots(trial))
-    ]  # fmt: skip
+        for spot in (
+            _dense(trial, trial.heavy) if trial.timed and trial.heavy is not None else _spots(trial)
+        )
+    ]
     return pd.DataFrame(lines, columns=list(COLUMNS))
 
 
 def balance(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
     """As many windows of each class as the rarest has, drawn evenly from the cells of a class.
 
-    Cells are dealt from in turn until the class is full, so a small cell gives all it has and large ones
-    share the rest. The same seed draws the same windows; order is by trial and row. Raises ClassMissing.
+    Cells are dealt from in turn until the class is full, so a small cell gives all it has and large
+    ones share the rest. The same seed draws the same windows; order is by trial and row. Raises
+    ClassMissing.
     """
     counts = class_counts(windows)
     missing = [name for name, count in counts.items() if not count]
@@ -129,7 +145,8 @@ def class_counts(windows: pd.DataFrame) -> dict[str, int]:
 
 
 def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
-    """Samples per class over the whole time lines: the prevalence a hand would meet (objects only)."""
+    """Samples per class over the whole time lines: the prevalence a hand would meet (objects
+    only)."""
     counts = np.zeros(len(CLASSES), dtype=np.int64)
     for trial in trials:
         for phase in trial.phases if trial.heavy is not None else ():
@@ -178,7 +195,9 @@ def _slipping(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:
         if phase.situation in (NOTHING, GRASP):
             continue
         count = int(np.clip((phase.stop - phase.first) / every, 1, MOST_OF_A_SLIP))
-        for row in np.unique(np.linspace(phase.first, phase.stop - 1, count + 2).round()[1:-1].astype(np.int64)):
+        for row in np.unique(
+            np.linspace(phase.first, phase.stop - 1, count + 2).round()[1:-1].astype(np.int64)
+        ):
             yield _Spot(int(row), class_id(phase.situation, heavy=heavy), "slip")
 
 
@@ -207,4 +226,6 @@ def _steady(trial: TimedTrial, points: list[CriticalPoint], heavy: bool) -> Iter
 def _empty_hand(trial: TimedTrial) -> list[_Spot]:
     every = round(EMPTY_HAND_EVERY_S * trial.recording.rate_hz)
     rows = range(every, len(trial.recording.samples), every)
-    return [_Spot(row, class_id(NOTHING, heavy=bool(k % 2)), "nothing") for k, row in enumerate(rows)]
+    return [
+        _Spot(row, class_id(NOTHING, heavy=bool(k % 2)), "nothing") for k, row in enumerate(rows)
+    ]

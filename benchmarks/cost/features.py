@@ -27,12 +27,22 @@ def windows(folder: Path, point: Point) -> FloatRows:
     """Features [M, F] of the labelled windows to train on."""
     data = read(folder, point.of, point.rate_hz, "train")
     labelled, spec = data.tasks[main_task(data)], point.spec(data)
-    kept = _whole(folder, point.of, spec, "train-windows", lambda whole: features_of(data, whole)[main_task(data)])
+    kept = _whole(
+        folder,
+        point.of,
+        spec,
+        "train-windows",
+        lambda whole: features_of(data, whole)[main_task(data)],
+    )
     if len(kept) != len(labelled):
-        raise DataError("features of other windows", where=folder, next_step="remove the folder and begin anew")
+        raise DataError(
+            "features of other windows", where=folder, next_step="remove the folder and begin anew"
+        )
     rows = _taken(kept, spec)
     if point.bank == "float32":
-        rows = _with_bank(rows, _bank_in_float32(data, spec)[starts(data)[labelled.trial] + labelled.row])
+        rows = _with_bank(
+            rows, _bank_in_float32(data, spec)[starts(data)[labelled.trial] + labelled.row]
+        )
     return _seen(rows, spec, point.look_back_s)
 
 
@@ -53,33 +63,53 @@ def _with_bank(rows: FloatRows, bank: FloatRows) -> FloatRows:
 
 def some(folder: Path, point: Point, part: str, count: int) -> FloatRows:
     """So many rows of a part, evenly spaced; of a bank in float64 whatever the point has."""
-    spec, rows = point.spec(read(folder, point.of, point.rate_hz, part)), whole_rows(folder, point, part)
-    return _seen(np.array(rows[:: max(1, len(rows) // count)][:count][:, columns(spec)]), spec, point.look_back_s)
+    spec, rows = (
+        point.spec(read(folder, point.of, point.rate_hz, part)),
+        whole_rows(folder, point, part),
+    )
+    return _seen(
+        np.array(rows[:: max(1, len(rows) // count)][:count][:, columns(spec)]),
+        spec,
+        point.look_back_s,
+    )
 
 
 def whole_rows(folder: Path, point: Point, part: str) -> FloatRows:
     """Every feature any point takes [sum of T, F], on disk, made once."""
     data = read(folder, point.of, point.rate_hz, part)
     spec = point.spec(data)
-    return _whole(folder, point.of, spec, part, lambda whole: np.concatenate(features_everywhere(data, whole)))
+    return _whole(
+        folder, point.of, spec, part, lambda whole: np.concatenate(features_everywhere(data, whole))
+    )
 
 
-def _whole(folder: Path, of: Set, spec: StepSpec, name: str, computed: Callable[[StepSpec], FloatRows]) -> FloatRows:
-    """The features of a spec's whole from disk. Bands are its last, so those without any may be there already."""
+def _whole(
+    folder: Path, of: Set, spec: StepSpec, name: str, computed: Callable[[StepSpec], FloatRows]
+) -> FloatRows:
+    """The features of a spec's whole from disk. Bands are its last, so those without any may be
+    there already."""
     whole = whole_of(spec)
     path = _kept(folder, of, whole, name)
     if not path.is_file():
         with_bands = _kept(folder, of, replace(whole, groups=GROUPS["default and bands"]), name)
         there = "window" not in whole.groups and with_bands.is_file()
-        _save(path, np.load(with_bands, mmap_mode="r")[:, : feature_count(whole)] if there else computed(whole))
+        _save(
+            path,
+            np.load(with_bands, mmap_mode="r")[:, : feature_count(whole)]
+            if there
+            else computed(whole),
+        )
     rows: FloatRows = np.load(path, mmap_mode="r")
     return rows
 
 
 def whole_of(spec: StepSpec) -> StepSpec:
-    """The spec whose features hold those of every point: they are computed once, each point takes its columns."""
+    """The spec whose features hold those of every point: they are computed once, each point takes
+    its columns."""
     if "window" in spec.groups:
-        return replace(spec, groups=GROUPS["raw window"], window_s=max(WINDOWS_S), bands_hz=BANDS_HZ)
+        return replace(
+            spec, groups=GROUPS["raw window"], window_s=max(WINDOWS_S), bands_hz=BANDS_HZ
+        )
     groups = GROUPS["default and bands" if "bands" in spec.groups else "default"]
     return replace(spec, groups=groups, window_s=WINDOW_S, bands_hz=BANDS_HZ)
 
@@ -91,7 +121,8 @@ def _taken(whole: FloatRows, spec: StepSpec) -> FloatRows:
 
 
 def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
-    """[F] where each feature of a spec stands in its whole; windows end together, and bands are told by their Hz."""
+    """[F] where each feature of a spec stands in its whole; windows end together, and bands are
+    told by their Hz."""
     whole = whole_of(spec)
     widths = [feature_count(replace(whole, groups=(name,))) for name in whole.groups]
     start = dict(zip(whole.groups, np.cumsum([0, *widths[:-1]]), strict=True))
@@ -99,7 +130,9 @@ def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
     for name in spec.groups:
         own = start[name] + np.arange(feature_count(replace(whole, groups=(name,))))
         if name == "window":
-            own = own.reshape(spec.n_sensors, whole.window_samples, 3)[:, -spec.window_samples :].ravel()
+            own = own.reshape(spec.n_sensors, whole.window_samples, 3)[
+                :, -spec.window_samples :
+            ].ravel()
         if name == "bands":
             kept = [hz in spec.carried_bands() for hz in whole.carried_bands()]
             own = own.reshape(-1, len(kept))[:, kept].ravel()
@@ -121,7 +154,8 @@ def _save(path: Path, rows: FloatRows) -> None:
 
 
 def _seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:
-    """The rows with everything that looks further back made constant, so that no tree can use it."""
+    """The rows with everything that looks further back made constant, so that no tree can use
+    it."""
     beyond = look_backs_s(spec) > look_back_s + 1e-9
     return np.where(beyond, np.float32(0.0), rows) if beyond.any() else rows
 
@@ -137,21 +171,34 @@ def look_backs_s(spec: StepSpec) -> FloatArray:
     }
     parts = []
     for name in spec.groups:
-        width = feature_count(StepSpec(spec.n_sensors, spec.rate_hz, spec.unit, (name,), bands_hz=spec.bands_hz,
-                                       window_s=spec.window_s))  # fmt: skip
+        width = feature_count(
+            StepSpec(
+                spec.n_sensors,
+                spec.rate_hz,
+                spec.unit,
+                (name,),
+                bands_hz=spec.bands_hz,
+                window_s=spec.window_s,
+            )
+        )
         parts.append(known.get(name, np.zeros(width)))
     return np.concatenate(parts)
 
 
 def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
-    """|outputs| [sum of T, n x 2 x bands] of a bank whose state and coefficients are float32; samples are taken to be
-    good, as they are in these scenes."""
+    """|outputs| [sum of T, n x 2 x bands] of a bank whose state and coefficients are float32;
+    samples are taken to be good, as they are in these scenes."""
     bands = spec.carried_bands()
-    matrix, size = step_matrix(spec.rate_hz, bands).astype(np.float32), 1 + STATES_PER_BAND * len(bands)
+    matrix, size = (
+        step_matrix(spec.rate_hz, bands).astype(np.float32),
+        1 + STATES_PER_BAND * len(bands),
+    )
     lengths = [len(recording.samples) for recording in data.recordings]
     changes = np.zeros((max(lengths), len(lengths), 2 * spec.n_sensors), dtype=np.float32)
     for lane, recording in enumerate(data.recordings):
-        shear = recording.samples.reshape(len(recording.samples), -1, 3)[:, :, :2].astype(np.float32)
+        shear = recording.samples.reshape(len(recording.samples), -1, 3)[:, :, :2].astype(
+            np.float32
+        )
         changes[1 : len(shear), lane] = np.diff(shear, axis=0).reshape(len(shear) - 1, -1)
     joined = np.zeros((changes[0].size, 1 + size), dtype=np.float32)
     out = np.empty((*changes.shape, len(bands)), dtype=np.float32)
@@ -160,4 +207,6 @@ def _bank_in_float32(data: DataSet, spec: StepSpec) -> FloatRows:
         stepped = joined @ matrix
         joined[:, 1:] = stepped[:, :size]
         outputs[:] = np.abs(stepped[:, size:]).reshape(outputs.shape)
-    return np.concatenate([out[:length, lane].reshape(length, -1) for lane, length in enumerate(lengths)])
+    return np.concatenate(
+        [out[:length, lane].reshape(length, -1) for lane, length in enumerate(lengths)]
+    )

@@ -1,4 +1,5 @@
-"""Forests of many sizes for the price of the largest: its first trees are the smaller ones, fitted on the same rows."""
+"""Forests of many sizes for the price of the largest: its first trees are the smaller ones, fitted
+on the same rows."""
 
 from __future__ import annotations
 
@@ -16,14 +17,20 @@ from training.recording import DataSet
 
 
 class Grown:
-    """Forests of up to n_trees that differ in nothing but their number; fit is as fit_forest, seed 0."""
+    """Forests of up to n_trees that differ in nothing but their number; fit is as fit_forest, seed
+    0."""
 
     def __init__(self, n_trees: int) -> None:
         self._n_trees = n_trees
         self._largest: dict[bytes, Forest] = {}
 
     def fit(
-        self, data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, rows: npt.NDArray[np.int64]
+        self,
+        data: DataSet,
+        features: FloatRows,
+        plan: TrainingPlan,
+        task: str,
+        rows: npt.NDArray[np.int64],
     ) -> Forest:
         """The plan's forest on these rows."""
         key = rows.tobytes()

@@ -1,4 +1,5 @@
-"""Points that share a forest: fitted, asked about whole streams that it never met, written as a file for the hand."""
+"""Points that share a forest: fitted, asked about whole streams that it never met, written as a
+file for the hand."""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ class Voted:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A forest, its figures of windows it never met, its calibration, and its votes. of: (what a threshold is chosen
-    on, what is asked at it), one pair of scenes, a pair a fold of people."""
+    """A forest, its figures of windows it never met, its calibration, and its votes. of: (what a
+    threshold is chosen on, what is asked at it), one pair of scenes, a pair a fold of people."""
 
     forest: Forest
     figures: dict[str, Any]
@@ -60,21 +61,29 @@ def measure(
     data = read(folder, point.of, point.rate_hz, "train")
     fitted = (_people if point.of == "human" else _grasps)(point, folder, data, grown)
     head = Head("situation", data.tasks[main_task(data)].classes, fitted.forest, fitted.calibration)
-    return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(point.spec(data), [head])
+    return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(
+        point.spec(data), [head]
+    )
 
 
 def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
-    """Scenes: the threshold and the calibration are of one stream of grasps, and the point is asked about another."""
+    """Scenes: the threshold and the calibration are of one stream of grasps, and the point is asked
+    about another."""
     every = np.arange(len(data.tasks["classes"]))
     forest = grown.fit(data, windows(folder, point), point.plan, "classes", every)
-    (chosen_on, choosing), (asked, asking) = (_voted(point, folder, part, forest) for part in ("choose", "ask"))
-    calibration = fit_calibration(_held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label)
+    (chosen_on, choosing), (asked, asking) = (
+        _voted(point, folder, part, forest) for part in ("choose", "ask")
+    )
+    calibration = fit_calibration(
+        _held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label
+    )
     figures = held_out_figures(asking, _held_out(asked, asking))["situations"]
     return Fitted(forest, figures, calibration, [(chosen_on, asked)])
 
 
 def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
-    """People: each is asked by a forest that never met him, at a threshold chosen on the people of other folds.
+    """People: each is asked by a forest that never met him, at a threshold chosen on the people of
+    other folds.
 
     The forest that is priced is the first fold's.
     """
@@ -82,15 +91,21 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     folds = assign_groups(data.group_of("situations"), FOLDS)
     of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
     rows = per_recording(data, everywhere(folder, point, "train"))
-    forests = [grown.fit(data, features, point.plan, "situations", np.flatnonzero(of_window != fold))
-               for fold in range(FOLDS)]  # fmt: skip
+    forests = [
+        grown.fit(data, features, point.plan, "situations", np.flatnonzero(of_window != fold))
+        for fold in range(FOLDS)
+    ]
     votes: dict[int, IntArray] = {}
     for fold, forest in enumerate(forests):
         which = _of_fold(data, folds, fold)
-        votes |= zip(which, _votes(forest, [rows[k] for k in which], len(task.classes)), strict=True)
+        votes |= zip(
+            which, _votes(forest, [rows[k] for k in which], len(task.classes)), strict=True
+        )
     asked = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
-    others = [_of(data, votes, [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))])
-              for fold in range(FOLDS)]  # fmt: skip
+    others = [
+        _of(data, votes, [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))])
+        for fold in range(FOLDS)
+    ]
     held = _held_out(_of(data, votes, range(len(rows))), data)
     calibration = fit_calibration(held.shares("situations"), task.label)
     figures = held_out_figures(data, held)["situations"]
@@ -101,7 +116,9 @@ def _held_out(voted: Voted, data: DataSet) -> HeldOut:
     """The votes at the labelled windows of all recordings."""
     task = main_task(data)
     rows = data.tasks[task]
-    return HeldOut({task: np.array([voted.votes[t][r] for t, r in zip(rows.trial, rows.row, strict=True)])})
+    return HeldOut(
+        {task: np.array([voted.votes[t][r] for t, r in zip(rows.trial, rows.row, strict=True)])}
+    )
 
 
 def _of_fold(data: DataSet, folds: dict[str, int], fold: int) -> list[int]:
@@ -115,12 +132,15 @@ def _of(data: DataSet, votes: dict[int, IntArray], which: Sequence[int]) -> Vote
 
 def _voted(point: Point, folder: Path, part: str, forest: Forest) -> tuple[Voted, DataSet]:
     data = read(folder, point.of, point.rate_hz, part)
-    votes = reference_votes(forest, everywhere(folder, point, part), len(data.tasks["classes"].classes))
+    votes = reference_votes(
+        forest, everywhere(folder, point, part), len(data.tasks["classes"].classes)
+    )
     return Voted(list(data.recordings), per_recording(data, votes)), data
 
 
 def _votes(forest: Forest, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:
-    """Of all recordings at once, since to count a forest's leaf votes takes longer than to ask for one recording."""
+    """Of all recordings at once, since to count a forest's leaf votes takes longer than to ask for
+    one recording."""
     ends = np.cumsum([len(one) for one in rows])
     return np.split(reference_votes(forest, np.concatenate(rows), n_classes), ends[:-1])
 
@@ -142,9 +162,11 @@ def _answers(point: Point, voted: Voted, calibration: Calibration, spec: StepSpe
         by_situation = situation_votes(votes)
         situation = riskier_argmax(by_situation)
         situation[: spec.settle_samples - 1] = UNKNOWN
-        risky = _probability(votes, calibration) if point.confidence == "calibrated" else (
-            by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1)
-        )  # fmt: skip
+        risky = (
+            _probability(votes, calibration)
+            if point.confidence == "calibrated"
+            else (by_situation[:, RISKY_SLIP] / by_situation.sum(axis=1))
+        )
         answers.append(Answers(recording, situation, (1000 * risky).astype(np.int64)))
     return answers
 

@@ -1,4 +1,5 @@
-"""docs/what-accuracy-costs.md with its figure, and the README's table of ten lines, from build/bench: `make docs`."""
+"""docs/what-accuracy-costs.md with its figure, and the README's table of ten lines, from
+build/bench: `make docs`."""
 
 from __future__ import annotations
 
@@ -59,15 +60,37 @@ what comes in time.
 """
 FRONT = """No other point beats one of these in both microseconds and what its last column names. Points within each
 other's intervals change places with the next draw of grasps."""
-HEADS = ("what", "step_us", "forest_us", "kib", "found", "found_95", "in_time", "false_per_min", "delay_ms",
-         "lead_used", "macro_f1")  # fmt: skip
+HEADS = (
+    "what",
+    "step_us",
+    "forest_us",
+    "kib",
+    "found",
+    "found_95",
+    "in_time",
+    "false_per_min",
+    "delay_ms",
+    "lead_used",
+    "macro_f1",
+)
 README_ROWS = (
-    Point(), Point(debounce=2), Point(debounce=3), Point(trees=8, depth=10), Point(trees=100, depth=0),
+    Point(),
+    Point(debounce=2),
+    Point(debounce=3),
+    Point(trees=8, depth=10),
+    Point(trees=100, depth=0),
     Point(trees=1),
-    Point(rate_hz=50.0), Point(groups="raw window"), Point("human"), Point("human", groups="raw window"),
-)  # fmt: skip
+    Point(rate_hz=50.0),
+    Point(groups="raw window"),
+    Point("human"),
+    Point("human", groups="raw window"),
+)
 README_HEADS = ("set", "what", "step_us", "found", "in_time", "delay_ms", "macro_f1")
-RECOMMENDED = {"tiny": Point(trees=8, depth=10), "default": Point(), "best": Point(trees=100, depth=0)}
+RECOMMENDED = {
+    "tiny": Point(trees=8, depth=10),
+    "default": Point(),
+    "best": Point(trees=100, depth=0),
+}
 
 
 def page(bench: dict[str, Any]) -> str:
@@ -76,10 +99,21 @@ def page(bench: dict[str, Any]) -> str:
     by_choice = {(row["of"], row["what"]): row for row in rows}
     default = next(row for row in rows if row["of"] == "scenes" and row["what"] == "default")
     step_us = latency["rows"][0]["p50"]
-    ratios = "; ".join(f"{name.replace('_', ' ')} {value:.2f}" for name, value in latency["ratios"].items())
-    parts = [INTRO.format(events=default["events"], minutes=default["minutes"], step_ms=1e-3 * step_us)]
-    parts.append(CHOICE + markdown([{"model": name} | line(by_choice[point.of, point.what])
-                                    for name, point in RECOMMENDED.items()]))  # fmt: skip
+    ratios = "; ".join(
+        f"{name.replace('_', ' ')} {value:.2f}" for name, value in latency["ratios"].items()
+    )
+    parts = [
+        INTRO.format(events=default["events"], minutes=default["minutes"], step_ms=1e-3 * step_us)
+    ]
+    parts.append(
+        CHOICE
+        + markdown(
+            [
+                {"model": name} | line(by_choice[point.of, point.what])
+                for name, point in RECOMMENDED.items()
+            ]
+        )
+    )
     parts += [told] if (told := _took(bench["cost"]["took"], len(rows))) else []
     for of, title in (("scenes", "Scenes (simulated)"), ("human", "People (public real data)")):
         here = [row for row in rows if row["of"] == of]
@@ -90,13 +124,17 @@ def page(bench: dict[str, Any]) -> str:
         "as long as our step. *cold_p50*: the first call of each turn, to caches full of the others' things, which is "
         f"what a loop that sleeps between samples meets. {ratios}.\n\n{markdown(latency['rows'])}"
     )
-    parts.append("Instructions a call, by callgrind, free of the machine's noise; the last column is a **projection** "
-                 "to a board of 1.5 GHz at one instruction a cycle, not a measurement.\n\n"
-                 + markdown(bench["instructions"]["rows"]))  # fmt: skip
+    parts.append(
+        "Instructions a call, by callgrind, free of the machine's noise; the last column is a **projection** "
+        "to a board of 1.5 GHz at one instruction a cycle, not a measurement.\n\n"
+        + markdown(bench["instructions"]["rows"])
+    )
     parts.append(f"Memory and start of the live path:\n\n{markdown(latency['memory'])}")
-    parts.append(f"## Training\n\nCPU seconds, simulated trials of `thesis` at 150 Hz.\n\n"
-                 f"{markdown(bench['training']['rows'])}\n\nThe simulator's time against its step and its error: "
-                 "[scenes](scenes.md).")  # fmt: skip
+    parts.append(
+        f"## Training\n\nCPU seconds, simulated trials of `thesis` at 150 Hz.\n\n"
+        f"{markdown(bench['training']['rows'])}\n\nThe simulator's time against its step and its error: "
+        "[scenes](scenes.md)."
+    )
     return "\n\n".join(parts) + "\n"
 
 
@@ -111,7 +149,12 @@ def _took(took: dict[str, Any], points: int) -> str:
 def front(rows: list[dict[str, Any]], fronts: dict[str, list[str]]) -> list[dict[str, Any]]:
     """Lines of all points on a front, cheapest first, each saying on which."""
     return [
-        line(row) | {"unbeaten_in": ", ".join(GOOD[good] for good, names in fronts.items() if row["what"] in names)}
+        line(row)
+        | {
+            "unbeaten_in": ", ".join(
+                GOOD[good] for good, names in fronts.items() if row["what"] in names
+            )
+        }
         for row in sorted(rows, key=lambda row: float(row["step_us"]))
         if any(row["what"] in names for names in fronts.values())
     ]
@@ -120,18 +163,23 @@ def front(rows: list[dict[str, Any]], fronts: dict[str, list[str]]) -> list[dict
 def short(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """What is printed of a surface: the front of each set."""
     rows = figures["rows"]
-    return {of: front([row for row in rows if row["of"] == of], told) for of, told in figures["fronts"].items()}
+    return {
+        of: front([row for row in rows if row["of"] == of], told)
+        for of, told in figures["fronts"].items()
+    }
 
 
 def line(row: dict[str, Any]) -> dict[str, Any]:
     """A row of the surface as a line of a table."""
     interval = row["recall_ci"]
     told = {
-        "set": {"scenes": "scenes", "human": "people"}[row["of"]], "found": row["recall"], "kib": row["bytes"] / 1024,
+        "set": {"scenes": "scenes", "human": "people"}[row["of"]],
+        "found": row["recall"],
+        "kib": row["bytes"] / 1024,
         "found_95": f"{interval[0]:.2f} to {interval[1]:.2f}" if interval else "-",
         "delay_ms": row["delay_ms"]["p50"] if row["delay_ms"] else None,
         "lead_used": row["lead_used"]["p50"] if row["lead_used"] else None,
-    }  # fmt: skip
+    }
     return {head: told.get(head, row.get(head)) for head in HEADS}
 
 
@@ -147,7 +195,8 @@ def _set(point: Point) -> str:
 
 
 def figure(rows: list[dict[str, Any]]) -> str:
-    """Scenes: slips found in time against microseconds, and against the delay; what was varied as lines."""
+    """Scenes: slips found in time against microseconds, and against the delay; what was varied as
+    lines."""
     by_name = {row["what"]: row for row in rows if row["of"] == "scenes"}
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(9.4, 4.0))
@@ -155,23 +204,38 @@ def figure(rows: list[dict[str, Any]]) -> str:
         left, right = drawn.subplots(1, 2, sharey=True)
         for axes, families, x in ((left, COMPUTED, _step_us), (right, WAITED, _delay_ms)):
             for colour, (family, points) in zip(FAMILY_COLOURS, families.items(), strict=False):
-                told = [(by_name[point.what], name) for name, point in points if point.what in by_name]
+                told = [
+                    (by_name[point.what], name) for name, point in points if point.what in by_name
+                ]
                 told = [(row, name) for row, name in told if x(row) is not None]
-                _family(axes, family, [(x(row), row["in_time"], name) for row, name in told], colour)
+                _family(
+                    axes, family, [(x(row), row["in_time"], name) for row, name in told], colour
+                )
             default = by_name["default"]
             axes.plot(x(default), default["in_time"], "o", color=INK, markersize=8, zorder=3)
             beside, side = ((7, -12), "left") if axes is left else ((-6, -12), "right")
-            axes.annotate("default", (x(default), default["in_time"]), beside, textcoords="offset points", fontsize=8,
-                          ha=side)  # fmt: skip
-            axes.legend(frameon=False, fontsize=8, loc="lower right" if axes is left else "lower left")
+            axes.annotate(
+                "default",
+                (x(default), default["in_time"]),
+                beside,
+                textcoords="offset points",
+                fontsize=8,
+                ha=side,
+            )
+            axes.legend(
+                frameon=False, fontsize=8, loc="lower right" if axes is left else "lower left"
+            )
             axes.grid(color="#e4e7eb")
             axes.margins(x=0.1)
         left.set_xscale("log")
         left.set_xlim(left=36.0)
         left.xaxis.set_major_formatter("{x:g}")
         left.xaxis.set_minor_formatter("{x:g}")
-        left.set(xlabel="computing: one decision, us", ylabel="risky slips acted on before all fingers slide,\n"
-                 "at about one false alarm a minute")  # fmt: skip
+        left.set(
+            xlabel="computing: one decision, us",
+            ylabel="risky slips acted on before all fingers slide,\n"
+            "at about one false alarm a minute",
+        )
         right.set(xlabel="waiting: load onset to the request, ms (median)")
         return svg(drawn)
 
@@ -199,14 +263,19 @@ def _delay_ms(row: dict[str, Any]) -> float | None:
 
 
 def _family(axes: Axes, family: str, points: Sequence[tuple[Any, float, str]], colour: str) -> None:
-    """A line through the points of a family (dots where they have no order), the ends and the odd ones named."""
+    """A line through the points of a family (dots where they have no order), the ends and the odd
+    ones named."""
     line = "" if family == "features" else "-"
     xs, ys = [x for x, _, _ in points], [y for _, y, _ in points]
     axes.plot(xs, ys, f"o{line}", color=colour, markersize=4.5, label=family)
     for x, y, name in points:
         if name in LABELLED:
-            beside, side = ((5, 4), "left") if colour == OURS else ((-6, -8 if line else -3), "right")
-            axes.annotate(name, (x, y), beside, textcoords="offset points", fontsize=7, color=colour, ha=side)
+            beside, side = (
+                ((5, 4), "left") if colour == OURS else ((-6, -8 if line else -3), "right")
+            )
+            axes.annotate(
+                name, (x, y), beside, textcoords="offset points", fontsize=7, color=colour, ha=side
+            )
 
 
 if __name__ == "__main__":

@@ -18,9 +18,12 @@ from training.recording import DataSet
 PEOPLES_TREES = 20
 BASES = {
     "scenes": SIZES["default"],
-    "human": replace(TrainingPlan(), situation=replace(TrainingPlan().situation, n_estimators=PEOPLES_TREES)),
+    "human": replace(
+        TrainingPlan(), situation=replace(TrainingPlan().situation, n_estimators=PEOPLES_TREES)
+    ),
 }
-"""What is varied: the model for the hand, and on people the plan of `make real` with a third of its trees."""
+"""What is varied: the model for the hand, and on people the plan of `make real` with a third of its
+trees."""
 GROUPS = {
     "default": CLOCK_FREE_GROUPS,
     "now": ("now",),
@@ -30,7 +33,12 @@ GROUPS = {
     "raw window": RAW_GROUPS,
     "now and bands": ("now", "bands"),
 }
-BANDS = {"all": BANDS_HZ, "10 Hz": (10.0,), "10 to 25 Hz": BANDS_HZ[:4], "30 to 55 Hz": BANDS_HZ[4:]}
+BANDS = {
+    "all": BANDS_HZ,
+    "10 Hz": (10.0,),
+    "10 to 25 Hz": BANDS_HZ[:4],
+    "30 to 55 Hz": BANDS_HZ[4:],
+}
 TREES = (1, 3, 8, 20, 60, 100, 500)
 DEPTHS = (4, 6, 8, 10, 16, 0)
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
@@ -46,9 +54,9 @@ Set = Literal["scenes", "human"]
 class Point:
     """What is chosen; what is not named is the default model's.
 
-    trees, depth: None for the default model's; a depth of 0 is none. window_s: of the raw window. look_back_s: no
-    feature sees further. bank: the type the bank computes in. confidence: what the alarm's threshold is set on, the
-    votes or the calibrated probability.
+    trees, depth: None for the default model's; a depth of 0 is none. window_s: of the raw window.
+    look_back_s: no feature sees further. bank: the type the bank computes in. confidence: what the
+    alarm's threshold is set on, the votes or the calibrated probability.
     """
 
     of: Set = "scenes"
@@ -71,14 +79,26 @@ class Point:
     @property
     def what(self) -> str:
         """What is not the default about it, in words."""
-        told = [f"{self.rate_hz:g} Hz"] if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes" else []
-        told += ["1 tree" if self.trees == 1 else f"{self.trees} trees"] if self.trees is not None else []
+        told = (
+            [f"{self.rate_hz:g} Hz"]
+            if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes"
+            else []
+        )
+        told += (
+            ["1 tree" if self.trees == 1 else f"{self.trees} trees"]
+            if self.trees is not None
+            else []
+        )
         told += [f"depth {self.depth or 'unlimited'}"] if self.depth is not None else []
         told += [self.groups] if self.groups != "default" else []
         told += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
-        told += [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
+        told += (
+            [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
+        )
         told += [f"bands {self.bands}"] if self.bands != "all" else []
-        told += [f"debounce {self.debounce}"] if self.debounce != HIGH_CONFIDENCE.act_samples else []
+        told += (
+            [f"debounce {self.debounce}"] if self.debounce != HIGH_CONFIDENCE.act_samples else []
+        )
         told += ["bank in float32"] if self.bank != "float64" else []
         told += ["calibrated"] if self.confidence != "votes" else []
         return ", ".join(told) or "default"
@@ -96,15 +116,24 @@ class Point:
 
     def spec(self, data: DataSet) -> StepSpec:
         """As a step graph for a set."""
-        return replace(spec_for(data, GROUPS[self.groups]), window_s=self.window_s, bands_hz=BANDS[self.bands])
+        return replace(
+            spec_for(data, GROUPS[self.groups]), window_s=self.window_s, bands_hz=BANDS[self.bands]
+        )
 
     @property
     def fitted(self) -> Point:
-        """The point whose forest this one has: how it is decided from its votes changes no forest."""
+        """The point whose forest this one has: how it is decided from its votes changes no
+        forest."""
         base = BASES[self.of].situation
         trees = None if self.trees == base.n_estimators else self.trees
-        depth = None if self.depth is not None and (self.depth or None) == base.max_depth else self.depth
-        return replace(self, trees=trees, depth=depth, debounce=HIGH_CONFIDENCE.act_samples, confidence="votes")
+        depth = (
+            None
+            if self.depth is not None and (self.depth or None) == base.max_depth
+            else self.depth
+        )
+        return replace(
+            self, trees=trees, depth=depth, debounce=HIGH_CONFIDENCE.act_samples, confidence="votes"
+        )
 
     @property
     def grown(self) -> Point:
@@ -118,7 +147,8 @@ class Point:
 
 
 def points() -> list[Point]:
-    """Around the default one thing changed at a time, and trees against depth; the same on both sets."""
+    """Around the default one thing changed at a time, and trees against depth; the same on both
+    sets."""
     return list(dict.fromkeys([*_scenes(), *_human()]))
 
 

@@ -1,4 +1,5 @@
-"""The recordings that points are fitted on and asked about: simulated once, read at every rate, kept on disk."""
+"""The recordings that points are fitted on and asked about: simulated once, read at every rate,
+kept on disk."""
 
 from __future__ import annotations
 
@@ -36,11 +37,14 @@ def require_parts(folder: Path, parts: Parts) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(path, told)
     if path.read_text("utf-8") != told:
-        raise DataError("points of other recordings", where=folder, next_step="remove the folder and begin anew")
+        raise DataError(
+            "points of other recordings", where=folder, next_step="remove the folder and begin anew"
+        )
 
 
 def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -> None:
-    """A part at every rate, unless it is there: one hand, read at 300 Hz, of which a slower reader gets every nth."""
+    """A part at every rate, unless it is there: one hand, read at 300 Hz, of which a slower reader
+    gets every nth."""
     card, grasps, seed = parts[part]
     fastest = _place(folder, FASTEST_HZ, part)
     if not fastest.is_dir():
@@ -56,13 +60,18 @@ def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -
 
 
 def read_slower(there: Path, here: Path, ratio: float) -> None:
-    """A simulated set with every nth sample: the same as read so slowly, since its sensors' noise is white."""
+    """A simulated set with every nth sample: the same as read so slowly, since its sensors' noise
+    is white."""
     if ratio != round(ratio):
-        raise UsageError(f"no reading of {FASTEST_HZ:g} Hz over {ratio:g}", next_step="a rate that divides it")
+        raise UsageError(
+            f"no reading of {FASTEST_HZ:g} Hz over {ratio:g}", next_step="a rate that divides it"
+        )
     for path in sorted(there.rglob("*.csv")):
         if not path.name.endswith(".motion.csv"):
             lines = path.read_bytes().splitlines(keepends=True)
-            write_whole(here / path.relative_to(there), b"".join([lines[0], *lines[1 :: round(ratio)]]))
+            write_whole(
+                here / path.relative_to(there), b"".join([lines[0], *lines[1 :: round(ratio)]])
+            )
     for path in sorted(there.rglob("*.json")):
         told = json.loads(path.read_text("utf-8"))
         changed = told | {"rate_hz": told["rate_hz"] / ratio} if "rate_hz" in told else told

@@ -1,10 +1,12 @@
-"""`holdfast bench cost`: what accuracy costs in time, on scenes and on people, one choice changed at a time.
+"""`holdfast bench cost`: what accuracy costs in time, on scenes and on people, one choice changed
+at a time.
 
-Every point is a forest asked about streams that it never met, sample by sample: how many risky slips it finds at one
-false alarm a minute, how long after the load came on, and how much of the lead there was is used up. Beside it the
-macro F1 over four situations of held-out windows, and, all in turns in one run, the microseconds of the forest alone
-and of the whole step. Points are kept one by one, so that a run that was interrupted goes on where it was; they are
-measured side by side, or on a Dask cluster.
+Every point is a forest asked about streams that it never met, sample by sample: how many risky
+slips it finds at one false alarm a minute, how long after the load came on, and how much of the
+lead there was is used up. Beside it the macro F1 over four situations of held-out windows, and, all
+in turns in one run, the microseconds of the forest alone and of the whole step. Points are kept one
+by one, so that a run that was interrupted goes on where it was; they are measured side by side, or
+on a Dask cluster.
 """
 
 from __future__ import annotations
@@ -41,12 +43,17 @@ TURNS, CALLS = 10, 60
 
 
 def cost(
-    folder: Path, chosen: Sequence[Point] | None = None, *, dask: str | None = None, parts: Parts = PARTS
+    folder: Path,
+    chosen: Sequence[Point] | None = None,
+    *,
+    dask: str | None = None,
+    parts: Parts = PARTS,
 ) -> dict[str, Any]:
-    """Rows of all points, for each set the front of the step's time against what is found, and how long it took: s on
-    so many cores, for so many points that were not there yet.
+    """Rows of all points, for each set the front of the step's time against what is found, and how
+    long it took: s on so many cores, for so many points that were not there yet.
 
-    folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same folder.
+    folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same
+    folder.
     """
     began_s = time.monotonic()
     chosen = points() if chosen is None else chosen
@@ -54,18 +61,27 @@ def cost(
     require_parts(folder, parts)
     rates_hz = sorted({point.rate_hz for point in chosen if point.of == "scenes"})
     with _workers(dask) as at_once:
-        at_once(delayed(simulate)(folder, part, rates_hz, parts) for part in (parts if rates_hz else ()))
+        at_once(
+            delayed(simulate)(folder, part, rates_hz, parts) for part in (parts if rates_hz else ())
+        )
         at_once(delayed(_features)(folder, alike, part) for alike, part in _by_features(chosen))
         kept = at_once(delayed(_kept)(folder, family) for family in _families(chosen))
     told = {(row["what"], row["of"]): row for rows in kept for row in rows}
-    rows = [told[point.what, point.of] | us for point, us in zip(chosen, _priced(folder, chosen), strict=True)]
-    took = {"wall_s": time.monotonic() - began_s, "cores": None if dask else WORKERS, "new_points": new}
+    rows = [
+        told[point.what, point.of] | us
+        for point, us in zip(chosen, _priced(folder, chosen), strict=True)
+    ]
+    took = {
+        "wall_s": time.monotonic() - began_s,
+        "cores": None if dask else WORKERS,
+        "new_points": new,
+    }
     return {"rows": rows, "fronts": fronts(rows), "took": took}
 
 
 def _families(chosen: Sequence[Point]) -> list[list[Point]]:
-    """Points whose forests differ in their number of trees alone together, the dearest first, so that no worker is
-    left with it at the end."""
+    """Points whose forests differ in their number of trees alone together, the dearest first, so
+    that no worker is left with it at the end."""
     alike: dict[Point, list[Point]] = {}
     for point in chosen:
         alike.setdefault(point.grown, []).append(point)
@@ -77,24 +93,36 @@ def _most_trees(points: Sequence[Point]) -> int:
 
 
 def _by_features(chosen: Sequence[Point]) -> list[tuple[list[Point], str]]:
-    """Points and a part for all features that have to be made, the largest first; those with bands before the others of
-    the same samples, which are among theirs."""
+    """Points and a part for all features that have to be made, the largest first; those with bands
+    before the others of the same samples, which are among theirs."""
     sets: dict[Any, dict[bool, Point]] = {}
-    for one in sorted(chosen, key=lambda one: ("bands" in GROUPS[one.groups], one.rate_hz), reverse=True):
+    for one in sorted(
+        chosen, key=lambda one: ("bands" in GROUPS[one.groups], one.rate_hz), reverse=True
+    ):
         alike = sets.setdefault((one.of, one.rate_hz, "window" in GROUPS[one.groups]), {})
         alike.setdefault("bands" in GROUPS[one.groups], one)
     largest = sorted(sets.items(), key=lambda item: item[0][1], reverse=True)
-    return [(list(alike.values()), part) for part in PARTS for (of, *_), alike in largest
-            if of == "scenes" or part == "train"]  # fmt: skip
+    return [
+        (list(alike.values()), part)
+        for part in PARTS
+        for (of, *_), alike in largest
+        if of == "scenes" or part == "train"
+    ]
 
 
 def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
-    """Set -> what is good -> the points that no other beats both in it and in the step's time, cheapest first."""
+    """Set -> what is good -> the points that no other beats both in it and in the step's time,
+    cheapest first."""
     return {
-        of: {good: [row["what"] for row in pareto([row for row in rows if row["of"] == of], "step_us", good)]
-             for good in GOOD}
+        of: {
+            good: [
+                row["what"]
+                for row in pareto([row for row in rows if row["of"] == of], "step_us", good)
+            ]
+            for good in GOOD
+        }
         for of in dict.fromkeys(row["of"] for row in rows)
-    }  # fmt: skip
+    }
 
 
 def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[str, Any]]:
@@ -113,9 +141,12 @@ def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[st
 
 @contextmanager
 def _workers(dask: str | None) -> Iterator[Parallel]:
-    """Where things are measured, one after another as a worker is free; workers keep the sets that they have read."""
+    """Where things are measured, one after another as a worker is free; workers keep the sets that
+    they have read."""
     if dask is None:
-        with Parallel(WORKERS, "multiprocessing", batch_size=1, pre_dispatch=2 * WORKERS) as at_once:
+        with Parallel(
+            WORKERS, "multiprocessing", batch_size=1, pre_dispatch=2 * WORKERS
+        ) as at_once:
             yield at_once
         return
     from distributed import Client
@@ -139,17 +170,23 @@ def _asked(point: Point) -> str:
 
 
 def _kept(folder: Path, family: Sequence[Point]) -> list[dict[str, Any]]:
-    """Points of forests that differ in their number of trees, from their files, or measured and written there."""
+    """Points of forests that differ in their number of trees, from their files, or measured and
+    written there."""
     grown = Grown(_most_trees(family))
     for fitted in dict.fromkeys(point.fitted for point in family):
-        missing = [point for point in family if point.fitted == fitted and not _figures(folder, point).is_file()]
+        missing = [
+            point
+            for point in family
+            if point.fitted == fitted and not _figures(folder, point).is_file()
+        ]
         if missing or not _timed(folder, fitted).is_file():
             _measured(folder, fitted, missing, grown)
     return [json.loads(_figures(folder, point).read_text("utf-8")) for point in family]
 
 
 def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown) -> None:
-    """Measure points of one forest and keep their figures, the model, and what it will be timed on."""
+    """Measure points of one forest and keep their figures, the model, and what it will be timed
+    on."""
     figures, model = measure(fitted, points, folder, grown)
     write_whole(_model(folder, fitted), model.SerializeToString())
     write_whole(_forest(folder, fitted), cut_forests(model))
@@ -158,7 +195,9 @@ def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
     np.savez(packed, rows=rows, samples=_about_events(folder, fitted))
     write_whole(_timed(folder, fitted), packed.getvalue())
     for point, told in zip(points, figures, strict=True):
-        write_whole(_figures(folder, point), json.dumps(asdict(point) | {"what": point.what} | told) + "\n")
+        write_whole(
+            _figures(folder, point), json.dumps(asdict(point) | {"what": point.what} | told) + "\n"
+        )
 
 
 def _figures(folder: Path, point: Point) -> Path:
@@ -178,18 +217,28 @@ def _timed(folder: Path, point: Point) -> Path:
 
 
 def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
-    """Microseconds (p50) of the forest alone and of the whole step, and bytes; all points in turns, one run."""
+    """Microseconds (p50) of the forest alone and of the whole step, and bytes; all points in turns,
+    one run."""
     calls: dict[str, Callable[[], object]] = {}
     for point in dict.fromkeys(point.fitted for point in chosen):
         asked = np.load(_timed(folder, point))
-        calls[f"{point.name} forest"] = _forest_call(_forest(folder, point).read_bytes(), asked["rows"])
-        calls[f"{point.name} step"] = _step_call(_model(folder, point).read_bytes(), asked["samples"])
-    us = {name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()}
+        calls[f"{point.name} forest"] = _forest_call(
+            _forest(folder, point).read_bytes(), asked["rows"]
+        )
+        calls[f"{point.name} step"] = _step_call(
+            _model(folder, point).read_bytes(), asked["samples"]
+        )
+    us = {
+        name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()
+    }
     return [
-        {"forest_us": us[f"{point.fitted.name} forest"], "step_us": us[f"{point.fitted.name} step"],
-         "bytes": float(_model(folder, point).stat().st_size)}
+        {
+            "forest_us": us[f"{point.fitted.name} forest"],
+            "step_us": us[f"{point.fitted.name} step"],
+            "bytes": float(_model(folder, point).stat().st_size),
+        }
         for point in chosen
-    ]  # fmt: skip
+    ]
 
 
 def _forest_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
@@ -211,10 +260,13 @@ def _step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:
 
 
 def _about_events(folder: Path, point: Point) -> FloatArray:
-    """[T, C] samples about the load's onset, one risky slip after another: what the forest is there for."""
+    """[T, C] samples about the load's onset, one risky slip after another: what the forest is there
+    for."""
     recordings = read(folder, point.of, point.rate_hz, _asked(point)).recordings
     about = [
-        one.samples[max(0, round((event.onset_s - TIMED_S) * one.rate_hz)) :][: round(2.0 * TIMED_S * one.rate_hz)]
+        one.samples[max(0, round((event.onset_s - TIMED_S) * one.rate_hz)) :][
+            : round(2.0 * TIMED_S * one.rate_hz)
+        ]
         for one in recordings
         for event in one.events
     ]

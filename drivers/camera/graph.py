@@ -1,8 +1,10 @@
-"""The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source of the frames differs.
+"""The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source of the frames
+differs.
 
-Traps of depthai that its form comes from: no Python runs in depthai's threads (an error there ends the interpreter), so
-answers are pulled; the inputs block, because by default they drop frames; what is queued when a pipeline stops is
-lost, so the queues are emptied first; and a video that could not be written says nothing, so it is read again.
+Traps of depthai that its form comes from: no Python runs in depthai's threads (an error there ends
+the interpreter), so answers are pulled; the inputs block, because by default they drop frames; what
+is queued when a pipeline stops is lost, so the queues are emptied first; and a video that could not
+be written says nothing, so it is read again.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ from drivers.camera.sources import LONGEST_WAIT_S, Source
 from edge_runtime.errors import DeviceLost, EmptyRecording, HoldfastError, OutputError, TimeError
 
 FAMILY, QUAD_DECIMATE, THREADS = "36h11", 2, 1
-"""Decimation 4, the default, loses tags of 30 px; two threads on a busy machine take ten times as long as one."""
+"""Decimation 4, the default, loses tags of 30 px; two threads on a busy machine take ten times as
+long as one."""
 ANSWERS = 30
 LIVE_WAIT_S = 0.1
 EMPTY_POLLS, POLL_S = 6, 0.01
@@ -41,7 +44,8 @@ EMPTY_POLLS, POLL_S = 6, 0.01
 
 @dataclass(frozen=True)
 class Watched:
-    """What came of it: frames with tags read, lost between them, stamps that ran backwards, frames in the video."""
+    """What came of it: frames with tags read, lost between them, stamps that ran backwards, frames
+    in the video."""
 
     frames: int
     lost: int
@@ -50,12 +54,17 @@ class Watched:
 
 
 def watch(
-    source: Source, out: Path, *, say: Callable[[str], None], stopped: Callable[[], bool] = lambda: False
+    source: Source,
+    out: Path,
+    *,
+    say: Callable[[str], None],
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Watched:
     """Run the graph on a source until it ends or is stopped, and leave a recording in `out`.
 
-    Whatever goes wrong on the way, what was recorded by then is kept, camera.json says why the trial is void, and the
-    error is raised: CameraUnavailable, DeviceLost, TransferFailed, OutputError, or what the source raises.
+    Whatever goes wrong on the way, what was recorded by then is kept, camera.json says why the
+    trial is void, and the error is raised: CameraUnavailable, DeviceLost, TransferFailed,
+    OutputError, or what the source raises.
     """
     dai = load_depthai(say)
     try:
@@ -119,8 +128,11 @@ class _Watch:
         tagger.inputImage.setBlocking(True)
         return tagger
 
-    def _pull(self, step: Callable[[], bool], stopped: Callable[[], bool], answers: Any, tags: TagFile) -> None:
-        """Pass frames on and pull what is known of them; an error of the source is raised when all it sent is read."""
+    def _pull(
+        self, step: Callable[[], bool], stopped: Callable[[], bool], answers: Any, tags: TagFile
+    ) -> None:
+        """Pass frames on and pull what is known of them; an error of the source is raised when all
+        it sent is read."""
         sent, failed = 0, None
         live = self.source.last_lost > 0
         try:
@@ -143,7 +155,8 @@ class _Watch:
             raise failed
 
     def _take(self, answers: Any, tags: TagFile, wait_s: float) -> bool:
-        """Write down what is known by now, waiting a little for the first; whether there was anything."""
+        """Write down what is known by now, waiting a little for the first; whether there was
+        anything."""
         try:
             message = answers.get(timedelta(seconds=wait_s)) if wait_s else answers.tryGet()
             any_yet = message is not None
@@ -159,43 +172,67 @@ class _Watch:
         self.lost += max(0, sequence - self.last - 1) if self.frames else 0
         self.backwards += end_s <= self.last_s
         self.last, self.last_s, self.frames = sequence, end_s, self.frames + 1
-        tags.write(sequence, end_s - 5e-4 * self.source.lens.exposure_ms, _corners(message.aprilTags))
+        tags.write(
+            sequence, end_s - 5e-4 * self.source.lens.exposure_ms, _corners(message.aprilTags)
+        )
 
     def _in_video(self) -> tuple[int, HoldfastError | None]:
-        """Frames the video really holds, and what is wrong with it: depthai says nothing where it cannot write."""
+        """Frames the video really holds, and what is wrong with it: depthai says nothing where it
+        cannot write."""
         if not self.frames:
-            return 0, EmptyRecording("not one frame", where=self.source.name, cause="stopped at once")
+            return 0, EmptyRecording(
+                "not one frame", where=self.source.name, cause="stopped at once"
+            )
         if self.backwards:
             return 0, TimeError(
-                f"{self.backwards} frames are not later than the one before", where=self.out / TAGS,
-                cause="the camera's clock and this machine's were being matched anew", next_step="record again",
-            )  # fmt: skip
+                f"{self.backwards} frames are not later than the one before",
+                where=self.out / TAGS,
+                cause="the camera's clock and this machine's were being matched anew",
+                next_step="record again",
+            )
         try:
             video = list(read_video(self.out, self.dai, images=False))
             tracks = read_tracks(self.out)
             require_same_stamps(video, tracks, self.source.lens, self.out)
         except HoldfastError as error:
             return 0, OutputError(
-                f"the video was not written ({error.what})", where=self.out / VIDEO, cause="a full disk",
+                f"the video was not written ({error.what})",
+                where=self.out / VIDEO,
+                cause="a full disk",
                 next_step=f"make room and record again; {TAGS} holds the tracks",
-            )  # fmt: skip
+            )
         wanted = tracks.sequence.tolist()[: len(tracks.sequence) - self.source.last_lost]
         missing = set(wanted) - {frame.sequence for frame in video}
         if not missing:
             return len(video), None
         return len(video), OutputError(
-            f"{len(missing)} of {self.frames} frames are not in the video", where=self.out / VIDEO,
-            cause="a full disk, or a machine too slow for lossless video", next_step="make room; fewer frames a second",
-        )  # fmt: skip
+            f"{len(missing)} of {self.frames} frames are not in the video",
+            where=self.out / VIDEO,
+            cause="a full disk, or a machine too slow for lossless video",
+            next_step="make room; fewer frames a second",
+        )
 
     def _about(self, void: str | None, in_video: int = 0) -> None:
         lens = self.source.lens
-        write_about(self.out, {
-            "source": self.source.name, "fps": lens.fps, "exposure_ms": lens.exposure_ms, "tag_mm": lens.tag_mm,
-            "apart_mm": lens.apart_mm, "clock": lens.clock, "family": FAMILY, "quad_decimate": QUAD_DECIMATE,
-            "frames": self.frames, "in_video": in_video, "lost": self.lost, "backwards": self.backwards, "void": void,
-            "depthai": version("depthai"),
-        })  # fmt: skip
+        write_about(
+            self.out,
+            {
+                "source": self.source.name,
+                "fps": lens.fps,
+                "exposure_ms": lens.exposure_ms,
+                "tag_mm": lens.tag_mm,
+                "apart_mm": lens.apart_mm,
+                "clock": lens.clock,
+                "family": FAMILY,
+                "quad_decimate": QUAD_DECIMATE,
+                "frames": self.frames,
+                "in_video": in_video,
+                "lost": self.lost,
+                "backwards": self.backwards,
+                "void": void,
+                "depthai": version("depthai"),
+            },
+        )
 
 
 def _corners(found: Any) -> dict[int, Corners]:
@@ -210,7 +247,8 @@ def _corners(found: Any) -> dict[int, Corners]:
 
 
 def _drain(record: Any) -> None:
-    """Wait until the video's queue has stood empty for a while; stopping throws away what is in it."""
+    """Wait until the video's queue has stood empty for a while; stopping throws away what is in
+    it."""
     empty, until_s = 0, time.monotonic() + LONGEST_WAIT_S
     while empty < EMPTY_POLLS and time.monotonic() < until_s:
         empty = empty + 1 if record.input.getSize() == 0 else 0
@@ -219,12 +257,18 @@ def _drain(record: Any) -> None:
 
 def _lost(name: str) -> DeviceLost:
     return DeviceLost(
-        "frames stopped coming", where=name, cause="unplugged, its power dipped, or a node of the graph stopped",
+        "frames stopped coming",
+        where=name,
+        cause="unplugged, its power dipped, or a node of the graph stopped",
         next_step="the trial is void, what came before is kept; short cable, own power, then record again",
-    )  # fmt: skip
+    )
 
 
 def _require_empty(out: Path) -> None:
     there = [name for name in (VIDEO, STAMPS, TAGS, ABOUT) if (out / name).exists()]
     if there:
-        raise OutputError(f"holds {there[0]} already", where=out, next_step="name a new folder, or remove it yourself")
+        raise OutputError(
+            f"holds {there[0]} already",
+            where=out,
+            next_step="name a new folder, or remove it yourself",
+        )

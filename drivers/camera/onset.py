@@ -1,17 +1,20 @@
-"""When an object began to slip in the hand, from the corners of two printed tags in a camera's frames: numpy only.
+"""When an object began to slip in the hand, from the corners of two printed tags in a camera's
+frames: numpy only.
 
-One tag sits on the object, one on the hand. The object is placed in the hand tag's own axes, in mm of the printed
-side, so that a hand that moves, turns or comes nearer moves nothing. What is found is a time that no tactile
-sample had a say in. Three times are told apart:
+One tag sits on the object, one on the hand. The object is placed in the hand tag's own axes, in mm
+of the printed side, so that a hand that moves, turns or comes nearer moves nothing. What is found
+is a time that no tactile sample had a say in. Three times are told apart:
 
-start  where a quadratic, fitted to the first frames that moved, leaves the level of rest (with its standard deviation)
+start  where a quadratic, fitted to the first frames that moved, leaves the level of rest (with its
+standard deviation)
 seen   the first of three frames in a row beyond max(5 sigma, 0.15 px). It is late by sqrt(2 threshold / acceleration),
        20 to 100 ms, which would make lead times look longer than they are
 gross  a fixed distance in mm, set above what soft pads give without any slip
 
-A soft pad lets the object move before anything slips. So a motion counts only if it reaches the gross distance, and
-that distance is measured on trials that load the grip and do not slip (`gross_distance_mm`). Where a tag is hidden
-there is a gap, and what happens in it has no time. Sliding of parts of the contact cannot be seen from outside.
+A soft pad lets the object move before anything slips. So a motion counts only if it reaches the
+gross distance, and that distance is measured on trials that load the grip and do not slip
+(`gross_distance_mm`). Where a tag is hidden there is a gap, and what happens in it has no time.
+Sliding of parts of the contact cannot be seen from outside.
 """
 
 from __future__ import annotations
@@ -27,15 +30,17 @@ from edge_runtime.errors import LabelError, TagError
 SIGMAS, FLOOR_PX = 5.0, 0.15
 IN_A_ROW = 3
 REST_S, REST_FRAMES = 0.3, 5
-"""An object rests when all frames of so long, and at least so many, stay within the threshold of their median."""
+"""An object rests when all frames of so long, and at least so many, stay within the threshold of
+their median."""
 LONGEST_STEP = 2.5
 """Seen frames further apart than so many periods have a gap between them."""
 FIT_FRAMES, FIT_THRESHOLDS = 4, 20.0
-"""The start is fitted to the rest, so many moving frames, and further ones up to so many thresholds away: after that
-the acceleration is no longer the first."""
+"""The start is fitted to the rest, so many moving frames, and further ones up to so many thresholds
+away: after that the acceleration is no longer the first."""
 STEPS = 400
 DIFFER = 0.05
-"""Two tags of one printed size, in one plane and facing the camera, have sides that differ by less."""
+"""Two tags of one printed size, in one plane and facing the camera, have sides that differ by
+less."""
 GROSS_MM = 2.0
 ABOVE_SHEAR = 1.5
 """Gross slip begins at so many times the largest motion of a grip that held."""
@@ -43,7 +48,8 @@ ABOVE_SHEAR = 1.5
 
 @dataclass(frozen=True)
 class Motion:
-    """The object in the hand: t_s [K], place_mm [K, 2] (nan where a tag is hidden), and the scale at the hand's tag."""
+    """The object in the hand: t_s [K], place_mm [K, 2] (nan where a tag is hidden), and the scale
+    at the hand's tag."""
 
     t_s: FloatArray
     place_mm: FloatArray
@@ -56,7 +62,8 @@ class Motion:
 
     @property
     def sigma_mm(self) -> float:
-        """Noise of one axis: from the median step between frames, which a slip of a few frames does not move."""
+        """Noise of one axis: from the median step between frames, which a slip of a few frames does
+        not move."""
         steps = np.diff(self.place_mm[np.isfinite(self.place_mm[:, 0])], axis=0)
         return float(1.4826 * np.median(np.abs(steps)) / np.sqrt(2.0)) if len(steps) else 0.0
 
@@ -73,7 +80,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class Slip:
-    """One slip, times in s as the frames have them; start_sd_s of the fit, frame_s the longest step beside it."""
+    """One slip, times in s as the frames have them; start_sd_s of the fit, frame_s the longest step
+    beside it."""
 
     start_s: float
     start_sd_s: float
@@ -90,22 +98,30 @@ class Slip:
 
 @dataclass(frozen=True)
 class Hidden:
-    """The object moved, and a tag was hidden just then: nobody knows when it slipped, or whether."""
+    """The object moved, and a tag was hidden just then: nobody knows when it slipped, or
+    whether."""
 
     from_s: float
     to_s: float
 
 
 def motion(
-    t_s: FloatArray, object_px: FloatArray, hand_px: FloatArray, tag_mm: float, apart_mm: float | None = None
+    t_s: FloatArray,
+    object_px: FloatArray,
+    hand_px: FloatArray,
+    tag_mm: float,
+    apart_mm: float | None = None,
 ) -> Motion:
-    """Object in the hand's axes; corners [K, 4, 2] of both tags (column, row; clockwise from top left), nan if hidden.
+    """Object in the hand's axes; corners [K, 4, 2] of both tags (column, row; clockwise from top
+    left), nan if hidden.
 
-    tag_mm: the printed side, margin not counted, the same for both. apart_mm: between the tags' centres at the first
-    frames, if somebody measured it. Raises TagError where the tags contradict that or each other, LabelError where they
-    are never seen together.
+    tag_mm: the printed side, margin not counted, the same for both. apart_mm: between the tags'
+    centres at the first frames, if somebody measured it. Raises TagError where the tags contradict
+    that or each other, LabelError where they are never seen together.
     """
-    both = np.isfinite(np.concatenate([object_px, hand_px], axis=1).reshape(len(t_s), -1)).all(axis=1)
+    both = np.isfinite(np.concatenate([object_px, hand_px], axis=1).reshape(len(t_s), -1)).all(
+        axis=1
+    )
     if both.sum() < REST_FRAMES:
         raise LabelError(
             f"both tags are seen in {both.sum()} of {len(both)} frames",
@@ -114,7 +130,9 @@ def motion(
         )
     _require_one_size(object_px[both], hand_px[both], tag_mm)
     square = tag_mm * np.array([-0.5 - 0.5j, 0.5 - 0.5j, 0.5 + 0.5j, -0.5 + 0.5j])
-    hand, thing = (corners[both, :, 0] + 1j * corners[both, :, 1] for corners in (hand_px, object_px))
+    hand, thing = (
+        corners[both, :, 0] + 1j * corners[both, :, 1] for corners in (hand_px, object_px)
+    )
     about = hand - hand.mean(axis=1, keepdims=True)
     turn = (about.conj() * square).sum(axis=1) / (np.abs(about) ** 2).sum(axis=1)
     place = turn * (thing.mean(axis=1) - hand.mean(axis=1))
@@ -159,7 +177,8 @@ def _require_apart(distance_mm: FloatArray, apart_mm: float | None, tag_mm: floa
 
 
 def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | Hidden | None:
-    """The first motion from rest that reaches gross_mm; None where nothing slips. Raises LabelError without a rest."""
+    """The first motion from rest that reaches gross_mm; None where nothing slips. Raises LabelError
+    without a rest."""
     track = _Track(moved)
     for level_mm, first, stop in track.departures():
         away_mm = np.linalg.norm(track.place_mm[first:stop] - level_mm, axis=1)
@@ -176,7 +195,8 @@ def find_slip(moved: Motion, gross_mm: float = GROSS_MM) -> Slip | Hidden | None
 
 
 def largest_move_mm(moved: Motion) -> float:
-    """How far the object ever went from where it last rested: the elastic shear, in a trial that loads and holds."""
+    """How far the object ever went from where it last rested: the elastic shear, in a trial that
+    loads and holds."""
     track = _Track(moved)
     largest_mm = 0.0
     for level_mm, first, stop in track.departures():
@@ -186,7 +206,8 @@ def largest_move_mm(moved: Motion) -> float:
 
 
 def gross_distance_mm(no_slip: Sequence[Motion]) -> float:
-    """A gross distance above the elastic shear of trials that were loaded and did not slip, and no less than 2 mm."""
+    """A gross distance above the elastic shear of trials that were loaded and did not slip, and no
+    less than 2 mm."""
     return max(GROSS_MM, ABOVE_SHEAR * max((largest_move_mm(one) for one in no_slip), default=0.0))
 
 
@@ -195,14 +216,22 @@ class _Track:
 
     def __init__(self, moved: Motion) -> None:
         seen = np.isfinite(moved.place_mm).all(axis=1)
-        self.t_s, self.place_mm, self.threshold_mm = moved.t_s[seen], moved.place_mm[seen], moved.threshold_mm
+        self.t_s, self.place_mm, self.threshold_mm = (
+            moved.t_s[seen],
+            moved.place_mm[seen],
+            moved.threshold_mm,
+        )
         self.sigma_mm, self.end_s = moved.sigma_mm, float(moved.t_s[-1]) if len(moved.t_s) else 0.0
-        self.longest_s = LONGEST_STEP * float(np.median(np.diff(moved.t_s))) if len(moved.t_s) > 1 else 0.0
+        self.longest_s = (
+            LONGEST_STEP * float(np.median(np.diff(moved.t_s))) if len(moved.t_s) > 1 else 0.0
+        )
 
     def rest(self, first: int) -> tuple[FloatArray, int] | None:
         """Level [2] of the first rest from a frame on, and the first frame after it."""
         for start in range(first, len(self.t_s)):
-            stop = max(int(np.searchsorted(self.t_s, self.t_s[start] + REST_S)) + 1, start + REST_FRAMES)
+            stop = max(
+                int(np.searchsorted(self.t_s, self.t_s[start] + REST_S)) + 1, start + REST_FRAMES
+            )
             if stop > len(self.t_s):
                 return None
             level_mm = np.median(self.place_mm[start:stop], axis=0)
@@ -219,7 +248,8 @@ class _Track:
         )
 
     def departures(self) -> Iterator[tuple[FloatArray, int, int]]:
-        """(level, first frame away for three in a row, first frame after the next rest began or the end)."""
+        """(level, first frame away for three in a row, first frame after the next rest began or the
+        end)."""
         level_mm, after = self.rest(0) or self.no_rest()
         while (first := self._departs(after, level_mm)) is not None:
             again = self.rest(first)
@@ -230,13 +260,19 @@ class _Track:
             level_mm, after = again
 
     def _away(self, first: int, level_mm: FloatArray) -> FloatArray:
-        away: FloatArray = np.linalg.norm(self.place_mm[first:] - level_mm, axis=1) > self.threshold_mm
+        away: FloatArray = (
+            np.linalg.norm(self.place_mm[first:] - level_mm, axis=1) > self.threshold_mm
+        )
         return away
 
     def _departs(self, first: int, level_mm: FloatArray) -> int | None:
         away = self._away(first, level_mm)
         rows = len(away) - IN_A_ROW + 1
-        found = np.flatnonzero(np.all([away[k : k + rows] for k in range(IN_A_ROW)], axis=0)) if rows > 0 else away[:0]
+        found = (
+            np.flatnonzero(np.all([away[k : k + rows] for k in range(IN_A_ROW)], axis=0))
+            if rows > 0
+            else away[:0]
+        )
         return first + int(found[0]) if found.size else None
 
     def lost_after(self, row: int) -> bool:
@@ -258,7 +294,9 @@ class _Track:
         return None
 
 
-def _slip(track: _Track, level_mm: FloatArray, first: int, gross: int, stop: int, gross_mm: float) -> Slip:
+def _slip(
+    track: _Track, level_mm: FloatArray, first: int, gross: int, stop: int, gross_mm: float
+) -> Slip:
     t_s, offset_mm = track.t_s, track.place_mm - level_mm
     along_mm = offset_mm @ (offset_mm[gross] / np.linalg.norm(offset_mm[gross]))
     start_s, start_sd_s = fitted_start(t_s, along_mm, first, track.threshold_mm, track.sigma_mm)
@@ -269,9 +307,13 @@ def _slip(track: _Track, level_mm: FloatArray, first: int, gross: int, stop: int
     if not gaps.size and stop < len(t_s):
         end_s = max(gross_s, end_s - REST_S)
     return Slip(
-        start_s=start_s, start_sd_s=start_sd_s, seen_s=float(t_s[first]), gross_s=gross_s, end_s=end_s,
+        start_s=start_s,
+        start_sd_s=start_sd_s,
+        seen_s=float(t_s[first]),
+        gross_s=gross_s,
+        end_s=end_s,
         frame_s=float(np.diff(t_s[max(first - 1, 0) : gross + 1]).max()),
-    )  # fmt: skip
+    )
 
 
 def fitted_start(
@@ -279,12 +321,16 @@ def fitted_start(
 ) -> tuple[float, float]:
     """Start of c + k (t - start)^2, 0 before it, by least squares, and its standard deviation, s.
 
-    first: the first frame beyond the threshold; the fit runs over the rest before it and the first frames after.
-    The start is searched on a grid, finer round the best, because the model has a corner there; its deviation comes
-    from the model's slopes and the larger of residuals and noise.
+    first: the first frame beyond the threshold; the fit runs over the rest before it and the first
+    frames after. The start is searched on a grid, finer round the best, because the model has a
+    corner there; its deviation comes from the model's slopes and the larger of residuals and noise.
     """
     stop = min(first + FIT_FRAMES, len(t_s))
-    while stop < len(t_s) and along_mm[stop] <= FIT_THRESHOLDS * threshold_mm and t_s[stop] - t_s[first] < REST_S:
+    while (
+        stop < len(t_s)
+        and along_mm[stop] <= FIT_THRESHOLDS * threshold_mm
+        and t_s[stop] - t_s[first] < REST_S
+    ):
         stop += 1
     begin = int(np.searchsorted(t_s, t_s[first] - REST_S))
     t, d = t_s[begin:stop], along_mm[begin:stop]
@@ -310,5 +356,7 @@ def _misfit(t: FloatArray, d: FloatArray, starts: FloatArray) -> FloatArray:
     x -= x.mean(axis=1, keepdims=True)
     y = d - d.mean()
     bent, square = x @ y, (x * x).sum(axis=1)
-    misfit: FloatArray = y @ y - np.where((bent > 0.0) & (square > 0.0), bent, 0.0) ** 2 / np.maximum(square, 1e-300)
+    misfit: FloatArray = y @ y - np.where(
+        (bent > 0.0) & (square > 0.0), bent, 0.0
+    ) ** 2 / np.maximum(square, 1e-300)
     return misfit

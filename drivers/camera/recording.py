@@ -2,10 +2,12 @@
 
     camera.mkv     the frames, lossless (FFV1)         camera.mcap    their stamps and numbers
     tags.csv       sequence, t_s, tag, x1, y1 .. y4    a line a tag and frame, from the first frame on; a line without
-                                                       a tag where a frame shows none. t_s: middle of the exposure
+                                                       a tag where a frame shows none. t_s: middle
+                                                       of the exposure
     camera.json    source, fps, exposure, tag, clock, counts, gaps, and why the trial is void, if it is
 
-tags.csv is written line by line, so a killed recording keeps its tracks. Nothing here but the video needs depthai.
+tags.csv is written line by line, so a killed recording keeps its tracks. Nothing here but the video
+needs depthai.
 """
 
 from __future__ import annotations
@@ -56,23 +58,33 @@ class TagFile:
     def write(self, sequence: int, t_s: float, tags: dict[int, Corners]) -> None:
         """The tags of one frame, corners [8] as float32 in as many digits as bring them back."""
         head = f"{sequence},{t_s:.6f}"
-        lines = [",".join([head, str(tag), *(f"{x:.9g}" for x in at)]) for tag, at in sorted(tags.items())]
+        lines = [
+            ",".join([head, str(tag), *(f"{x:.9g}" for x in at)])
+            for tag, at in sorted(tags.items())
+        ]
         try:
-            self._file.write("".join(f"{line}\n" for line in lines or [head + "," * (len(COLUMNS) - 2)]))
+            self._file.write(
+                "".join(f"{line}\n" for line in lines or [head + "," * (len(COLUMNS) - 2)])
+            )
         except OSError as error:
             raise self._failed(error) from None
 
     def _failed(self, error: OSError) -> OutputError:
         return OutputError(
-            f"cannot write ({error.strerror})", where=self.path, cause="a full disk, no permission, or an old one",
+            f"cannot write ({error.strerror})",
+            where=self.path,
+            cause="a full disk, no permission, or an old one",
             next_step="name a new folder on a disk with room",
-        )  # fmt: skip
+        )
 
     def __enter__(self) -> TagFile:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         try:
             self._file.close()
@@ -83,7 +95,8 @@ class TagFile:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Tags of a recording: sequence [K], t_s [K] (middle of exposure), corners [K, 4, 2] px by tag, nan if unseen."""
+    """Tags of a recording: sequence [K], t_s [K] (middle of exposure), corners [K, 4, 2] px by tag,
+    nan if unseen."""
 
     sequence: npt.NDArray[np.int64]
     t_s: FloatArray
@@ -95,25 +108,37 @@ class Tracks:
 
 
 def read_tracks(folder: Path) -> Tracks:
-    """tags.csv of a folder. Raises DataNotFound, ColumnError, NotANumber, EmptyRecording, TimeError."""
+    """tags.csv of a folder. Raises DataNotFound, ColumnError, NotANumber, EmptyRecording,
+    TimeError."""
     path = folder / TAGS
     try:
         require_lines(path)
         with path.open(newline="", encoding="utf-8") as lines:
             rows = list(csv.reader(lines))
     except FileNotFoundError:
-        raise DataNotFound(f"no {TAGS}", where=folder, next_step="holdfast watch makes one") from None
+        raise DataNotFound(
+            f"no {TAGS}", where=folder, next_step="holdfast watch makes one"
+        ) from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise NotANumber(f"cannot be read ({type(error).__name__})", where=path, next_step="watch again") from None
+        raise NotANumber(
+            f"cannot be read ({type(error).__name__})", where=path, next_step="watch again"
+        ) from None
     if not rows or rows[0] != COLUMNS:
-        raise ColumnError("other columns", where=path, next_step=f"the columns are {','.join(COLUMNS)}")
-    body = rows[1:-1] if rows[-1] and len(rows[-1]) < len(COLUMNS) else rows[1:]  # a killed program's last line
+        raise ColumnError(
+            "other columns", where=path, next_step=f"the columns are {','.join(COLUMNS)}"
+        )
+    # a killed program's last line
+    body = rows[1:-1] if rows[-1] and len(rows[-1]) < len(COLUMNS) else rows[1:]
     if not body:
-        raise EmptyRecording("no frame", where=path, cause="stopped at once", next_step="record again")
+        raise EmptyRecording(
+            "no frame", where=path, cause="stopped at once", next_step="record again"
+        )
     try:
         return _tracks(body, path)
     except (ValueError, IndexError):
-        raise NotANumber("a line that is not numbers", where=path, next_step="watch the video again") from None
+        raise NotANumber(
+            "a line that is not numbers", where=path, next_step="watch the video again"
+        ) from None
 
 
 def _tracks(body: list[list[str]], path: Path) -> Tracks:
@@ -142,9 +167,13 @@ def read_about(folder: Path) -> dict[str, Any]:
         Lens.of(about, "")
         return dict(about)
     except FileNotFoundError:
-        raise DataNotFound(f"no {ABOUT}", where=folder, next_step="holdfast watch makes one") from None
+        raise DataNotFound(
+            f"no {ABOUT}", where=folder, next_step="holdfast watch makes one"
+        ) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise NotANumber(f"cannot be used ({type(error).__name__})", where=path, next_step="mend it") from None
+        raise NotANumber(
+            f"cannot be used ({type(error).__name__})", where=path, next_step="mend it"
+        ) from None
 
 
 def read_recorded(folder: Path, dai: Any) -> Stored:
@@ -164,21 +193,30 @@ def read_recorded(folder: Path, dai: Any) -> Stored:
 def require_same_stamps(frames: list[Frame], tracks: Tracks, lens: Lens, folder: Path) -> None:
     """Raise ColumnError where the video's numbers and stamps are not those of the tags."""
     middle_s = dict(zip(tracks.sequence.tolist(), tracks.t_s.tolist(), strict=True))
-    off = [f for f in frames if abs(middle_s.get(f.sequence, math.inf) + 5e-4 * lens.exposure_ms - f.end_s) > STAMP_S]
+    off = [
+        f
+        for f in frames
+        if abs(middle_s.get(f.sequence, math.inf) + 5e-4 * lens.exposure_ms - f.end_s) > STAMP_S
+    ]
     if len(off) > max(0, len(frames) - len(middle_s)):
         raise ColumnError(
-            f"{len(off)} frames of the video have stamps that {TAGS} does not have", where=folder,
-            cause=f"{STAMPS} is broken or of another recording", next_step="record again",
-        )  # fmt: skip
+            f"{len(off)} frames of the video have stamps that {TAGS} does not have",
+            where=folder,
+            cause=f"{STAMPS} is broken or of another recording",
+            next_step="record again",
+        )
 
 
 def require_whole(found: int, told: object, where: Path) -> None:
-    """Raise EmptyRecording where a file holds fewer frames than camera.json told when it was complete."""
+    """Raise EmptyRecording where a file holds fewer frames than camera.json told when it was
+    complete."""
     if isinstance(told, int) and found < told:
         raise EmptyRecording(
-            f"holds {found} of its {told} frames", where=where, cause="an interrupted copy, or a broken disk",
+            f"holds {found} of its {told} frames",
+            where=where,
+            cause="an interrupted copy, or a broken disk",
             next_step="copy it again from where it was recorded",
-        )  # fmt: skip
+        )
 
 
 def _image(message: Any) -> npt.NDArray[np.uint8]:
@@ -187,11 +225,13 @@ def _image(message: Any) -> npt.NDArray[np.uint8]:
 
 
 def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame]:
-    """The frames of a recorded folder, in order, a few held at a time. Raises DataNotFound, EmptyRecording.
+    """The frames of a recorded folder, in order, a few held at a time. Raises DataNotFound,
+    EmptyRecording.
 
-    The end of the file stops depthai's pipeline at once, so frames are taken by a callback on a queue of one, in
-    depthai's own thread (a queue that is pulled loses the last ones); it waits while nobody takes them on. It must not
-    raise, and nothing may wait for the pipeline: either would end the interpreter.
+    The end of the file stops depthai's pipeline at once, so frames are taken by a callback on a
+    queue of one, in depthai's own thread (a queue that is pulled loses the last ones); it waits
+    while nobody takes them on. It must not raise, and nothing may wait for the pipeline: either
+    would end the interpreter.
     """
     pipeline, output = _replayed(folder, dai)
     ahead: Queue[Frame | str] = Queue(AHEAD)
@@ -201,7 +241,11 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
         threads.add(get_native_id())
         try:
             image = _image(message) if images else NO_IMAGE
-            _hand_on(Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image), ahead, over)
+            _hand_on(
+                Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image),
+                ahead,
+                over,
+            )
         except Exception as error:  # it would end the interpreter
             _hand_on(f"{type(error).__name__}: {error}", ahead, over)
 
@@ -221,16 +265,21 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
         _wait_for_end(threads)
     if not isinstance(found, Frame):
         raise EmptyRecording(
-            f"the video cannot be read ({found or 'no frame'})", where=folder / VIDEO, cause="cut off, or not ours",
+            f"the video cannot be read ({found or 'no frame'})",
+            where=folder / VIDEO,
+            cause="cut off, or not ours",
             next_step=f"{TAGS} may still hold the tracks: holdfast onset",
-        )  # fmt: skip
+        )
 
 
 def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
-    """A pipeline that plays a folder's video as fast as it is taken, and the queue it comes out of."""
+    """A pipeline that plays a folder's video as fast as it is taken, and the queue it comes out
+    of."""
     for name in (VIDEO, STAMPS):
         if not (folder / name).is_file():
-            raise DataNotFound(f"no {name}", where=folder, next_step="give a folder that holdfast watch made")
+            raise DataNotFound(
+                f"no {name}", where=folder, next_step="give a folder that holdfast watch made"
+            )
     pipeline = dai.Pipeline(createImplicitDevice=False)
     replay = pipeline.create(dai.node.ReplayVideo)
     replay.setReplayVideoFile(folder / VIDEO)
@@ -242,8 +291,8 @@ def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
 
 
 def _wait_for_end(threads: set[int]) -> None:
-    """Until depthai's threads have ended. To let go of the pipeline before is to wait for them with the interpreter
-    held, which they wait for themselves."""
+    """Until depthai's threads have ended. To let go of the pipeline before is to wait for them with
+    the interpreter held, which they wait for themselves."""
     while any(Path(f"/proc/self/task/{thread}").exists() for thread in threads):
         time.sleep(POLL_S)
 

@@ -1,4 +1,5 @@
-"""A TMAG5273 at register level: what the data sheet says it does, converting a field as time goes by."""
+"""A TMAG5273 at register level: what the data sheet says it does, converting a field as time goes
+by."""
 
 from __future__ import annotations
 
@@ -47,7 +48,10 @@ STATUS = REGISTERS["CONV_STATUS"].address
 TEMPERATURE, ANGLE = REGISTERS["T_MSB_RESULT"].address, REGISTERS["ANGLE_RESULT_MSB"].address
 RESULT_READY = 0x01
 """Of CONV_STATUS."""
-RESTARTING = tuple(REGISTERS[name] for name in ("DEVICE_CONFIG_1", "DEVICE_CONFIG_2", "SENSOR_CONFIG_1", "T_CONFIG"))
+RESTARTING = tuple(
+    REGISTERS[name]
+    for name in ("DEVICE_CONFIG_1", "DEVICE_CONFIG_2", "SENSOR_CONFIG_1", "T_CONFIG")
+)
 """A write to one of these begins conversions anew."""
 CONFIGURATION_BYTES = REGISTERS["I2C_ADDRESS"].address
 MOST_CHECKED_CHANNELS = 3
@@ -55,22 +59,36 @@ MOST_CHECKED_CHANNELS = 3
 IDS = (REGISTERS["MANUFACTURER_ID_LSB"].address, REGISTERS["MANUFACTURER_ID_MSB"].address)
 WRONG_ID = 0x00
 CHECKED_BYTES = 4
-"""Register bytes before the check byte of a register read with CRC; longer reads have none (SYLS045A 7.5.1.3.3)."""
+"""Register bytes before the check byte of a register read with CRC; longer reads have none
+(SYLS045A 7.5.1.3.3)."""
 NOTHING_SENT = 0xFF
 """What a master reads where no chip pulls SDA low."""
 
 
 class Chip:
-    """One chip. number: 1 .. 6, what faults call it; version 1 or 2; seed: of its noise, None for none."""
+    """One chip. number: 1 .. 6, what faults call it; version 1 or 2; seed: of its noise, None for
+    none."""
 
     def __init__(
-        self, number: int, factory_address: int, version: int, field: Field, clock: Clock, faults: Faults,
-        *, seed: int | None = None, degc: Temperature = lambda now_s: REFERENCE_DEGC,
-    ) -> None:  # fmt: skip
+        self,
+        number: int,
+        factory_address: int,
+        version: int,
+        field: Field,
+        clock: Clock,
+        faults: Faults,
+        *,
+        seed: int | None = None,
+        degc: Temperature = lambda now_s: REFERENCE_DEGC,
+    ) -> None:
         self.number, self.factory_address, self.version = number, factory_address, version
         self._field, self._degc, self._clock, self._faults = field, degc, clock, faults
         self._born_ns = clock.now_ns()
-        noise = np.zeros((1, 3)) if seed is None else np.random.default_rng([seed, number]).normal(size=(NOISE_ROWS, 3))
+        noise = (
+            np.zeros((1, 3))
+            if seed is None
+            else np.random.default_rng([seed, number]).normal(size=(NOISE_ROWS, 3))
+        )
         self._noise_ut: list[list[float]] = (noise * NOISE_UT).tolist()
         self.power_on()
 
@@ -121,11 +139,16 @@ class Chip:
         return True
 
     def write(self, byte: int) -> bool:
-        """The register's address first (its highest bit starts a conversion), then values, address by address."""
+        """The register's address first (its highest bit starts a conversion), then values, address
+        by address."""
         if self._first_byte:
             self._first_byte = False
             self._pointer = byte & ~TRIGGER
-            if byte & TRIGGER and self._mode == STANDBY and not self._field_of("DEVICE_CONFIG_2", "TRIGGER_MODE"):
+            if (
+                byte & TRIGGER
+                and self._mode == STANDBY
+                and not self._field_of("DEVICE_CONFIG_2", "TRIGGER_MODE")
+            ):
                 self._begin()
             return True
         self._store(self._pointer, byte)
@@ -135,7 +158,11 @@ class Chip:
     def read(self) -> int:
         """The next register, or the next byte of a packet where 1-byte reads are on."""
         if self._packet is not None:
-            byte = self._packet[self._packet_at] if self._packet_at < len(self._packet) else NOTHING_SENT
+            byte = (
+                self._packet[self._packet_at]
+                if self._packet_at < len(self._packet)
+                else NOTHING_SENT
+            )
             self._packet_at += 1
             return byte
         if self._checked:
@@ -145,7 +172,8 @@ class Chip:
         return byte
 
     def _read_checked(self) -> int:
-        """A register read with CRC_EN: four registers, the check byte over these four, and then nothing."""
+        """A register read with CRC_EN: four registers, the check byte over these four, and then
+        nothing."""
         if len(self._sent) > CHECKED_BYTES:
             return NOTHING_SENT
         if len(self._sent) == CHECKED_BYTES:
@@ -178,7 +206,9 @@ class Chip:
         if register is None:
             return
         mode = self._mode
-        kept = self._bytes[address] & ~register.writable & 0xFF & ~(register.write_one_clears & byte)
+        kept = (
+            self._bytes[address] & ~register.writable & 0xFF & ~(register.write_one_clears & byte)
+        )
         self._bytes[address] = kept | byte & register.writable
         if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
             self._next_address = byte >> 1
@@ -207,7 +237,8 @@ class Chip:
         self._configured()
 
     def _restart(self, mode_before: int) -> None:
-        """A changed configuration begins its conversions anew; a chip that falls asleep forgets its results."""
+        """A changed configuration begins its conversions anew; a chip that falls asleep forgets its
+        results."""
         if self._mode in ASLEEP:
             self._forget()
         if self._mode in (CONTINUOUS, WAKE_AND_SLEEP):
@@ -225,12 +256,17 @@ class Chip:
 
     def _completed(self, period_s: float) -> int:
         """How many periods have passed since conversions began, none where nothing is converted."""
-        if self._started_ns is None or not (self._settings.axes or self._settings.temperature) or self._has("frozen"):
+        if (
+            self._started_ns is None
+            or not (self._settings.axes or self._settings.temperature)
+            or self._has("frozen")
+        ):
             return 0
         return (self._clock.now_ns() - self._started_ns) // round(1e9 * period_s)
 
     def _update(self) -> None:
-        """Finish the conversions that have been completed by now; only the last one leaves its result."""
+        """Finish the conversions that have been completed by now; only the last one leaves its
+        result."""
         done = self._completed(self._settings.lasts_s)
         if self._mode == STANDBY:
             done = min(done, 1)
@@ -241,7 +277,8 @@ class Chip:
         self._convert(self._middle_s(done * self._settings.lasts_s))
 
     def _doze(self) -> None:
-        """Wake-and-sleep mode until now: every result is lost in the next sleep, unless it keeps the chip awake."""
+        """Wake-and-sleep mode until now: every result is lost in the next sleep, unless it keeps
+        the chip awake."""
         asked = self._settings
         period_s = asked.sleep_s + SHORTEST_WAKE_S + asked.lasts_s
         done = self._completed(period_s)
@@ -281,14 +318,19 @@ class Chip:
         pair = asked.paired(results)
         if pair is not None:
             struct.pack_into(">HB", self._bytes, ANGLE, angle_raw(*pair), magnitude_raw(*pair))
-        self._bytes[STATUS] = self._bytes[STATUS] & 0x1E | (self._conversions % 8) << 5 | RESULT_READY
+        self._bytes[STATUS] = (
+            self._bytes[STATUS] & 0x1E | (self._conversions % 8) << 5 | RESULT_READY
+        )
         return results
 
     def _burst(self, address: int) -> bytes | None:
-        """What a read without a register byte answers, or None where registers are read: T, X, Y, Z as they are on."""
+        """What a read without a register byte answers, or None where registers are read: T, X, Y, Z
+        as they are on."""
         if self._reads_as not in (BURST_16, BURST_8):
             return None
-        on = [TEMPERATURE] * self._settings.temperature + [RESULTS + 2 * axis for axis in self._settings.axes]
+        on = [TEMPERATURE] * self._settings.temperature + [
+            RESULTS + 2 * axis for axis in self._settings.axes
+        ]
         width = 2 if self._reads_as == BURST_16 else 1
         data = b"".join(self._bytes[at : at + width] for at in on) + bytes([self._load(STATUS)])
         if self._checked and (width == 1 or len(on) <= MOST_CHECKED_CHANNELS):

@@ -19,7 +19,8 @@ class Clock(Protocol):
 
 
 class VirtualClock:
-    """Stands still until somebody spends time: a minute passes in as long as it takes to compute."""
+    """Stands still until somebody spends time: a minute passes in as long as it takes to
+    compute."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = start_ns

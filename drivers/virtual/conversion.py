@@ -1,7 +1,8 @@
-"""One conversion of a TMAG5273 as its registers ask for it: channels, temperature, corrections, angle (SYLS045A 7.5.2).
+"""One conversion of a TMAG5273 as its registers ask for it: channels, temperature, corrections,
+angle (SYLS045A 7.5.2).
 
-Where the data sheet is silent this does what a driver finds harder: with averaging the temperature costs the time of a
-channel more, and a channel that is off keeps its last result.
+Where the data sheet is silent this does what a driver finds harder: with averaging the temperature
+costs the time of a channel more, and a channel that is off keeps its last result.
 """
 
 from __future__ import annotations
@@ -15,10 +16,20 @@ from drivers.tmag5273 import RANGES_MT, REGISTERS, conversion_s
 
 X, Y, Z = 0, 1, 2
 SEQUENCES: dict[int, tuple[int, ...]] = {
-    1: (X,), 2: (Y,), 3: (X, Y), 4: (Z,), 5: (X, Z), 6: (Y, Z), 7: (X, Y, Z),
-    8: (X, Y, X), 9: (Y, X, Y), 10: (Y, Z, Y), 11: (X, Z, X),
-}  # fmt: skip
-"""SENSOR_CONFIG_1.MAG_CH_EN: what is converted one after the other; of a channel that comes twice the mean is kept."""
+    1: (X,),
+    2: (Y,),
+    3: (X, Y),
+    4: (Z,),
+    5: (X, Z),
+    6: (Y, Z),
+    7: (X, Y, Z),
+    8: (X, Y, X),
+    9: (Y, X, Y),
+    10: (Y, Z, Y),
+    11: (X, Z, X),
+}
+"""SENSOR_CONFIG_1.MAG_CH_EN: what is converted one after the other; of a channel that comes twice
+the mean is kept."""
 ANGLE_PAIRS = {1: (X, Y), 2: (Y, Z), 3: (X, Z)}
 """SENSOR_CONFIG_2.ANGLE_EN."""
 TEMPCO_PER_DEGC = {1: 0.0012, 3: 0.002}
@@ -46,7 +57,8 @@ def temperature_raw(degc: float) -> int:
 
 
 def angle_raw(first: int, second: int) -> int:
-    """Of a pair's results: degrees from 0 to 360 in nine bits and sixteenths in four (equation 15)."""
+    """Of a pair's results: degrees from 0 to 360 in nine bits and sixteenths in four (equation
+    15)."""
     return round(ANGLE_STEPS * math.degrees(math.atan2(second, first))) % CIRCLE
 
 
@@ -81,17 +93,24 @@ class Settings:
         told = {
             "lasts_s": conversion_s(self.averages, channels),
             "axes": tuple(sorted(set(self.sequence))),
-            "quieter": tuple(math.sqrt(self.averages * max(1, self.sequence.count(axis))) for axis in (X, Y, Z)),
+            "quieter": tuple(
+                math.sqrt(self.averages * max(1, self.sequence.count(axis))) for axis in (X, Y, Z)
+            ),
         }
         for name, value in told.items():
             object.__setattr__(self, name, value)
 
-    def raw(self, field_ut: Sequence[float], noise_ut: Sequence[float], degc: float) -> dict[int, int]:
-        """Results of the axes that are on, 16 bits, signed. In plain numbers: an array would cost more than three."""
+    def raw(
+        self, field_ut: Sequence[float], noise_ut: Sequence[float], degc: float
+    ) -> dict[int, int]:
+        """Results of the axes that are on, 16 bits, signed. In plain numbers: an array would cost
+        more than three."""
         warmer = 1.0 + self.tempco_per_degc * (degc - REFERENCE_DEGC)
         results = {}
         for axis in self.axes:
-            share = (warmer * field_ut[axis] + noise_ut[axis] / self.quieter[axis]) / self.full_ut[axis]
+            share = (warmer * field_ut[axis] + noise_ut[axis] / self.quieter[axis]) / self.full_ut[
+                axis
+            ]
             code = (FULL_SCALE * share + self.offset[axis]) * self.gain[axis]
             results[axis] = round(max(-32768.0, min(32767.0, code)))
         return results
@@ -105,12 +124,15 @@ class Settings:
 
 @lru_cache(maxsize=256)
 def settings(registers: bytes, version: int) -> Settings:
-    """Out of the configuration registers, by address; version 1 or 2 of the chip. Drivers write the same ones often."""
+    """Out of the configuration registers, by address; version 1 or 2 of the chip. Drivers write the
+    same ones often."""
 
     def read(register: str, name: str) -> int:
         return REGISTERS[register].read(registers[REGISTERS[register].address], name)
 
-    xy_mt, z_mt = (RANGES_MT[version][read("SENSOR_CONFIG_2", name)] for name in ("X_Y_RANGE", "Z_RANGE"))
+    xy_mt, z_mt = (
+        RANGES_MT[version][read("SENSOR_CONFIG_2", name)] for name in ("X_Y_RANGE", "Z_RANGE")
+    )
     pair = ANGLE_PAIRS.get(read("SENSOR_CONFIG_2", "ANGLE_EN"))
     gain, offset = [1.0, 1.0, 1.0], [0, 0, 0]
     if pair is not None:
@@ -133,10 +155,12 @@ def settings(registers: bytes, version: int) -> Settings:
 
 @dataclass(frozen=True)
 class Interrupts:
-    """When a chip in wake-and-sleep mode stays awake: with every result, or where a threshold is crossed.
+    """When a chip in wake-and-sleep mode stays awake: with every result, or where a threshold is
+    crossed.
 
-    thresholds: codes of 8 bits, by axis, 0 for none; both_poles: the same one towards the other pole, too; below:
-    crossed where the field is smaller. crossings: so many results running. hotter_degc: None for no threshold.
+    thresholds: codes of 8 bits, by axis, 0 for none; both_poles: the same one towards the other
+    pole, too; below: crossed where the field is smaller. crossings: so many results running.
+    hotter_degc: None for no threshold.
     """
 
     every_result: bool
@@ -150,12 +174,16 @@ class Interrupts:
     @property
     def possible(self) -> bool:
         """Whether any result could be one."""
-        return self.every_result or (self.on_threshold and (any(self.thresholds) or self.hotter_degc is not None))
+        return self.every_result or (
+            self.on_threshold and (any(self.thresholds) or self.hotter_degc is not None)
+        )
 
     def crossed(self, results: dict[int, int], degc: float) -> bool:
         """Whether a result is beyond a threshold."""
         hot = self.hotter_degc is not None and degc > self.hotter_degc
-        return hot or any(self._beyond(result, self.thresholds[axis]) for axis, result in results.items())
+        return hot or any(
+            self._beyond(result, self.thresholds[axis]) for axis, result in results.items()
+        )
 
     def _beyond(self, result: int, code: int) -> bool:
         if not code:

@@ -1,4 +1,5 @@
-"""What an emulated USB device says of itself: descriptors as fields, for pyusb, and as bytes, for GET_DESCRIPTOR."""
+"""What an emulated USB device says of itself: descriptors as fields, for pyusb, and as bytes, for
+GET_DESCRIPTOR."""
 
 from __future__ import annotations
 
@@ -35,12 +36,18 @@ class Interface:
 
     @property
     def extra(self) -> bytes:
-        """The HID class descriptor that announces the report descriptor (HID 1.11, section 6.2.1)."""
-        return struct.pack("<BBHBBBH", 9, HID, 0x0111, 0, 1, REPORT, len(self.report)) if self.report else b""
+        """The HID class descriptor that announces the report descriptor (HID 1.11, section
+        6.2.1)."""
+        return (
+            struct.pack("<BBHBBBH", 9, HID, 0x0111, 0, 1, REPORT, len(self.report))
+            if self.report
+            else b""
+        )
 
 
 class Described(Protocol):
-    """What descriptors are made from; strings: manufacturer, product, serial number, empty for none."""
+    """What descriptors are made from; strings: manufacturer, product, serial number, empty for
+    none."""
 
     vendor: int
     product: int
@@ -57,20 +64,41 @@ def device_fields(device: Described, address: int) -> Any:
     manufacturer, product, serial = (k + 1 if text else 0 for k, text in enumerate(device.strings))
     usb_class, subclass, protocol = device.usb_class
     return SimpleNamespace(
-        bLength=18, bDescriptorType=DEVICE, bcdUSB=0x0200, bDeviceClass=usb_class, bDeviceSubClass=subclass,
-        bDeviceProtocol=protocol, bMaxPacketSize0=64, idVendor=device.vendor, idProduct=device.product,
-        bcdDevice=device.release, iManufacturer=manufacturer, iProduct=product, iSerialNumber=serial,
-        bNumConfigurations=1, address=address, bus=1, port_number=1, port_numbers=(1,), speed=SPEEDS[device.speed],
-    )  # fmt: skip
+        bLength=18,
+        bDescriptorType=DEVICE,
+        bcdUSB=0x0200,
+        bDeviceClass=usb_class,
+        bDeviceSubClass=subclass,
+        bDeviceProtocol=protocol,
+        bMaxPacketSize0=64,
+        idVendor=device.vendor,
+        idProduct=device.product,
+        bcdDevice=device.release,
+        iManufacturer=manufacturer,
+        iProduct=product,
+        iSerialNumber=serial,
+        bNumConfigurations=1,
+        address=address,
+        bus=1,
+        port_number=1,
+        port_numbers=(1,),
+        speed=SPEEDS[device.speed],
+    )
 
 
 def configuration_fields(device: Described) -> Any:
     """The only configuration."""
     return SimpleNamespace(
-        bLength=9, bDescriptorType=CONFIGURATION, wTotalLength=9 + len(_below(device)),
-        bNumInterfaces=len(device.interfaces), bConfigurationValue=1, iConfiguration=0, bmAttributes=ATTRIBUTES,
-        bMaxPower=device.current_ma // QUANTUM_MA, extra_descriptors=[],
-    )  # fmt: skip
+        bLength=9,
+        bDescriptorType=CONFIGURATION,
+        wTotalLength=9 + len(_below(device)),
+        bNumInterfaces=len(device.interfaces),
+        bConfigurationValue=1,
+        iConfiguration=0,
+        bmAttributes=ATTRIBUTES,
+        bMaxPower=device.current_ma // QUANTUM_MA,
+        extra_descriptors=[],
+    )
 
 
 def interface_fields(device: Described, number: int) -> Any:
@@ -78,23 +106,38 @@ def interface_fields(device: Described, number: int) -> Any:
     interface = device.interfaces[number]
     usb_class, subclass, protocol = interface.usb_class
     return SimpleNamespace(
-        bLength=9, bDescriptorType=INTERFACE, bInterfaceNumber=number, bAlternateSetting=0,
-        bNumEndpoints=len(interface.endpoints), bInterfaceClass=usb_class, bInterfaceSubClass=subclass,
-        bInterfaceProtocol=protocol, iInterface=0, extra_descriptors=list(interface.extra),
-    )  # fmt: skip
+        bLength=9,
+        bDescriptorType=INTERFACE,
+        bInterfaceNumber=number,
+        bAlternateSetting=0,
+        bNumEndpoints=len(interface.endpoints),
+        bInterfaceClass=usb_class,
+        bInterfaceSubClass=subclass,
+        bInterfaceProtocol=protocol,
+        iInterface=0,
+        extra_descriptors=list(interface.extra),
+    )
 
 
 def endpoint_fields(device: Described, number: int, interface: int) -> Any:
     """An endpoint of an interface. Raises IndexError past the last."""
     endpoint = device.interfaces[interface].endpoints[number]
     return SimpleNamespace(
-        bLength=7, bDescriptorType=ENDPOINT, bEndpointAddress=endpoint.address, bmAttributes=endpoint.attributes,
-        wMaxPacketSize=endpoint.packet, bInterval=1, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
-    )  # fmt: skip
+        bLength=7,
+        bDescriptorType=ENDPOINT,
+        bEndpointAddress=endpoint.address,
+        bmAttributes=endpoint.attributes,
+        wMaxPacketSize=endpoint.packet,
+        bInterval=1,
+        bRefresh=0,
+        bSynchAddress=0,
+        extra_descriptors=[],
+    )
 
 
 def descriptor(device: Described, kind: int, number: int, index: int) -> bytes | None:
-    """What GET_DESCRIPTOR brings; index: the interface or, of a string, its language. None: there is none."""
+    """What GET_DESCRIPTOR brings; index: the interface or, of a string, its language. None: there
+    is none."""
     if kind == DEVICE and not number:
         return _device_bytes(device)
     if kind == CONFIGURATION and not number:
@@ -123,7 +166,9 @@ def _below(device: Described) -> bytes:
     for number, interface in enumerate(device.interfaces):
         below += bytes(list(vars(interface_fields(device, number)).values())[:9]) + interface.extra
         for k in range(len(interface.endpoints)):
-            below += struct.pack("<BBBBHB", *list(vars(endpoint_fields(device, k, number)).values())[:6])
+            below += struct.pack(
+                "<BBBBHB", *list(vars(endpoint_fields(device, k, number)).values())[:6]
+            )
     return below
 
 

@@ -1,7 +1,7 @@
 """Scripted faults: what goes wrong, with which sensor, when, for how long.
 
-    nack:3@1.5+0.2      sensor 3 does not acknowledge from 1.5 s on for 0.2 s
-    unplug@2+1          the bridge is gone for a second
+nack:3@1.5+0.2      sensor 3 does not acknowledge from 1.5 s on for 0.2 s
+unplug@2+1          the bridge is gone for a second
 """
 
 from __future__ import annotations
@@ -33,13 +33,16 @@ OF_THE_BRIDGE = {
 KINDS = {**OF_A_SENSOR, **OF_THE_BUS, **OF_THE_BRIDGE}
 AT_ONCE = ("por", "sleep", "stuck")
 """Happen once, at their time; the others last."""
-FORM = re.compile(r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?")
+FORM = re.compile(
+    r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
+)
 DEFAULT_LASTS_S = 0.1
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault; sensor 1 .. 6, None for the bus or the bridge; times in s since the hand was made."""
+    """One fault; sensor 1 .. 6, None for the bus or the bridge; times in s since the hand was
+    made."""
 
     kind: str
     at_s: float
@@ -56,16 +59,27 @@ def read_fault(text: str) -> Fault:
     found = FORM.fullmatch(text)
     if found is None and FORM.fullmatch(text.replace(" ", "+")):
         raise UsageError(
-            f"fault={text!r} has a space where a + belongs", cause="an unescaped + in a URL means a space",
+            f"fault={text!r} has a space where a + belongs",
+            cause="an unescaped + in a URL means a space",
             next_step=f"write fault={text.replace(' ', '%2B')}",
-        )  # fmt: skip
+        )
     if found is None or found["kind"] not in KINDS:
-        raise UsageError(f"{text!r} is no fault", next_step=f"kind:sensor@at+lasts, kind one of {', '.join(KINDS)}")
+        raise UsageError(
+            f"{text!r} is no fault",
+            next_step=f"kind:sensor@at+lasts, kind one of {', '.join(KINDS)}",
+        )
     if (found["kind"] in OF_A_SENSOR) != (found["sensor"] is not None):
         what = "needs a sensor, 1 .. 6" if found["kind"] in OF_A_SENSOR else "has no sensor"
-        raise UsageError(f"{text!r}: {found['kind']} {what}", next_step=f"such as {_example(found['kind'])}")
+        raise UsageError(
+            f"{text!r}: {found['kind']} {what}", next_step=f"such as {_example(found['kind'])}"
+        )
     lasts_s = float(found["lasts"]) if found["lasts"] else DEFAULT_LASTS_S
-    return Fault(found["kind"], float(found["at"]), lasts_s, int(found["sensor"]) if found["sensor"] else None)
+    return Fault(
+        found["kind"],
+        float(found["at"]),
+        lasts_s,
+        int(found["sensor"]) if found["sensor"] else None,
+    )
 
 
 def _example(kind: str) -> str:
@@ -77,7 +91,9 @@ class Faults:
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         self._lasting = [fault for fault in faults if fault.kind not in AT_ONCE]
-        self._pending = sorted((f for f in faults if f.kind in AT_ONCE), key=lambda fault: fault.at_s)
+        self._pending = sorted(
+            (f for f in faults if f.kind in AT_ONCE), key=lambda fault: fault.at_s
+        )
 
     def __bool__(self) -> bool:
         """Whether anything is still to happen."""
@@ -86,13 +102,17 @@ class Faults:
     def lasts(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
         """Whether a lasting fault is on."""
         return any(
-            fault.kind == kind and fault.sensor == sensor and fault.at_s <= now_s < fault.at_s + fault.lasts_s
+            fault.kind == kind
+            and fault.sensor == sensor
+            and fault.at_s <= now_s < fault.at_s + fault.lasts_s
             for fault in self._lasting
         )
 
     def happened(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
         """Whether a fault that happens at once has happened since somebody last asked."""
-        due = [f for f in self._pending if f.kind == kind and f.sensor == sensor and f.at_s <= now_s]
+        due = [
+            f for f in self._pending if f.kind == kind and f.sensor == sensor and f.at_s <= now_s
+        ]
         for fault in due:
             self._pending.remove(fault)
         return bool(due)

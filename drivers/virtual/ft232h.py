@@ -1,4 +1,5 @@
-"""An FT232H: its control requests, its MPSSE engine, and the pins that make an I2C wire (FTDI AN 108)."""
+"""An FT232H: its control requests, its MPSSE engine, and the pins that make an I2C wire (FTDI AN
+108)."""
 
 from __future__ import annotations
 
@@ -17,10 +18,14 @@ TRANSFER_NS = 125_000
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY, SIO_BITMODE, SIO_GET_PINS = 0x00, 0x09, 0x0A, 0x0B, 0x0C
 PURGE_SENT, PURGE_ANSWERS = 1, 2
-"""Values of SIO_RESET: 1 clears what the host sent (libftdi's SIO_TCOFLUSH), 2 what waits for it; 0 clears both."""
+"""Values of SIO_RESET: 1 clears what the host sent (libftdi's SIO_TCOFLUSH), 2 what waits for it; 0
+clears both."""
 MPSSE = 2
 SET_PINS = 0x80
-LENGTHS = dict.fromkeys((SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3) | {0x22: 2, 0x26: 2}
+LENGTHS = dict.fromkeys((SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3) | {
+    0x22: 2,
+    0x26: 2,
+}
 """Bytes of the commands that have arguments, data of byte writes not counted."""
 BYTE_WRITES = (0x10, 0x11)
 LET_GO = (SET_PINS, bytes([SDA, SCL | SDA]))
@@ -84,7 +89,8 @@ class Pins:
         return byte
 
     def sent(self, byte: int) -> bool:
-        """A byte from the master, the line let go, and what it is then: low where a chip acknowledges."""
+        """A byte from the master, the line let go, and what it is then: low where a chip
+        acknowledges."""
         if self._state == "listen" and not self._count and not self.wire.held_low:
             self._acked = self.wire.write(byte)
             self.master, self.scl = True, False
@@ -95,7 +101,8 @@ class Pins:
         return self.clock(bit=True)
 
     def got(self, acknowledge: bool) -> int:
-        """A byte from the chips, the master's acknowledge bit (low to go on), and the line let go."""
+        """A byte from the chips, the master's acknowledge bit (low to go on), and the line let
+        go."""
         if self._state == "talk" and not self._count and self.master and not self.wire.held_low:
             self._byte, self.scl = self.wire.read(), False
             self._state = "silent" if acknowledge else "talk"
@@ -141,7 +148,8 @@ class Pins:
         self._addressing = False
 
     def _said(self, bit: bool) -> bool:
-        """Eight bits from the chips, then the master's acknowledge; after a NACK they are silent."""
+        """Eight bits from the chips, then the master's acknowledge; after a NACK they are
+        silent."""
         if self._count == 0:
             self._byte = self.wire.read()
         if self._count < 8:
@@ -156,10 +164,11 @@ class Pins:
 
 @lru_cache(maxsize=64)
 def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
-    """MPSSE commands as (opcode, what follows it), and how many bytes they are; the rest is incomplete.
+    """MPSSE commands as (opcode, what follows it), and how many bytes they are; the rest is
+    incomplete.
 
-    A pin write that repeats the one before moves nothing and is left out; SENT and GOT stand for their three. A driver
-    asks the same again and again.
+    A pin write that repeats the one before moves nothing and is left out; SENT and GOT stand for
+    their three. A driver asks the same again and again.
     """
     found: list[tuple[int, bytes]] = []
     at = 0
@@ -180,9 +189,21 @@ def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
 
 def _joined(last: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
     """The last three commands, or the one that they are."""
-    if len(last) == 3 and last[2] == READ_BIT and last[1] == LET_GO and last[0][0] == 0x11 and len(last[0][1]) == 3:
+    if (
+        len(last) == 3
+        and last[2] == READ_BIT
+        and last[1] == LET_GO
+        and last[0][0] == 0x11
+        and len(last[0][1]) == 3
+    ):
         return [(SENT, last[0][1][2:])]
-    if len(last) == 3 and last[2] == LET_GO and last[1][0] == 0x13 and last[1][1][0] == 0 and last[0] == READ_BYTE:
+    if (
+        len(last) == 3
+        and last[2] == LET_GO
+        and last[1][0] == 0x13
+        and last[1][1][0] == 0
+        and last[0] == READ_BYTE
+    ):
         return [(GOT, last[1][1][1:])]
     return last
 
@@ -210,7 +231,9 @@ class VirtualFt232h(Device):
 
     # -- control requests
 
-    def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
+    def control_out(
+        self, request_type: int, request: int, value: int, index: int, data: bytes
+    ) -> None:
         """FTDI's own requests; those for the serial port are taken and ignored."""
         if request == SIO_RESET and value in (0, PURGE_SENT, PURGE_ANSWERS):
             if value != PURGE_ANSWERS:
@@ -225,7 +248,9 @@ class VirtualFt232h(Device):
         elif request > SIO_GET_PINS:
             raise stall()
 
-    def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+    def control_in(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
         """Latency, pins, modem status."""
         if request == SIO_GET_LATENCY:
             return bytes([self._latency_ms])
@@ -238,7 +263,8 @@ class VirtualFt232h(Device):
     # -- bulk
 
     def write(self, endpoint: int, data: bytes) -> None:
-        """Commands; an incomplete one waits for its rest. What we take to compute is part of the transfer's time."""
+        """Commands; an incomplete one waits for its rest. What we take to compute is part of the
+        transfer's time."""
         self.hand.clock.spend(TRANSFER_NS)
         if self._mode != MPSSE:
             return
@@ -279,7 +305,9 @@ class VirtualFt232h(Device):
     def _carry_out(self, opcode: int, told: bytes) -> None:
         if opcode == SET_PINS:
             levels, driven = told
-            self._pins.set(bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA))
+            self._pins.set(
+                bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA)
+            )
         elif opcode == GOT:
             self._answers.append(self._pins.got(told[0] > 127))
         elif opcode == SENT:

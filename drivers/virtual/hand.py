@@ -20,7 +20,8 @@ LAYOUTS: dict[str, tuple[tuple[int, int], ...]] = {
     "mux6": ((0, A), (1, A), (2, A), (3, A), (4, A), (5, A)),
     "moved": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
 }
-"""Channel of the mux and factory address of each finger: two channels shared, or one finger each."""
+"""Channel of the mux and factory address of each finger: two channels shared, or one finger
+each."""
 BIT_ERROR_RATE = 1e-4
 """Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
@@ -29,18 +30,22 @@ REST_UT = np.array([0.0, 0.0, 23730.0])
 
 @dataclass(frozen=True)
 class Track:
-    """A recorded or simulated field: t_s [T] from 0, field_ut [T, 6, 3]; linear between, the ends hold."""
+    """A recorded or simulated field: t_s [T] from 0, field_ut [T, 6, 3]; linear between, the ends
+    hold."""
 
     t_s: FloatArray
     field_ut: FloatArray
 
     def at(self, now_s: float, sensor: int) -> list[float]:
-        """x, y, z of one sensor (0 .. 5): np.interp to the last bit, in a tenth of its time on three columns."""
+        """x, y, z of one sensor (0 .. 5): np.interp to the last bit, in a tenth of its time on
+        three columns."""
         row, last = int(self.t_s.searchsorted(now_s, "right")) - 1, len(self.t_s) - 1
         if row < 0 or row >= last:
             held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
             return held
-        (before, after), (from_s, to_s) = (of[row : row + 2].tolist() for of in (self.field_ut[:, sensor], self.t_s))
+        (before, after), (from_s, to_s) = (
+            of[row : row + 2].tolist() for of in (self.field_ut[:, sensor], self.t_s)
+        )
         return [
             (after_ut - before_ut) / (to_s - from_s) * (now_s - from_s) + before_ut
             for before_ut, after_ut in zip(before, after, strict=True)

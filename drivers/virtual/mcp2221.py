@@ -1,7 +1,9 @@
-"""An MCP2221A: its HID reports, and its I2C engine with the states and the traps that others have found in it.
+"""An MCP2221A: its HID reports, and its I2C engine with the states and the traps that others have
+found in it.
 
-States and undocumented bytes are those of EasyMCP2221; the time a cancel takes is a guess, and so is the report
-descriptor (Microchip's generic one: no dump of the real one was found). Its serial port is not there, its ADC reads 0.
+States and undocumented bytes are those of EasyMCP2221; the time a cancel takes is a guess, and so
+is the report descriptor (Microchip's generic one: no dump of the real one was found). Its serial
+port is not there, its ADC reads 0.
 """
 
 from __future__ import annotations
@@ -21,7 +23,15 @@ REPORT_DESCRIPTOR = bytes.fromhex("0600ff0901a10119012940150026ff007508954081001
 COMPOSITE, SERIAL_PORT, SERIAL_DATA, HID = (0xEF, 2, 1), (2, 2, 1), (0x0A, 0, 0), (3, 0, 0)
 """Class, subclass and protocol of the device and of its interfaces."""
 STATUS_SET, GET_DATA, RESET = 0x10, 0x40, bytes([0x70, 0xAB, 0xCD, 0xEF])
-SET_GPIO, GET_GPIO, SET_SRAM, GET_SRAM, READ_FLASH, WRITE_FLASH, UNLOCK_FLASH = 0x50, 0x51, 0x60, 0x61, 0xB0, 0xB1, 0xB2
+SET_GPIO, GET_GPIO, SET_SRAM, GET_SRAM, READ_FLASH, WRITE_FLASH, UNLOCK_FLASH = (
+    0x50,
+    0x51,
+    0x60,
+    0x61,
+    0xB0,
+    0xB1,
+    0xB2,
+)
 REVISIONS = b"A612"
 """Of hardware and firmware, two characters each."""
 WRITE, READ, WRITE_AGAIN, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x92, 0x93, 0x94
@@ -42,7 +52,9 @@ class VirtualMcp2221(Device):
         Interface(usb_class=SERIAL_PORT),
         Interface(usb_class=SERIAL_DATA),
         Interface(
-            endpoints((IN_ENDPOINT, INTERRUPT, REPORT), (OUT_ENDPOINT, INTERRUPT, REPORT)), HID, REPORT_DESCRIPTOR
+            endpoints((IN_ENDPOINT, INTERRUPT, REPORT), (OUT_ENDPOINT, INTERRUPT, REPORT)),
+            HID,
+            REPORT_DESCRIPTOR,
         ),
     )
     kernel_driver = frozenset({0, 1, 2})  # cdc_acm, cdc_acm, hid-mcp2221
@@ -66,7 +78,8 @@ class VirtualMcp2221(Device):
         self._reply = b""
 
     def tick_sda(self) -> None:
-        """SDA moves while the engine is idle, as when a chip is plugged in: it is confused, if it was ever used."""
+        """SDA moves while the engine is idle, as when a chip is plugged in: it is confused, if it
+        was ever used."""
         self.confused = self.used
 
     def write(self, endpoint: int, data: bytes) -> None:
@@ -150,7 +163,8 @@ class VirtualMcp2221(Device):
         return CONFUSED_18 if self.confused or self.state in (NACK, WRITTEN_NO_STOP) else GOOD_18
 
     def _cancel(self) -> None:
-        """An engine that was never used hangs from then on; one whose bus is held gets no STOP out."""
+        """An engine that was never used hangs from then on; one whose bus is held gets no STOP
+        out."""
         self._work(CANCEL_NS, STOP_WAIT)
         self.hangs = self.hangs or not self.used
         if self.hangs or self.hand.wire.held_low:
@@ -171,7 +185,9 @@ class VirtualMcp2221(Device):
 
     def _transfer(self, command: bytes, reply: bytearray) -> None:
         kind, length, address = command[0], int.from_bytes(command[1:3], "little"), command[3]
-        allowed = (WRITTEN_NO_STOP, IDLE, NACK) if kind in (WRITE_AGAIN, READ_AGAIN) else (IDLE, NACK)
+        allowed = (
+            (WRITTEN_NO_STOP, IDLE, NACK) if kind in (WRITE_AGAIN, READ_AGAIN) else (IDLE, NACK)
+        )
         if self._shown() not in allowed or not 0 < length <= MOST_BYTES:
             reply[1], reply[2] = 1, self._shown()
             return

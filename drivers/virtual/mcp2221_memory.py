@@ -1,4 +1,5 @@
-"""What an MCP2221A remembers: its flash, the SRAM that starts as a copy of it, and its four pins (DS20005565).
+"""What an MCP2221A remembers: its flash, the SRAM that starts as a copy of it, and its four pins
+(DS20005565).
 
 Offsets are those of a reply to READ FLASH DATA or GET SRAM SETTINGS without its first four bytes.
 """
@@ -10,10 +11,12 @@ CHIP_SETTINGS, PIN_SETTINGS, MANUFACTURER, PRODUCT, SERIAL, FACTORY_SERIAL = ran
 SECURITY, CLOCK, DAC, EDGES_ADC, VENDOR_ID, PRODUCT_ID, POWER, CURRENT = 0, 1, 2, 3, 4, 6, 8, 9
 """Of the chip settings; the ids have two bytes each, the low one first."""
 SERIAL_ON, PROTECTION = 0x80, 0x03
-"""Of SECURITY: whether USB shows the serial number; 0 flash is open, 1 a password opens it, 2 and 3 it is locked."""
+"""Of SECURITY: whether USB shows the serial number; 0 flash is open, 1 a password opens it, 2 and 3
+it is locked."""
 OPEN, BY_PASSWORD = 0, 1
 FACTORY_CHIP = bytes([SERIAL_ON | 0x7C, 0x12, 0x00, 0x60, 0xD8, 0x04, 0xDD, 0x00, 0x80, 50])
-"""Clock 12 MHz at half duty, DAC and ADC on VDD, both edges, bus-powered, 100 mA; 0x7C: outputs that idle high."""
+"""Clock 12 MHz at half duty, DAC and ADC on VDD, both edges, bus-powered, 100 mA; 0x7C: outputs
+that idle high."""
 FACTORY_PINS = bytes([0x02, 0x03, 0x01, 0x01])
 """LED_URX, LED_UTX, USBCFG, LED_I2C."""
 PASSWORD_BYTES = 8
@@ -21,7 +24,8 @@ LONGEST_STRING = 60
 OK, READ_UNKNOWN, WRITE_UNKNOWN, NOT_ALLOWED = 0x00, 0x01, 0x02, 0x03
 """Second byte of a reply."""
 TRIES = 3
-"""Wrong passwords until no more are taken; the data sheet says that there is a number and not which."""
+"""Wrong passwords until no more are taken; the data sheet says that there is a number and not
+which."""
 NEW = 0x80
 """Of a byte of SET SRAM SETTINGS: take it."""
 PINS = 4
@@ -36,11 +40,13 @@ class Flash:
 
     def __init__(self, serial: str) -> None:
         self._data = {
-            CHIP_SETTINGS: FACTORY_CHIP, PIN_SETTINGS: FACTORY_PINS,
+            CHIP_SETTINGS: FACTORY_CHIP,
+            PIN_SETTINGS: FACTORY_PINS,
             MANUFACTURER: "Microchip Technology Inc.".encode("utf-16-le"),
             PRODUCT: "MCP2221 USB-I2C/UART Combo".encode("utf-16-le"),
-            SERIAL: serial.encode("utf-16-le"), FACTORY_SERIAL: b"01234567",
-        }  # fmt: skip
+            SERIAL: serial.encode("utf-16-le"),
+            FACTORY_SERIAL: b"01234567",
+        }
         self._password = bytes(PASSWORD_BYTES)
         self._unlocked, self._wrong = False, 0
 
@@ -63,7 +69,9 @@ class Flash:
     @property
     def ids(self) -> tuple[int, int]:
         """Vendor and product."""
-        return tuple(int.from_bytes(self.chip[at : at + 2], "little") for at in (VENDOR_ID, PRODUCT_ID))  # type: ignore[return-value]
+        return tuple(
+            int.from_bytes(self.chip[at : at + 2], "little") for at in (VENDOR_ID, PRODUCT_ID)
+        )  # type: ignore[return-value]
 
     def read(self, command: bytes, reply: bytearray) -> None:
         """READ FLASH DATA: length, then a string's own type or nothing, then the data."""
@@ -119,7 +127,8 @@ class Sram:
         self.pins = Pins(flash.pins)
 
     def read(self, reply: bytearray) -> None:
-        """GET SRAM SETTINGS: both lengths, chip settings, the password's eight bytes as zeros, pin settings."""
+        """GET SRAM SETTINGS: both lengths, chip settings, the password's eight bytes as zeros, pin
+        settings."""
         data = bytes(self._chip) + bytes(PASSWORD_BYTES) + bytes(self._pins)
         reply[2], reply[3] = len(self._chip) + PASSWORD_BYTES, PINS
         reply[4 : 4 + len(data)] = data
@@ -142,14 +151,18 @@ class Sram:
             self.pins.set(self._pins)
 
     def _edges(self, told: int) -> None:
-        """Which edges of GP1 interrupt: bit 4 alters the rising one to bit 3, bit 2 the falling one to bit 1."""
+        """Which edges of GP1 interrupt: bit 4 alters the rising one to bit 3, bit 2 the falling one
+        to bit 1."""
         for altered, wanted, kept in ((0x10, 0x08, 0x20), (0x04, 0x02, 0x40)):
             if told & altered:
-                self._chip[EDGES_ADC] = self._chip[EDGES_ADC] & ~kept & 0xFF | (kept if told & wanted else 0)
+                self._chip[EDGES_ADC] = self._chip[EDGES_ADC] & ~kept & 0xFF | (
+                    kept if told & wanted else 0
+                )
 
 
 class Pins:
-    """GP0 .. GP3 as they are now. levels: what is put on them from outside, seen by those that are inputs."""
+    """GP0 .. GP3 as they are now. levels: what is put on them from outside, seen by those that are
+    inputs."""
 
     def __init__(self, settings: bytes) -> None:
         self.levels = [0] * PINS
@@ -169,7 +182,8 @@ class Pins:
                 reply[at : at + 2] = bytes([self._level(pin), is_input])
 
     def write(self, command: bytes, reply: bytearray) -> None:
-        """SET GPIO OUTPUT VALUES: for each pin whether to alter its output, the output, the same for its direction."""
+        """SET GPIO OUTPUT VALUES: for each pin whether to alter its output, the output, the same
+        for its direction."""
         for pin in range(PINS):
             at = 2 + 4 * pin
             told = command[at : at + 4]

@@ -1,8 +1,9 @@
 """A fake /dev/i2c-N: smbus2 opens it and sends it ioctls, as it would the kernel.
 
-Only what smbus2 itself calls is replaced, and only while the shim is installed; every other file is the system's.
-Faults come as the kernel tells them: stall is EIO, short is EAGAIN (arbitration lost), late and a held bus are
-ETIMEDOUT after the controller's second, unplug is ENODEV and then a file that is not there.
+Only what smbus2 itself calls is replaced, and only while the shim is installed; every other file is
+the system's. Faults come as the kernel tells them: stall is EIO, short is EAGAIN (arbitration
+lost), late and a held bus are ETIMEDOUT after the controller's second, unplug is ENODEV and then a
+file that is not there.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from drivers.virtual.usb_backend import Traffic
 I2C_SLAVE, I2C_FUNCS, I2C_SLAVE_FORCE, I2C_RDWR, I2C_SMBUS = 0x0703, 0x0705, 0x0706, 0x0707, 0x0720
 FLAG_READ = 0x0001
 FUNCS = 0x0EFF0001
-"""I2C_FUNC_I2C and what the kernel emulates with it, without packet error codes, which are not emulated here."""
+"""I2C_FUNC_I2C and what the kernel emulates with it, without packet error codes, which are not
+emulated here."""
 LAST_ADDRESS = 0x7F
 MOST_MESSAGES, MOST_BYTES = 42, 8192
 BUS_HZ = 400_000
@@ -36,12 +38,17 @@ _NUMBERS = itertools.count(1_000_000)
 class VirtualI2cDev:
     """The board's I2C before a virtual hand, while it is entered.
 
-    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as of a Raspberry Pi, ENXIO of others. readable: by this user.
-    traffic: transfers are ioctls, bytes their payload.
+    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as of a Raspberry Pi, ENXIO of others. readable:
+    by this user. traffic: transfers are ioctls, bytes their payload.
     """
 
     def __init__(
-        self, hand: VirtualHand, number: int = 1, *, nack_errno: int = errno.EREMOTEIO, readable: bool = True
+        self,
+        hand: VirtualHand,
+        number: int = 1,
+        *,
+        nack_errno: int = errno.EREMOTEIO,
+        readable: bool = True,
     ) -> None:
         self.hand, self.traffic = hand, Traffic()
         self.readable = readable
@@ -61,7 +68,10 @@ class VirtualI2cDev:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """Take it away again."""
         vars(sys.modules["smbus2.smbus2"]).update(self._replaced)
@@ -142,7 +152,9 @@ class VirtualI2cDev:
             self.hand.clock.spend(round(1e9 * (self.hand.wire.bits - bits) / BUS_HZ))
 
     def _check(self, messages: list[Message]) -> None:
-        if not 0 < len(messages) <= MOST_MESSAGES or any(message.length > MOST_BYTES for message in messages):
+        if not 0 < len(messages) <= MOST_MESSAGES or any(
+            message.length > MOST_BYTES for message in messages
+        ):
             raise refused(errno.EINVAL)
         if any(message.read is not None for message in messages[:-1]):
             raise refused(errno.EOPNOTSUPP)

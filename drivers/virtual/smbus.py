@@ -1,6 +1,7 @@
 """SMBus calls as the kernel makes plain I2C messages of them (i2c_smbus_xfer_emulated, Linux 6.12).
 
-What needs a read whose length the chip says, block reads and block process calls, a controller of plain I2C cannot do.
+What needs a read whose length the chip says, block reads and block process calls, a controller of
+plain I2C cannot do.
 """
 
 from __future__ import annotations
@@ -11,7 +12,16 @@ from dataclasses import dataclass
 from typing import Any
 
 WRITE, READ = 0, 1
-QUICK, BYTE, BYTE_DATA, WORD_DATA, PROC_CALL, BLOCK_DATA, BLOCK_PROC_CALL, I2C_BLOCK_DATA = 0, 1, 2, 3, 4, 5, 7, 8
+QUICK, BYTE, BYTE_DATA, WORD_DATA, PROC_CALL, BLOCK_DATA, BLOCK_PROC_CALL, I2C_BLOCK_DATA = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    7,
+    8,
+)
 """The size of a call (uapi/linux/i2c.h); 6 is an old name of 8."""
 SIZES = (QUICK, BYTE, BYTE_DATA, WORD_DATA, PROC_CALL, BLOCK_DATA, BLOCK_PROC_CALL, I2C_BLOCK_DATA)
 MOST_BYTES = 32

@@ -1,8 +1,10 @@
-"""An i2c-tiny-usb with one of four firmwares, which disagree on what to say where nobody acknowledges.
+"""An i2c-tiny-usb with one of four firmwares, which disagree on what to say where nobody
+acknowledges.
 
-Two of them swing the pins themselves: to them SDA held low is an acknowledge, and what they clock frees the bus; and
-after a message without STOP a BEGIN makes no START, since they take SCL for high. The other two have a controller,
-which takes SDA held low for a bus that is not theirs (nothing is acknowledged) and always makes a START.
+Two of them swing the pins themselves: to them SDA held low is an acknowledge, and what they clock
+frees the bus; and after a message without STOP a BEGIN makes no START, since they take SCL for
+high. The other two have a controller, which takes SDA held low for a bus that is not theirs
+(nothing is acknowledged) and always makes a START.
 """
 
 from __future__ import annotations
@@ -26,10 +28,12 @@ BUFFER = 254
 
 @dataclass(frozen=True)
 class Firmware:
-    """speed on USB; time of a control transfer and of a bit, ns. absent: what a read of an absent chip answers.
+    """speed on USB; time of a control transfer and of a bit, ns. absent: what a read of an absent
+    chip answers.
 
-    data_nak: whether a written byte that nobody acknowledges is reported ("status"), answered with "stall", or not.
-    largest: message, bytes. swings: the pins, by itself. empty_reads: a write of nothing is made a read of a byte.
+    data_nak: whether a written byte that nobody acknowledges is reported ("status"), answered with
+    "stall", or not. largest: message, bytes. swings: the pins, by itself. empty_reads: a write of
+    nothing is made a read of a byte.
     """
 
     speed: str
@@ -70,7 +74,9 @@ class VirtualTinyUsb(Device):
         self.delay_us, self._status, self._buffer = 10, IDLE, bytes(BUFFER)
         self._open = False
 
-    def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
+    def control_out(
+        self, request_type: int, request: int, value: int, index: int, data: bytes
+    ) -> None:
         """SET_DELAY, or a message to write."""
         self.hand.clock.spend(self.firmware.transfer_ns)
         if request_type != VENDOR_OUT:
@@ -82,7 +88,9 @@ class VirtualTinyUsb(Device):
         else:
             raise stall()
 
-    def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+    def control_in(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
         """Echo, functions, status, or a message to read."""
         self.hand.clock.spend(self.firmware.transfer_ns)
         if request_type != VENDOR_IN:
@@ -112,7 +120,9 @@ class VirtualTinyUsb(Device):
         self._spend_bits(bits)
         if refused and self.firmware.data_nak == "status":
             self._status = NOT_ACKED
-        if (absent and self.firmware.absent == "stall") or (refused and self.firmware.data_nak == "stall"):
+        if (absent and self.firmware.absent == "stall") or (
+            refused and self.firmware.data_nak == "stall"
+        ):
             raise stall()
 
     def _read(self, request: int, address: int, length: int) -> bytes:
@@ -138,12 +148,17 @@ class VirtualTinyUsb(Device):
         if not (self._open and request & BEGIN and self.firmware.swings):
             self.hand.wire.start()
         self._open = True
-        acked = self._swing() if self.firmware.swings and self.hand.wire.held_low else self.hand.wire.write(byte)
+        acked = (
+            self._swing()
+            if self.firmware.swings and self.hand.wire.held_low
+            else self.hand.wire.write(byte)
+        )
         self._status = ACKED if acked else NOT_ACKED
         return acked
 
     def _swing(self) -> bool:
-        """An address while SDA is held low: no START is seen, nine clocks go out, and the last looks acknowledged."""
+        """An address while SDA is held low: no START is seen, nine clocks go out, and the last
+        looks acknowledged."""
         for _ in range(BITS_OF_A_BYTE):
             self.hand.wire.clock()
         self.hand.wire.stop()

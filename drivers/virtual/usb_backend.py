@@ -1,7 +1,8 @@
 """A pyusb backend whose devices are emulated: drivers talk to it as they talk to libusb.
 
-Faults of the bridge happen here, the same way for every device: a stall, a time-out whose reply comes late, half of
-an answer, a device that is unplugged (and comes back as another one, with the sensors' power gone).
+Faults of the bridge happen here, the same way for every device: a stall, a time-out whose reply
+comes late, half of an answer, a device that is unplugged (and comes back as another one, with the
+sensors' power gone).
 """
 
 from __future__ import annotations
@@ -66,8 +67,9 @@ class Traffic:
 class Device:
     """An emulated device; a bridge overrides what it answers.
 
-    interfaces: by number. kernel_driver: interfaces that one is bound to. strings: manufacturer, product and serial
-    number. restarts: how often the device itself has left USB and come back, as after a command that resets it.
+    interfaces: by number. kernel_driver: interfaces that one is bound to. strings: manufacturer,
+    product and serial number. restarts: how often the device itself has left USB and come back, as
+    after a command that resets it.
     """
 
     vendor = product = 0
@@ -80,11 +82,15 @@ class Device:
     kernel_driver: frozenset[int] = frozenset()
     restarts = 0
 
-    def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
+    def control_out(
+        self, request_type: int, request: int, value: int, index: int, data: bytes
+    ) -> None:
         """A control transfer with data from the host; raise stall() for one it does not know."""
         raise stall()
 
-    def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+    def control_in(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
         """A control transfer that asks for data."""
         raise stall()
 
@@ -108,10 +114,15 @@ class Handle:
 
 
 class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
-    """One device on a bus of its own. power_off: called when it is unplugged; traffic counts its transfers."""
+    """One device on a bus of its own. power_off: called when it is unplugged; traffic counts its
+    transfers."""
 
     def __init__(
-        self, device: Device, clock: Clock, faults: Faults, power_off: Callable[[], None] = lambda: None
+        self,
+        device: Device,
+        clock: Clock,
+        faults: Faults,
+        power_off: Callable[[], None] = lambda: None,
     ) -> None:
         self.device, self.traffic = device, Traffic()
         self._clock, self._faults, self._power_off = clock, faults, power_off
@@ -154,7 +165,8 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     # -- opening
 
     def open_device(self, dev: Any) -> Any:
-        """A handle of its own; a second one is given as well, only its interfaces cannot be claimed twice."""
+        """A handle of its own; a second one is given as well, only its interfaces cannot be claimed
+        twice."""
         self._alive(dev)
         return Handle(dev.generation)
 
@@ -178,7 +190,10 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     def claim_interface(self, dev_handle: Any, intf: int) -> None:
         """Busy while a kernel driver or another handle has it; twice by one handle does no harm."""
         self._alive(dev_handle)
-        if self.is_kernel_driver_active(dev_handle, intf) or self._claimed.get(intf, dev_handle) is not dev_handle:
+        if (
+            self.is_kernel_driver_active(dev_handle, intf)
+            or self._claimed.get(intf, dev_handle) is not dev_handle
+        ):
             raise busy()
         self._claimed[intf] = dev_handle
 
@@ -215,11 +230,21 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     # -- transfers
 
     def ctrl_transfer(
-        self, dev_handle: Any, request_type: int, request: int, value: int, index: int, data: Any, timeout: int
+        self,
+        dev_handle: Any,
+        request_type: int,
+        request: int,
+        value: int,
+        index: int,
+        data: Any,
+        timeout: int,
     ) -> int:
         """Out or in, by the highest bit of the request type."""
         self._begin(dev_handle)
-        if request_type & RECIPIENT_MASK == OF_AN_INTERFACE and request_type & TYPE_MASK != VENDOR_TYPE:
+        if (
+            request_type & RECIPIENT_MASK == OF_AN_INTERFACE
+            and request_type & TYPE_MASK != VENDOR_TYPE
+        ):
             self._hold(dev_handle, index & 0xFF)
         if request_type & 0x80:
             answer = self._answer(request_type, request, value, index, len(data))
@@ -229,7 +254,9 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         self.traffic.bytes_out += len(data)
         return len(data)
 
-    def _answer(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+    def _answer(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
         """Standard requests are answered here, for every device in the same way."""
         if request_type & TYPE_MASK != STANDARD:
             return self.device.control_in(request_type, request, value, index, length)
@@ -296,7 +323,8 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             raise no_device()
 
     def _generation(self) -> int:
-        """Counts how often the device has left USB; nothing that was claimed or detached outlives that."""
+        """Counts how often the device has left USB; nothing that was claimed or detached outlives
+        that."""
         generation = self._unplugs + self.device.restarts
         if generation != self._seen:
             self._seen = generation

@@ -1,7 +1,7 @@
 """An I2C wire, byte by byte, and the multiplexer that splits it.
 
-A bridge calls start, write, read, stop; everything on the wire hears all of it. Bits are counted, since they
-take time. While SDA is held low nothing is acknowledged and every byte reads 0.
+A bridge calls start, write, read, stop; everything on the wire hears all of it. Bits are counted,
+since they take time. While SDA is held low nothing is acknowledged and every byte reads 0.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class Target(Protocol):
 
 
 class Noise:
-    """Bits that are flipped on their way, each with the same probability, whoever sends them. seed: of which."""
+    """Bits that are flipped on their way, each with the same probability, whoever sends them. seed:
+    of which."""
 
     def __init__(self, bit_error_rate: float, seed: int = 0) -> None:
         self._rate, self._random = bit_error_rate, np.random.default_rng(seed)
@@ -114,14 +115,17 @@ class Wire:
     def _written(self, byte: int) -> bool:
         if self._address_next:
             self._address_next, self._reading = False, bool(byte & 1)
-            self._listening = [t for t in self.targets if t.addressed(byte >> 1, read=self._reading)]
+            self._listening = [
+                t for t in self.targets if t.addressed(byte >> 1, read=self._reading)
+            ]
             return bool(self._listening)
         if self._reading:  # the targets talk themselves
             return False
         return any([target.write(byte) for target in self._listening])
 
     def _said(self) -> int:
-        if not self._reading:  # the targets were told to listen: they take the released line for a byte
+        # the targets were told to listen: they take the released line for a byte
+        if not self._reading:
             for target in self._listening:
                 target.write(RELEASED)
             return RELEASED
@@ -139,7 +143,8 @@ class Wire:
 
 
 class Mux:
-    """A TCA9548A: one byte says which of eight channels are joined to the wire, from the next STOP on."""
+    """A TCA9548A: one byte says which of eight channels are joined to the wire, from the next STOP
+    on."""
 
     def __init__(self, channels: Sequence[Sequence[Target]], address: int = 0x70) -> None:
         self.channels = [list(channel) for channel in channels]
@@ -151,7 +156,9 @@ class Mux:
     def addressed(self, address: int, *, read: bool) -> bool:
         """Its own address, or one on a channel that is joined."""
         self._own = address == self.address
-        self._listening = [] if self._own else [t for t in self._joined if t.addressed(address, read=read)]
+        self._listening = (
+            [] if self._own else [t for t in self._joined if t.addressed(address, read=read)]
+        )
         return self._own or bool(self._listening)
 
     def write(self, byte: int) -> bool:
@@ -185,5 +192,8 @@ class Mux:
     def _join(self, control: int) -> None:
         self.control = self._next = control
         self._joined = [
-            target for number, channel in enumerate(self.channels) if control >> number & 1 for target in channel
+            target
+            for number, channel in enumerate(self.channels)
+            if control >> number & 1
+            for target in channel
         ]

@@ -1,4 +1,5 @@
-"""The recorder: trials on disk that survive whatever happens, laid out so that a person is one folder.
+"""The recorder: trials on disk that survive whatever happens, laid out so that a person is one
+folder.
 
     OUT/meta.json                                      whose format it is, unit, kind (recorded, simulated, replayed)
     OUT/<person>/<object>/meta.json                    its mass, where the protocol card says it
@@ -10,7 +11,7 @@
         camera.mkv, tags.csv.. where a camera watched (drivers/camera/recording.py)
     OUT/<person>/discarded/                            trials that were done again: moved here, never deleted
 
-state: `recording` while it is (and after a kill), `kept`, `interrupted` (a signal, an error or the end of the source
-ended it), `redone`, `void` (it ended before its header was written; holdfast repair says so).
-Only kept trials are read by training, and count for the protocol.
+state: `recording` while it is (and after a kill), `kept`, `interrupted` (a signal, an error or the
+end of the source ended it), `redone`, `void` (it ended before its header was written; holdfast
+repair says so). Only kept trials are read by training, and count for the protocol.
 """

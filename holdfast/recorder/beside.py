@@ -1,4 +1,5 @@
-"""The camera beside the recorder: a process a trial, waited for until it films, looked at while it does, and ended."""
+"""The camera beside the recorder: a process a trial, waited for until it films, looked at while it
+does, and ended."""
 
 from __future__ import annotations
 
@@ -29,30 +30,42 @@ class Beside:
         self._lost = False
 
     def start(self, folder: Path) -> None:
-        """Begin to film into a trial's folder; returns when frames come. Raises CameraUnavailable."""
+        """Begin to film into a trial's folder; returns when frames come. Raises
+        CameraUnavailable."""
         self._folder, self._lost = folder, False
-        command = [sys.executable, "-m", "holdfast.recorder.filming", json.dumps({**self.told, "out": str(folder)})]
+        command = [
+            sys.executable,
+            "-m",
+            "holdfast.recorder.filming",
+            json.dumps({**self.told, "out": str(folder)}),
+        ]
         with (folder / LOG).open("wb") as log:
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log, process_group=0)
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=log, stderr=log, process_group=0
+            )
         until_s = time.monotonic() + LONGEST_START_S
         while not self._films():
             if self._process.poll() not in (None, 0) or time.monotonic() > until_s:
                 self.stop()
                 raise CameraUnavailable(
-                    self._said() or "no frame came", where="camera", cause="as it says itself",
+                    self._said() or "no frame came",
+                    where="camera",
+                    cause="as it says itself",
                     next_step=f"mend that, or record without --camera; {LOG} of the discarded trial has the whole",
-                )  # fmt: skip
+                )
             time.sleep(POLL_S)
 
     def lost(self) -> str:
-        """Why the camera is gone, once, and only if it did not simply come to its end; else nothing."""
+        """Why the camera is gone, once, and only if it did not simply come to its end; else
+        nothing."""
         if self._lost or self._process is None or self._process.poll() in (None, 0):
             return ""
         self._lost = True
         return self._said() or f"its process ended with {self._process.returncode}"
 
     def stop(self) -> dict[str, Any]:
-        """End it and say how it went: {"void": why or None, "frames": .., "lost": .., "doubt": why or None}."""
+        """End it and say how it went: {"void": why or None, "frames": .., "lost": .., "doubt": why
+        or None}."""
         if self._process is None:
             return {"void": "was not started"}
         if self._process.stdin is not None:
@@ -84,5 +97,12 @@ class Beside:
         """The last error it told."""
         with suppress(OSError):
             lines = (self._folder / LOG).read_text("utf-8", "replace").splitlines()
-            return next((line.removeprefix("error: ") for line in reversed(lines) if line.startswith("error: ")), "")
+            return next(
+                (
+                    line.removeprefix("error: ")
+                    for line in reversed(lines)
+                    if line.startswith("error: ")
+                ),
+                "",
+            )
         return ""

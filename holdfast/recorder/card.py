@@ -1,4 +1,5 @@
-"""A protocol card (TOML): which objects, which actions, how often. The words are those of a scene's card.
+"""A protocol card (TOML): which objects, which actions, how often. The words are those of a scene's
+card.
 
     title = "Five objects, thirty minutes"
 
@@ -15,7 +16,8 @@
     [objects.my-cup]
     mass_g = 212             # of an object that the table does not know
 
-Every person gets an order of their own, drawn from the seed and the pseudonym, the same whenever it is asked for.
+Every person gets an order of their own, drawn from the seed and the pseudonym, the same whenever it
+is asked for.
 """
 
 from __future__ import annotations
@@ -38,7 +40,10 @@ NOTHING, DISCARDED = "nothing", "discarded"
 WORD = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
 LONGEST_WORD = 24
 MOST_TRIALS = 10_000
-SECTIONS, ROW_KEYS = ("title", "about", "trials", "objects"), ("objects", "action", "style", "count")
+SECTIONS, ROW_KEYS = (
+    ("title", "about", "trials", "objects"),
+    ("objects", "action", "style", "count"),
+)
 OBJECT_KEYS = ("mass_g",)
 
 
@@ -70,11 +75,15 @@ class Protocol:
         import numpy as np
 
         of_person = int.from_bytes(hashlib.sha256(person.encode()).digest()[:4])
-        return [self.tasks[k] for k in np.random.default_rng([seed, of_person]).permutation(len(self.tasks))]
+        return [
+            self.tasks[k]
+            for k in np.random.default_rng([seed, of_person]).permutation(len(self.tasks))
+        ]
 
 
 def left(plan: Sequence[Task], done: Sequence[Task]) -> list[Task]:
-    """What is still to be recorded: the plan without, for each trial done, the first one like it."""
+    """What is still to be recorded: the plan without, for each trial done, the first one like
+    it."""
     counts: dict[Task, int] = {}
     for task in done:
         counts[task] = counts.get(task, 0) + 1
@@ -91,9 +100,10 @@ def word(text: str, what: str) -> str:
     """A pseudonym or a name that may become a folder. Raises UsageError."""
     if not WORD.fullmatch(text) or len(text) > LONGEST_WORD or text.lower() in (NOTHING, DISCARDED):
         raise UsageError(
-            f"{what} {text[:40]!r} is not allowed", cause="an address, a path, or a word that has a meaning here",
+            f"{what} {text[:40]!r} is not allowed",
+            cause="an address, a path, or a word that has a meaning here",
             next_step=f"letters, digits and dashes, at most {LONGEST_WORD}, such as p01; never anybody's name",
-        )  # fmt: skip
+        )
     return text
 
 
@@ -104,7 +114,9 @@ def read_protocol(path: Path) -> Protocol:
         text = text_of(path)
         raw = tomllib.loads(text)
     except FileNotFoundError:
-        raise DataNotFound("no such card", where=path, next_step="docs/recording.md shows one") from None
+        raise DataNotFound(
+            "no such card", where=path, next_step="docs/recording.md shows one"
+        ) from None
     except (OSError, ValueError, RecursionError) as error:
         what = f"no TOML ({type(error).__name__}: {str(error)[:80]})"
         raise CardError(what, where=path, next_step="mend it") from None
@@ -138,21 +150,30 @@ class _Reader:
         if not isinstance(style, str) or (style and not WORD.fullmatch(style)):
             raise self.refuse(f"{key}.style", style, "a word of letters, digits and dashes")
         if not isinstance(names, list) or bool(names) == (action == NOTHING):
-            raise self.refuse(f"{key}.objects", names, "a list of objects, and none for the action nothing")
+            raise self.refuse(
+                f"{key}.objects", names, "a list of objects, and none for the action nothing"
+            )
         things = [self.thing(f"{key}.objects", name) for name in names] or [NOTHING]
         return [Task(thing, action, style) for _ in range(count) for thing in things]
 
     def masses(self, told: Any) -> dict[str, float]:
         if not isinstance(told, dict):
             raise self.refuse("objects", told, "tables: [objects.NAME]")
-        return {self.thing("objects", name): self.mass(f"objects.{name}", table) for name, table in told.items()}
+        return {
+            self.thing("objects", name): self.mass(f"objects.{name}", table)
+            for name, table in told.items()
+        }
 
     def mass(self, key: str, table: Any) -> float:
         if not isinstance(table, dict):
             raise self.refuse(key, table, f"a table: [{key}]")
         self.known(table, OBJECT_KEYS, key)
         mass_g = table.get("mass_g")
-        if isinstance(mass_g, bool) or not isinstance(mass_g, int | float) or not 0.0 < mass_g < math.inf:
+        if (
+            isinstance(mass_g, bool)
+            or not isinstance(mass_g, int | float)
+            or not 0.0 < mass_g < math.inf
+        ):
             raise self.refuse(f"{key}.mass_g", mass_g, "grams, above 0")
         return float(mass_g)
 
@@ -166,7 +187,9 @@ class _Reader:
         for name in told:
             if name not in allowed:
                 raise CardError(
-                    f"{what}: {name!r} is not known", where=self.path, next_step=f"allowed: {', '.join(allowed)}"
+                    f"{what}: {name!r} is not known",
+                    where=self.path,
+                    next_step=f"allowed: {', '.join(allowed)}",
                 )
 
     def refuse(self, key: str, value: Any, allowed: str) -> CardError:

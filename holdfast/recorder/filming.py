@@ -2,9 +2,9 @@
 
     python -m holdfast.recorder.filming '{"camera": "oak", "out": "trial_1", "fps": 60, ..}'
 
-It ends when its standard input does, so that it outlives no recorder, however that one ended. A scene is then watched
-up to that moment, whatever the machine has to do beside; a camera is just stopped. What may be wrong with it stands in
-camera.json, and on stderr as ever.
+It ends when its standard input does, so that it outlives no recorder, however that one ended. A
+scene is then watched up to that moment, whatever the machine has to do beside; a camera is just
+stopped. What may be wrong with it stands in camera.json, and on stderr as ever.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ def main(argv: Sequence[str]) -> int:
     if told["camera"] == OAK:
         watch(oak(told), Path(told["out"]), say=say, stopped=asked)
     elif told["camera"] == SCENE:
-        watch(scene(told["source"], told["began_ns"], WallClock(), asked), Path(told["out"]), say=say)
+        watch(
+            scene(told["source"], told["began_ns"], WallClock(), asked), Path(told["out"]), say=say
+        )
     else:
         watch(stored(Path(told["camera"]), say), Path(told["out"]), say=say)
     return 0
@@ -57,7 +59,8 @@ def oak(told: dict[str, Any]) -> Oak:
 
 
 def scene(url: str, began_ns: int, clock: Clock, asked: Callable[[], bool]) -> Source:
-    """The scene of a virtual hand, filmed as it goes by; began_ns: by the clock. Raises UsageError."""
+    """The scene of a virtual hand, filmed as it goes by; began_ns: by the clock. Raises
+    UsageError."""
     camera = camera_of(url)
     found = scene_of(url)
     assert found is not None
@@ -72,16 +75,22 @@ def camera_of(url: str) -> Any:
     found = scene_of(url) if url.startswith("virtual://") else None
     if found is None or found[0].camera is None:
         raise UsageError(
-            f"--camera {SCENE} films no {url!r}", cause="no virtual hand in a scene, or its card has no [camera]",
+            f"--camera {SCENE} films no {url!r}",
+            cause="no virtual hand in a scene, or its card has no [camera]",
             next_step="virtual://ft232h?scene=CARD with [camera] and [effects.camera_frames] on the card",
-        )  # fmt: skip
+        )
     return found[0].camera
 
 
 def _live(
-    shoot: Callable[[float], Any], fps: float, began_ns: int, clock: Clock, asked: Callable[[], bool]
+    shoot: Callable[[float], Any],
+    fps: float,
+    began_ns: int,
+    clock: Clock,
+    asked: Callable[[], bool],
 ) -> Iterator[Frame]:
-    """Frames from now on, none before its time, until it is asked to end; the last one is of that moment."""
+    """Frames from now on, none before its time, until it is asked to end; the last one is of that
+    moment."""
     first = max(1, int((clock.now_ns() - began_ns) * 1e-9 * fps))
     until_ns = began_ns + round(1e9 * LONGEST_S)
     for k in range(first, first + round(LONGEST_S * fps)):

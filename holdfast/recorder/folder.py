@@ -1,4 +1,5 @@
-"""The folder trials are recorded into: whose it is, one recorder at a time, numbers, and what is moved away."""
+"""The folder trials are recorded into: whose it is, one recorder at a time, numbers, and what is
+moved away."""
 
 from __future__ import annotations
 
@@ -24,8 +25,8 @@ LOCK = ".lock"
 def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
     """Hold a folder of recordings, new or there already, for one recorder.
 
-    kind: recorded, simulated or replayed. Raises OutputError (not ours, or another recorder is at it), UnitError,
-    UsageError (trials of another kind are in it).
+    kind: recorded, simulated or replayed. Raises OutputError (not ours, or another recorder is at
+    it), UnitError, UsageError (trials of another kind are in it).
     """
     there = require_ours(root)
     require_writable(root)
@@ -42,7 +43,8 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
 
 @contextmanager
 def alone(place: Path) -> Iterator[None]:
-    """Nobody records into a folder, or one above it, meanwhile. Raises OutputError where somebody does."""
+    """Nobody records into a folder, or one above it, meanwhile. Raises OutputError where somebody
+    does."""
     with ExitStack() as held:
         for root in (place, *place.absolute().parents):
             if not (root / LOCK).is_file():
@@ -51,7 +53,10 @@ def alone(place: Path) -> Iterator[None]:
                 fcntl.flock(held.enter_context((root / LOCK).open()), fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise OutputError(
-                    "another recorder is at it", where=root, cause="a second terminal", next_step="stop that one first"
+                    "another recorder is at it",
+                    where=root,
+                    cause="a second terminal",
+                    next_step="stop that one first",
                 ) from None
         yield
 
@@ -66,27 +71,34 @@ def require_ours(root: Path) -> dict[str, Any]:
     elif not root.exists():
         return {}
     raise OutputError(
-        "is there and no folder of recordings", where=root, cause="another folder's name",
+        "is there and no folder of recordings",
+        where=root,
+        cause="another folder's name",
         next_step="name a new folder; nothing is ever written over",
-    )  # fmt: skip
+    )
 
 
 def _require_not_within(root: Path) -> None:
-    """Raise OutputError below somebody's recordings: a person would be in two folders, and delete one of them."""
+    """Raise OutputError below somebody's recordings: a person would be in two folders, and delete
+    one of them."""
     for above in root.absolute().parents:
         if (above / LOCK).is_file() and read_meta(above).get("recorder") == FORMAT:
             raise OutputError(
-                "lies within a folder of recordings", where=root, cause="the person's folder is made by itself",
+                "lies within a folder of recordings",
+                where=root,
+                cause="the person's folder is made by itself",
                 next_step=f"--out {above}",
-            )  # fmt: skip
+            )
 
 
 def _require_same(root: Path, there: dict[str, Any], unit: str, kind: str) -> None:
     if there.get("unit") != unit:
         raise UnitError(
-            f"holds trials in {there.get('unit')}, the source is in {unit}", where=root,
-            cause="with a calibration before and without now, or the other way", next_step="name another folder",
-        )  # fmt: skip
+            f"holds trials in {there.get('unit')}, the source is in {unit}",
+            where=root,
+            cause="with a calibration before and without now, or the other way",
+            next_step="name another folder",
+        )
     if there.get("kind") != kind:
         raise UsageError(
             f"{root}: holds trials that are {there.get('kind')}, these would be {kind}",
@@ -96,7 +108,11 @@ def _require_same(root: Path, there: dict[str, Any], unit: str, kind: str) -> No
 
 def task_folder(root: Path, person: str, task: Task) -> Path:
     """Where trials of a task lie."""
-    return root / person / NOTHING if task.action == NOTHING else root / person / task.thing / task.action
+    return (
+        root / person / NOTHING
+        if task.action == NOTHING
+        else root / person / task.thing / task.action
+    )
 
 
 def new_trial(root: Path, person: str, task: Task) -> Path:
@@ -107,7 +123,9 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
     try:
         folder.mkdir(parents=True)
     except OSError as error:
-        raise OutputError(f"cannot be made ({error.strerror})", where=folder, next_step="make room") from None
+        raise OutputError(
+            f"cannot be made ({error.strerror})", where=folder, next_step="make room"
+        ) from None
     return folder
 
 
@@ -125,15 +143,23 @@ def discard(root: Path, person: str, folder: Path) -> Path:
         target = place / f"{folder.name}-{1 + sum(1 for _ in place.glob(f'{folder.name}-*'))}"
         folder.rename(target)
     except OSError as error:
-        raise OutputError(f"cannot be moved ({error.strerror})", where=folder, next_step="move it yourself") from None
+        raise OutputError(
+            f"cannot be moved ({error.strerror})", where=folder, next_step="move it yourself"
+        ) from None
     return target
 
 
 def trials_of(root: Path, person: str) -> list[tuple[Path, dict[str, Any]]]:
     """The trials of a person with their meta.json, those discarded left out."""
     home = root / person
-    folders = [path.parent for pattern in ("*/trial_*", "*/*/trial_*") for path in home.glob(f"{pattern}/{META}")]
-    there = [folder for folder in sorted(folders) if DISCARDED not in folder.relative_to(home).parts]
+    folders = [
+        path.parent
+        for pattern in ("*/trial_*", "*/*/trial_*")
+        for path in home.glob(f"{pattern}/{META}")
+    ]
+    there = [
+        folder for folder in sorted(folders) if DISCARDED not in folder.relative_to(home).parts
+    ]
     return [(folder, read_meta(folder)) for folder in there]
 
 
@@ -144,7 +170,8 @@ def done(root: Path, person: str) -> list[Task]:
 
 
 def all_trials(root: Path) -> list[Path]:
-    """Every trial's folder below one, discarded ones too; or the folder itself. Raises DataNotFound.
+    """Every trial's folder below one, discarded ones too; or the folder itself. Raises
+    DataNotFound.
 
     One that was cut off before it had a tactile.csv has its meta.json.
     """
@@ -152,5 +179,9 @@ def all_trials(root: Path) -> list[Path]:
     begun = {path.parent for path in root.rglob(META) if path.parent.name.startswith("trial_")}
     found = sorted(with_samples | begun)
     if not found:
-        raise DataNotFound("no trial in it", where=root, next_step="give a trial's folder, or one with trials in it")
+        raise DataNotFound(
+            "no trial in it",
+            where=root,
+            next_step="give a trial's folder, or one with trials in it",
+        )
     return found

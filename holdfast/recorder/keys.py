@@ -1,4 +1,5 @@
-"""Keys of the operator, one press at a time, also over SSH: plain stdin in cbreak mode, a pipe or a file as well."""
+"""Keys of the operator, one press at a time, also over SSH: plain stdin in cbreak mode, a pipe or a
+file as well."""
 
 from __future__ import annotations
 
@@ -10,15 +11,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 KEYS = {
-    " ": "begin", "\n": "begin", "k": "keep", "r": "redo", "q": "stop",
-    "l": "load_onset", "e": "contact_lost",
-}  # fmt: skip
+    " ": "begin",
+    "\n": "begin",
+    "k": "keep",
+    "r": "redo",
+    "q": "stop",
+    "l": "load_onset",
+    "e": "contact_lost",
+}
 HELP_READY = "space begins, r does the last one again, q stops"
 HELP_TRIAL = "l load comes on, e released, k keep and next, r redo, q keep and stop"
 
 
 class Keys:
-    """What was pressed on a file descriptor; at its end nothing more comes. None: nobody can press anything."""
+    """What was pressed on a file descriptor; at its end nothing more comes. None: nobody can press
+    anything."""
 
     def __init__(self, handle: int | None) -> None:
         self._handle = handle
@@ -46,9 +53,11 @@ class Keys:
 
 @contextmanager
 def listening(handle: int) -> Iterator[Keys]:
-    """Keys of a descriptor; a terminal answers single presses meanwhile, and is as before on every way out.
+    """Keys of a descriptor; a terminal answers single presses meanwhile, and is as before on every
+    way out.
 
-    Of a terminal that belongs to another program just now (we run in the background) nothing is read.
+    Of a terminal that belongs to another program just now (we run in the background) nothing is
+    read.
     """
     if not os.isatty(handle):
         yield Keys(handle)

@@ -1,9 +1,11 @@
-"""Marks and intervals of a trial's events.jsonl -> its phases, tactile.truth.json, each with its provenance.
+"""Marks and intervals of a trial's events.jsonl -> its phases, tactile.truth.json, each with its
+provenance.
 
-What is known of a moment from several sides is taken from the first of PROVENANCES that knows it: a scene knows its
-own truth, a camera saw it, a person pressed a key (and is late by a fifth of a second or so), and a rule reads from
-the normal forces when the hand closed and when it was empty again. Nothing else is guessed: where nobody knows when
-the load came on, the grip has no label. The file is derived, and written anew by `holdfast onset`.
+What is known of a moment from several sides is taken from the first of PROVENANCES that knows it: a
+scene knows its own truth, a camera saw it, a person pressed a key (and is late by a fifth of a
+second or so), and a rule reads from the normal forces when the hand closed and when it was empty
+again. Nothing else is guessed: where nobody knows when the load came on, the grip has no label. The
+file is derived, and written anew by `holdfast onset`.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ Event = dict[str, Any]
 
 
 def relabel(folder: Path) -> dict[str, Any]:
-    """Write tactile.truth.json of a trial's folder anew; returns it. Raises a DataError or OutputError."""
+    """Write tactile.truth.json of a trial's folder anew; returns it. Raises a DataError or
+    OutputError."""
     truth = truth_in(folder)
     write_truth(folder, truth)
     return truth
@@ -45,15 +48,20 @@ def truth_in(folder: Path) -> dict[str, Any]:
     """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
     trial, meta = read_trial(folder / TACTILE), read_meta(folder)
     try:
-        return truth_of(str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder / EVENTS))
+        return truth_of(
+            str(meta.get("action")), trial, str(meta.get("unit", "N")), read_events(folder / EVENTS)
+        )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise LabelError(
-            f"an event without its times ({error!r:.60})", where=folder / EVENTS, next_step="mend that line"
+            f"an event without its times ({error!r:.60})",
+            where=folder / EVENTS,
+            next_step="mend that line",
         ) from None
 
 
 def is_complete(truth: dict[str, Any], action: str) -> bool:
-    """Whether the hand closed and was empty again for longer than contact is smoothed; the empty hand always is."""
+    """Whether the hand closed and was empty again for longer than contact is smoothed; the empty
+    hand always is."""
     if action == NOTHING:
         return True
     if truth["contact_s"] is None or not truth["phases"]:
@@ -70,26 +78,32 @@ def read_meta(folder: Path) -> dict[str, Any]:
         return {}
     except (OSError, ValueError) as error:
         raise LabelError(
-            f"cannot be read ({type(error).__name__})", where=folder / META, next_step="mend or remove it"
+            f"cannot be read ({type(error).__name__})",
+            where=folder / META,
+            next_step="mend or remove it",
         ) from None
     return meta if isinstance(meta, dict) else {}
 
 
 def truth_of(action: str, trial: Trial, unit: str, events: list[Event]) -> dict[str, Any]:
-    """Phases as training reads them, and the marks they are made of (s from the first sample, null if not known)."""
+    """Phases as training reads them, and the marks they are made of (s from the first sample, null
+    if not known)."""
     end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
     known = _known(events)
     for name, at_s in zip(("contact", "contact_lost"), _contact(trial, unit), strict=True):
         if at_s is not None:
             known.setdefault(name, (at_s, "rule"))
     told = [one for one in events if one.get("provenance") == "scene" and one.get("label")]
-    phases = [_interval(float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene") for one in told]
+    phases = [
+        _interval(float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene") for one in told
+    ]
     marks = {f"{name}_s": round(known[name][0], 6) if name in known else None for name in MARKS}
     return {"phases": phases or _phases(action, end_s, known), **marks, "by": "holdfast record"}
 
 
 def _known(events: list[Event]) -> dict[str, tuple[float, str]]:
-    """Mark -> (when, s; provenance), each from who knows it best; of a person's presses the first counts."""
+    """Mark -> (when, s; provenance), each from who knows it best; of a person's presses the first
+    counts."""
     found: dict[str, tuple[float, str]] = {}
     for provenance in reversed(PROVENANCES):
         said = [one for one in events if one.get("provenance") == provenance]
@@ -117,7 +131,12 @@ def _phases(action: str, end_s: float, known: dict[str, tuple[float, str]]) -> l
 
 
 def _interval(t0_s: float, t1_s: float, label: str, provenance: str) -> dict[str, Any]:
-    return {"t0_s": round(t0_s, 6), "t1_s": round(max(t0_s, t1_s), 6), "label": label, "provenance": provenance}
+    return {
+        "t0_s": round(t0_s, 6),
+        "t1_s": round(max(t0_s, t1_s), 6),
+        "label": label,
+        "provenance": provenance,
+    }
 
 
 def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:

@@ -17,7 +17,8 @@ from holdfast.recorder.labels import read_meta
 
 
 def repaired(folder: Path) -> list[str]:
-    """Mend one trial; what was done, in words. Raises a DataError or OutputError, and the trial is then as it was."""
+    """Mend one trial; what was done, in words. Raises a DataError or OutputError, and the trial is
+    then as it was."""
     meta = read_meta(folder)
     try:
         mended = mend(folder / TACTILE)

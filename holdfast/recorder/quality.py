@@ -1,4 +1,5 @@
-"""How good a trial was recorded: true rate, jitter, lost samples, saturation, drift of the bias; said and kept."""
+"""How good a trial was recorded: true rate, jitter, lost samples, saturation, drift of the bias;
+said and kept."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ REST_S = 0.3
 
 @dataclass
 class Quality:
-    """Counts as samples come; bias [C] is what the unloaded hand read before, period_ns what was asked for."""
+    """Counts as samples come; bias [C] is what the unloaded hand read before, period_ns what was
+    asked for."""
 
     bias: FloatArray
     period_ns: float
@@ -40,16 +42,23 @@ class Quality:
         """Figures of the whole trial; nulls where there were too few samples."""
         times = np.array(self.times_ns, dtype=np.int64)
         steps = np.diff(times)
-        late_ms = 1e-6 * np.abs(steps - self.period_ns * np.maximum(1, np.round(steps / self.period_ns)))
+        late_ms = 1e-6 * np.abs(
+            steps - self.period_ns * np.maximum(1, np.round(steps / self.period_ns))
+        )
         drift, channel = self._drift()
         return {
-            "samples": len(times), "seconds": round(1e-9 * float(times[-1] - times[0]), 3) if len(times) else 0.0,
+            "samples": len(times),
+            "seconds": round(1e-9 * float(times[-1] - times[0]), 3) if len(times) else 0.0,
             "rate_hz": round(1e9 / float(np.median(steps)), 3) if len(steps) else None,
             "jitter_p99_ms": round(float(np.percentile(late_ms, 99)), 3) if len(steps) else None,
-            "lost": self.lost, "invalid_readings": self.invalid, "saturated_readings": self.why["saturated"],
-            "why": dict(sorted(self.why.items())), "bias_drift": drift, "bias_drift_channel": channel,
+            "lost": self.lost,
+            "invalid_readings": self.invalid,
+            "saturated_readings": self.why["saturated"],
+            "why": dict(sorted(self.why.items())),
+            "bias_drift": drift,
+            "bias_drift_channel": channel,
             "unit": self.unit,
-        }  # fmt: skip
+        }
 
     def _drift(self) -> tuple[float | None, str | None]:
         """The largest change of a resting channel since the bias was taken."""
@@ -59,15 +68,20 @@ class Quality:
             return None, None
         change = np.abs(np.nanmedian(rows[:, known], axis=0) - self.bias[known])
         worst = int(np.argmax(change))
-        return round(float(change[worst]), 4), channel_names(len(self.bias) // 3)[int(np.flatnonzero(known)[worst])]
+        return round(float(change[worst]), 4), channel_names(len(self.bias) // 3)[
+            int(np.flatnonzero(known)[worst])
+        ]
 
 
 def in_words(told: dict[str, Any]) -> str:
     """One line for the operator."""
     if told["rate_hz"] is None:
         return f"{told['samples']} samples: too few for a rate"
-    drift = "not known" if told["bias_drift"] is None else (
-        f"{told['bias_drift']:g} {told['unit']} ({told['bias_drift_channel']})")  # fmt: skip
+    drift = (
+        "not known"
+        if told["bias_drift"] is None
+        else (f"{told['bias_drift']:g} {told['unit']} ({told['bias_drift_channel']})")
+    )
     return (
         f"{told['seconds']:g} s, {told['rate_hz']:.2f} Hz, jitter p99 {told['jitter_p99_ms']:.2f} ms, "
         f"{told['lost']} lost, {told['invalid_readings']} invalid, {told['saturated_readings']} saturated, "

@@ -1,4 +1,5 @@
-"""From the words of `holdfast record` to a session: the plan, the bias, the camera, and what every meta.json says."""
+"""From the words of `holdfast record` to a session: the plan, the bias, the camera, and what every
+meta.json says."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ Checked = tuple[Bias, tuple[str, ...], bool]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be recorded: a card, or one object and action over and over; done: trials of it kept before."""
+    """What is to be recorded: a card, or one object and action over and over; done: trials of it
+    kept before."""
 
     protocol: Protocol | None
     tasks: list[Task]
@@ -46,12 +48,20 @@ class Plan:
 
 
 def record(
-    args: argparse.Namespace, clock: Any, keys: Any, say: Callable[[str], None], stopped: Any,
-    show: Show = show_nothing, *, host_ns: HostClock = time.monotonic_ns, camera: CameraOf = Beside,
-) -> int:  # fmt: skip
+    args: argparse.Namespace,
+    clock: Any,
+    keys: Any,
+    say: Callable[[str], None],
+    stopped: Any,
+    show: Show = show_nothing,
+    *,
+    host_ns: HostClock = time.monotonic_ns,
+    camera: CameraOf = Beside,
+) -> int:
     """The verb on any clock and keys. Raises what can go wrong, as a HoldfastError.
 
-    host_ns: the clock of a camera's stamps, to which the samples' are carried over. camera: films as it is told.
+    host_ns: the clock of a camera's stamps, to which the samples' are carried over. camera: films
+    as it is told.
     """
     person = word(args.person, "pseudonym")
     require_ours(args.out)
@@ -59,29 +69,46 @@ def record(
     require_camera(args)
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
     try:
-        kind = KINDS.get(args.source.partition("://")[0] if "://" in args.source else "", "replayed")
+        kind = KINDS.get(
+            args.source.partition("://")[0] if "://" in args.source else "", "replayed"
+        )
         with opened(args.out, source.unit, kind), first_in_line(say) as real_time:
             _tell_before(args.out, person, plan, say)
             bias, warnings, good = checked(source, clock, say, anyway=args.anyway)
             rate_hz = source.rate_hz or args.rate
             masses = plan.protocol.mass_g if plan.protocol else {}
             session = Session(
-                SessionOptions(args.out, person, rate_hz, args.seconds, args.at_once, masses), source, clock, keys, say,
-                bias=bias.values, about=about(args, source, (bias, warnings, good), plan, rate_hz, real_time=real_time),
-                camera=camera_of(args, source, host_ns() - clock.now_ns(), camera), host_ns=host_ns,
-                truth=truth_of(args.source, source), show=show,
-            )  # fmt: skip
+                SessionOptions(args.out, person, rate_hz, args.seconds, args.at_once, masses),
+                source,
+                clock,
+                keys,
+                say,
+                bias=bias.values,
+                about=about(
+                    args, source, (bias, warnings, good), plan, rate_hz, real_time=real_time
+                ),
+                camera=camera_of(args, source, host_ns() - clock.now_ns(), camera),
+                host_ns=host_ns,
+                truth=truth_of(args.source, source),
+                show=show,
+            )
             kept = session.run(plan.tasks, stopped)
     finally:
         source.close()
-    print(visible(f"{kept} trials kept in {args.out / person}; next: holdfast evaluate MODEL --data {args.out}"))
+    print(
+        visible(
+            f"{kept} trials kept in {args.out / person}; next: holdfast evaluate MODEL --data {args.out}"
+        )
+    )
     return 0
 
 
 def planned(args: argparse.Namespace, person: str) -> Plan:
     """The tasks that are left. Raises UsageError, CardError."""
     if (args.protocol is None) == (args.object is None and args.action is None):
-        raise UsageError("what is to be recorded?", next_step="--protocol CARD, or --object NAME --action ACTION")
+        raise UsageError(
+            "what is to be recorded?", next_step="--protocol CARD, or --object NAME --action ACTION"
+        )
     if args.trials is not None and args.trials < 1:
         raise UsageError(f"--trials {args.trials}", next_step="a whole number from 1")
     if args.protocol is not None:
@@ -89,7 +116,9 @@ def planned(args: argparse.Namespace, person: str) -> Plan:
         tasks = left(protocol.ordered(args.seed, person), done(args.out, person))
         return Plan(protocol, tasks[: args.trials], len(protocol.tasks) - len(tasks))
     if args.action is None or (args.object is None) != (args.action == NOTHING):
-        raise UsageError("--object and --action go together", next_step="--object soft-ball --action pull")
+        raise UsageError(
+            "--object and --action go together", next_step="--object soft-ball --action pull"
+        )
     if args.at_once and args.trials is None:
         raise UsageError("--at-once without an end", next_step="--trials N, or a --protocol")
     task = Task(word(args.object, "object") if args.object else NOTHING, args.action)
@@ -97,15 +126,19 @@ def planned(args: argparse.Namespace, person: str) -> Plan:
 
 
 def checked(source: Source, clock: Any, say: Callable[[str], None], *, anyway: bool) -> Checked:
-    """The bias of the hand as it is now, untouched; where it is not good, DataError is raised, unless anyway."""
+    """The bias of the hand as it is now, untouched; where it is not good, DataError is raised,
+    unless anyway."""
     say(f"leave the hand alone for {CHECK_S:g} s: its bias is taken")
     bias, warnings = bias_of(unloaded(source, clock, CHECK_S), source.unit)
     for warning in warnings:
         say(f"warning: {warning}")
-    odd = len(warnings) - bool(bias.reversed.any())  # a reversed magnet is turned by the model's preparation
+    # a reversed magnet is turned by the model's preparation
+    odd = len(warnings) - bool(bias.reversed.any())
     if odd and not anyway:
         raise DataError(
-            "not a good bias, nothing is recorded", cause="; ".join(warnings), next_step="mend that, or add --anyway"
+            "not a good bias, nothing is recorded",
+            cause="; ".join(warnings),
+            next_step="mend that, or add --anyway",
         )
     return bias, warnings, not odd
 
@@ -113,26 +146,36 @@ def checked(source: Source, clock: Any, say: Callable[[str], None], *, anyway: b
 def require_camera(args: argparse.Namespace) -> None:
     """Raise UsageError for a camera that cannot be, before anything else is done."""
     if args.camera == "oak" and args.tag_mm is None:
-        raise UsageError("--tag-mm is missing", next_step="measure a tag's black square and give --tag-mm 9.96")
+        raise UsageError(
+            "--tag-mm is missing", next_step="measure a tag's black square and give --tag-mm 9.96"
+        )
     if args.camera == "scene":
         from holdfast.recorder.filming import camera_of
 
         camera_of(args.source)
     elif args.camera not in (None, "oak") and not Path(args.camera).exists():
-        raise UsageError(f"--camera {args.camera!r}: no such file", next_step="oak, scene, or a .frames.npz")
+        raise UsageError(
+            f"--camera {args.camera!r}: no such file", next_step="oak, scene, or a .frames.npz"
+        )
 
 
-def camera_of(args: argparse.Namespace, source: Source, after_ns: int, camera: CameraOf) -> Beside | None:
-    """What films beside, if anything. after_ns: what the camera's clock is ahead of the source's."""
+def camera_of(
+    args: argparse.Namespace, source: Source, after_ns: int, camera: CameraOf
+) -> Beside | None:
+    """What films beside, if anything. after_ns: what the camera's clock is ahead of the
+    source's."""
     if args.camera is None:
         return None
-    told = {name: getattr(args, name) for name in ("camera", "source", "tag_mm", "fps", "exposure_ms")}
+    told = {
+        name: getattr(args, name) for name in ("camera", "source", "tag_mm", "fps", "exposure_ms")
+    }
     began_ns = getattr(source, "began_ns", None)
     return camera({**told, "began_ns": None if began_ns is None else began_ns + after_ns})
 
 
 def truth_of(url: str, source: Source) -> Callable[[int, int], list[dict[str, Any]]] | None:
-    """What a scene knows of a trial, given the times of its first and last sample, as events; None without one."""
+    """What a scene knows of a trial, given the times of its first and last sample, as events; None
+    without one."""
     found = scene_of(url) if "://" in url else None
     if found is None:
         return None
@@ -140,10 +183,19 @@ def truth_of(url: str, source: Source) -> Callable[[int, int], list[dict[str, An
 
     def events(first_ns: int, last_ns: int) -> list[dict[str, Any]]:
         end_s = 1e-9 * (last_ns - first_ns)
-        truth = found[1].truth.shifted(0.0 if began_ns is None else 1e-9 * (began_ns - first_ns)).to_json()
+        truth = (
+            found[1]
+            .truth.shifted(0.0 if began_ns is None else 1e-9 * (began_ns - first_ns))
+            .to_json()
+        )
         by = {"provenance": "scene", "by": "holdfast record"}
         phases = [
-            {"t0_s": max(0.0, one["t0_s"]), "t1_s": min(end_s, one["t1_s"]), "label": one["label"], **by}
+            {
+                "t0_s": max(0.0, one["t0_s"]),
+                "t1_s": min(end_s, one["t1_s"]),
+                "label": one["label"],
+                **by,
+            }
             for one in truth["phases"]
             if one["t1_s"] > 0.0 and one["t0_s"] < end_s
         ]
@@ -158,26 +210,52 @@ def truth_of(url: str, source: Source) -> Callable[[int, int], list[dict[str, An
 
 
 def about(
-    args: argparse.Namespace, source: Source, checked: Checked, plan: Plan, rate_hz: float, *, real_time: bool
+    args: argparse.Namespace,
+    source: Source,
+    checked: Checked,
+    plan: Plan,
+    rate_hz: float,
+    *,
+    real_time: bool,
 ) -> dict[str, Any]:
     """What every trial's meta.json says; paths by their last part only, which name nobody."""
     bias, warnings, good = checked
-    said = {name: _plain(value) for name, value in vars(args).items() if name not in ("person", "object", "action")}
+    said = {
+        name: _plain(value)
+        for name, value in vars(args).items()
+        if name not in ("person", "object", "action")
+    }
     packages = {name: version(name) for name in ("holdfast", "numpy")}
     return {
-        "unit": source.unit, "rate_hz": rate_hz, "hand": source.about() if isinstance(source, LiveHand) else None,
+        "unit": source.unit,
+        "rate_hz": rate_hz,
+        "hand": source.about() if isinstance(source, LiveHand) else None,
         "calibration": _calibration(args.calibration),
         "bias": {
-            "values": bias.values.tolist(), "spread": bias.spread.tolist(), "n": bias.n, "unit": bias.unit,
-            "reversed": bias.reversed.tolist(), "warnings": list(warnings), "good": good,
+            "values": bias.values.tolist(),
+            "spread": bias.spread.tolist(),
+            "n": bias.n,
+            "unit": bias.unit,
+            "reversed": bias.reversed.tolist(),
+            "warnings": list(warnings),
+            "good": good,
         },
-        "protocol": None if plan.protocol is None else {
-            "card": plan.protocol.name, "sha256": plan.protocol.sha256, "seed": args.seed, "done_before": plan.done,
+        "protocol": None
+        if plan.protocol is None
+        else {
+            "card": plan.protocol.name,
+            "sha256": plan.protocol.sha256,
+            "seed": args.seed,
+            "done_before": plan.done,
         },
-        "versions": {**packages, "python": platform.python_version(), "machine": platform.machine()},
+        "versions": {
+            **packages,
+            "python": platform.python_version(),
+            "machine": platform.machine(),
+        },
         "real_time_priority": real_time,
         "configuration": said,
-    }  # fmt: skip
+    }
 
 
 def _calibration(path: Path | None) -> dict[str, Any] | None:
@@ -185,9 +263,13 @@ def _calibration(path: Path | None) -> dict[str, Any] | None:
         return None
     meta = read_calibration(path).meta
     return {
-        "file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "source": meta.source,
-        "date": meta.date, "n": meta.n, "content": json.loads(path.read_text("utf-8")),
-    }  # fmt: skip
+        "file": path.name,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "source": meta.source,
+        "date": meta.date,
+        "n": meta.n,
+        "content": json.loads(path.read_text("utf-8")),
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -1,9 +1,11 @@
-"""A session: trial after trial from one source, by the operator's keys, each in a folder of its own.
+"""A session: trial after trial from one source, by the operator's keys, each in a folder of its
+own.
 
-Between trials nothing is recorded. In a trial the k-th sample is due at start + k periods, as in edge_runtime/live.py:
-what could not be read in time is a gap in `sequence`, and so is a reading that came twice; nothing is invented, moved
-or put in order afterwards. A clock that jumps by a second or more ends the trial, which is kept as interrupted. Where
-the source ends, or the scene behind it, a trial is kept only if it is complete: the hand closed and was empty again.
+Between trials nothing is recorded. In a trial the k-th sample is due at start + k periods, as in
+edge_runtime/live.py: what could not be read in time is a gap in `sequence`, and so is a reading
+that came twice; nothing is invented, moved or put in order afterwards. A clock that jumps by a
+second or more ends the trial, which is kept as interrupted. Where the source ends, or the scene
+behind it, a trial is kept only if it is complete: the hand closed and was empty again.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ TIME_OVER, SOURCE_OVER = "time over", "source over"
 
 @dataclass(frozen=True)
 class SessionOptions:
-    """What the session is to do. seconds: of a trial, or until a key; at_once: begin without one."""
+    """What the session is to do. seconds: of a trial, or until a key; at_once: begin without
+    one."""
 
     root: Path
     person: str
@@ -57,17 +60,27 @@ Show = Callable[[Trial, Measured, int], None]
 
 
 class Session:
-    """about: what every trial's meta.json says. truth: of a scene, for the times of its first and last sample.
+    """about: what every trial's meta.json says. truth: of a scene, for the times of its first and
+    last sample.
 
     show: gets every sample of a trial as it is written, and must return at once.
     """
 
     def __init__(
-        self, asked: SessionOptions, source: Source, clock: Any, keys: Keys, say: Callable[[str], None], *,
-        bias: FloatArray, about: dict[str, Any], camera: Beside | None = None,
-        truth: Callable[[int, int], list[dict[str, Any]]] | None = None, show: Show = show_nothing,
+        self,
+        asked: SessionOptions,
+        source: Source,
+        clock: Any,
+        keys: Keys,
+        say: Callable[[str], None],
+        *,
+        bias: FloatArray,
+        about: dict[str, Any],
+        camera: Beside | None = None,
+        truth: Callable[[int, int], list[dict[str, Any]]] | None = None,
+        show: Show = show_nothing,
         host_ns: HostClock = time.monotonic_ns,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.asked, self.source, self.clock, self.keys, self.say = asked, source, clock, keys, say
         self.bias, self.about, self.camera, self.truth, self.show = bias, about, camera, truth, show
         self.host_ns = host_ns
@@ -76,7 +89,8 @@ class Session:
         self._last: tuple[Path, Task] | None = None
 
     def run(self, tasks: Sequence[Task], stopped: Callable[[], bool]) -> int:
-        """Record the tasks in turn; returns how many trials were kept. Raises what the source and the disk raise."""
+        """Record the tasks in turn; returns how many trials were kept. Raises what the source and
+        the disk raise."""
         still = list(tasks)
         while still and not stopped():
             self.say(f"next: {_words(still[0])} ({len(still)} left); {HELP_READY}")
@@ -90,7 +104,9 @@ class Session:
             if self._last is not None:
                 still.pop(0)
             elif outcome in (TIME_OVER, SOURCE_OVER) and self.asked.at_once:
-                raise EmptyRecording("a trial that cannot be kept", cause="the line above", next_step="longer trials")
+                raise EmptyRecording(
+                    "a trial that cannot be kept", cause="the line above", next_step="longer trials"
+                )
             if outcome in ("stop", "signal"):
                 break
         return self.kept
@@ -118,7 +134,8 @@ class Session:
     # -- one trial
 
     def _record(self, task: Task, stopped: Callable[[], bool]) -> str:
-        """One trial from its folder to its figures; how it ended: keep, redo, stop, signal, TIME_OVER, SOURCE_OVER."""
+        """One trial from its folder to its figures; how it ended: keep, redo, stop, signal,
+        TIME_OVER, SOURCE_OVER."""
         self._last = None
         folder = new_trial(self.asked.root, self.asked.person, task)
         self._write_mass(folder, task)
@@ -146,11 +163,17 @@ class Session:
         if isinstance(self.source, Paced):
             self.source.begin_anew()
         about = {
-            "person": self.asked.person, "object": task.thing, "action": task.action, "style": task.style,
-            "started_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **self.about,
-        }  # fmt: skip
+            "person": self.asked.person,
+            "object": task.thing,
+            "action": task.action,
+            "style": task.style,
+            "started_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            **self.about,
+        }
         quality = Quality(self.bias, self.period_ns, self.source.unit)
-        return Trial(folder, self.source.n_channels, about, quality, self.host_ns() - self.clock.now_ns())
+        return Trial(
+            folder, self.source.n_channels, about, quality, self.host_ns() - self.clock.now_ns()
+        )
 
     def _samples(self, trial: Trial, stopped: Callable[[], bool]) -> str:
         stamps, start_ns, turn = Stamps(self.period_ns), self.clock.now_ns(), 0
@@ -197,7 +220,13 @@ class Session:
         events = self.truth(*trial.span_ns) if self.truth is not None and trial.started else None
         for event in events or ():
             trial.note(event)
-        over = "the source ended" if outcome == SOURCE_OVER else "the scene ended" if _is_over(events, trial) else ""
+        over = (
+            "the source ended"
+            if outcome == SOURCE_OVER
+            else "the scene ended"
+            if _is_over(events, trial)
+            else ""
+        )
         state = {"redo": REDONE, "signal": INTERRUPTED}.get(outcome, KEPT)
         told = trial.close(state, over, **filmed)
         self.say(f"{told['state']}: {in_words(told)}")
@@ -206,7 +235,9 @@ class Session:
         if filmed.get("camera", {}).get("void"):
             self.say(f"no camera part in this trial: {filmed['camera']['void']}")
         if filmed.get("camera", {}).get("doubt"):
-            self.say(f"warning: the camera's tags: {filmed['camera']['doubt']}; what was recorded is kept")
+            self.say(
+                f"warning: the camera's tags: {filmed['camera']['doubt']}; what was recorded is kept"
+            )
         if told["state"] == REDONE:
             self.say(f"moved to {discard(self.asked.root, self.asked.person, trial.folder)}")
         if told["state"] == KEPT:
@@ -221,18 +252,23 @@ class Session:
 
 
 def _is_over(events: list[dict[str, Any]] | None, trial: Trial) -> bool:
-    """Whether a scene's last phase ended before the trial's last sample; None: there is no scene."""
+    """Whether a scene's last phase ended before the trial's last sample; None: there is no
+    scene."""
     return events is not None and all(one["t1_s"] < trial.t_s for one in events if "label" in one)
 
 
 def _require_one_clock(trial: Trial, trouble: str, t_ns: int) -> None:
-    """Raise TimeError where stamps jump by a second or more: another clock, or a machine that slept."""
-    if trouble == "restarts" or (trial.started and t_ns - trial.quality.times_ns[-1] > ANOTHER_CLOCK_NS):
+    """Raise TimeError where stamps jump by a second or more: another clock, or a machine that
+    slept."""
+    if trouble == "restarts" or (
+        trial.started and t_ns - trial.quality.times_ns[-1] > ANOTHER_CLOCK_NS
+    ):
         raise TimeError(
-            f"the clock jumped by {1e-9 * (t_ns - trial.quality.times_ns[-1]):+.3f} s in mid-trial", where=trial.folder,
+            f"the clock jumped by {1e-9 * (t_ns - trial.quality.times_ns[-1]):+.3f} s in mid-trial",
+            where=trial.folder,
             cause="the machine slept or stood still, or the source's clock was set",
             next_step="what came before is kept as interrupted; start again, the trial comes up once more",
-        )  # fmt: skip
+        )
 
 
 def _words(task: Task) -> str:

@@ -1,6 +1,8 @@
-"""One line on the operator's terminal while a trial runs: elapsed time, rate, lost samples, the force on each finger.
+"""One line on the operator's terminal while a trial runs: elapsed time, rate, lost samples, the
+force on each finger.
 
-It is redrawn in place a few times a second. Nothing waits for it: what the terminal does not take is left out.
+It is redrawn in place a few times a second. Nothing waits for it: what the terminal does not take
+is left out.
 """
 
 from __future__ import annotations
@@ -20,17 +22,21 @@ REDRAW_NS = 250_000_000
 RATE_OVER_NS = 1_000_000_000
 COLUMNS = 80
 OVER_THE_LINE_ABOVE = "\x1b[A\r\x1b[2K"
-"""Cursor up, to the first column, and erase the line: what is written next replaces the line above."""
+"""Cursor up, to the first column, and erase the line: what is written next replaces the line
+above."""
 DECIMALS = {"N": 2}
 
 
 class StatusLine:
     """Draws the line on a sink, and says other lines in its place.
 
-    columns: how wide the terminal is now, 0 where nothing can be drawn; seconds: how long a trial lasts, if it is set.
+    columns: how wide the terminal is now, 0 where nothing can be drawn; seconds: how long a trial
+    lasts, if it is set.
     """
 
-    def __init__(self, sink: Callable[[str], bool], columns: Callable[[], int], seconds: float | None = None) -> None:
+    def __init__(
+        self, sink: Callable[[str], bool], columns: Callable[[], int], seconds: float | None = None
+    ) -> None:
         self._sink, self._columns = sink, columns
         self._of = "" if seconds is None else f" of {seconds:g}"
         self._drawn = False
@@ -55,7 +61,8 @@ class StatusLine:
 
 
 def status_text(trial: Trial, measured: Measured, of: str = "") -> str:
-    """The line: forces are of the field or force without the bias taken before, - where a finger is not valid."""
+    """The line: forces are of the field or force without the bias taken before, - where a finger is
+    not valid."""
     unit, bias = trial.quality.unit, np.nan_to_num(trial.quality.bias)
     forces = np.linalg.norm((measured.values - bias).reshape(-1, 3), axis=1)
     fingers = [
@@ -76,7 +83,8 @@ def _rate(times_ns: list[int]) -> str:
 
 
 def columns_of(stream: TextIO) -> int:
-    """How wide a terminal is that can redraw a line; 0 for a stream that is none, or a terminal that is gone."""
+    """How wide a terminal is that can redraw a line; 0 for a stream that is none, or a terminal
+    that is gone."""
     if os.environ.get("TERM", "dumb") == "dumb" or not stream.isatty():
         return 0
     try:

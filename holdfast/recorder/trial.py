@@ -22,9 +22,19 @@ class Trial:
     """A folder that is being recorded into. about: what meta.json says beside state and quality."""
 
     def __init__(
-        self, folder: Path, n_channels: int, about: dict[str, Any], quality: Quality, host_after_ns: int
+        self,
+        folder: Path,
+        n_channels: int,
+        about: dict[str, Any],
+        quality: Quality,
+        host_after_ns: int,
     ) -> None:
-        self.folder, self.about, self.quality, self._host_after_ns = folder, about, quality, host_after_ns
+        self.folder, self.about, self.quality, self._host_after_ns = (
+            folder,
+            about,
+            quality,
+            host_after_ns,
+        )
         self.t_s = 0.0
         self._write_meta(RECORDING)
         self._file = TactileFile(folder / TACTILE, n_channels)
@@ -61,10 +71,12 @@ class Trial:
             raise OutputError(what, where=self.folder / EVENTS, next_step="make room") from None
 
     def close(self, state: str, over: str = "", **told: Any) -> dict[str, Any]:
-        """Everything on the disk, state and figures in meta.json, a kept one's phases beside it; returns the figures.
+        """Everything on the disk, state and figures in meta.json, a kept one's phases beside it;
+        returns the figures.
 
-        over: why there was nothing more to record, if so. A trial that ended so before it was complete, or that cannot
-        be read again (a row only, most of it lost), is interrupted and not kept. Raises OutputError.
+        over: why there was nothing more to record, if so. A trial that ended so before it was
+        complete, or that cannot be read again (a row only, most of it lost), is interrupted and not
+        kept. Raises OutputError.
         """
         figures = self.quality.to_json()
         try:
@@ -93,7 +105,8 @@ class Trial:
         return ""
 
     def give_up(self, state: str, why: str) -> None:
-        """Close as well as may be, because something else went wrong, which is what will be raised."""
+        """Close as well as may be, because something else went wrong, which is what will be
+        raised."""
         with suppress(HoldfastError, OSError):
             self.note({"t_s": self.t_s, "event": state, "why": why})
         with suppress(HoldfastError, OSError):

@@ -1,6 +1,7 @@
 """AprilTags of the family 36h11: their black and white cells.
 
-The code words and the order of their bits are the family's (Olson, ICRA 2011; AprilRobotics/apriltag, tag36h11).
+The code words and the order of their bits are the family's (Olson, ICRA 2011;
+AprilRobotics/apriltag, tag36h11).
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from edge_runtime.contract import FloatArray
 CODES = (0xD7E00984B, 0xDDA664CA7)
 """Words of tags 0 and 1, 36 bits each."""
 SIDE_CELLS = 8
-"""Cells along the side of a tag: six of data in a black border of one. Around it a white margin of one."""
+"""Cells along the side of a tag: six of data in a black border of one. Around it a white margin of
+one."""
 _QUARTER_ROWS, _QUARTER_COLUMNS = [0, 0, 0, 0, 0, 1, 1, 1, 2], [0, 1, 2, 3, 4, 1, 2, 3, 2]
-"""Where the first nine bits lie in the six by six; each next nine lie a quarter turn (clockwise) further."""
+"""Where the first nine bits lie in the six by six; each next nine lie a quarter turn (clockwise)
+further."""
 
 
 @cache
@@ -25,7 +28,9 @@ def cells(tag: int) -> FloatArray:
     bits = [CODES[tag] >> (35 - k) & 1 for k in range(36)]
     data = np.zeros((6, 6))
     for quarter in range(4):
-        np.rot90(data, quarter)[_QUARTER_ROWS, _QUARTER_COLUMNS] = bits[9 * quarter : 9 * quarter + 9]
+        np.rot90(data, quarter)[_QUARTER_ROWS, _QUARTER_COLUMNS] = bits[
+            9 * quarter : 9 * quarter + 9
+        ]
     whole = np.pad(np.pad(data, 1), 1, constant_values=1.0)
     whole.flags.writeable = False
     return whole

@@ -1,10 +1,12 @@
-"""Frames of a camera that looks along the object's y: x to the right, z upwards, one tag each on object and hand.
+"""Frames of a camera that looks along the object's y: x to the right, z upwards, one tag each on
+object and hand.
 
-A pixel's value is the exact integral, over its area, of the tags seen through a Gaussian lens: cells are
-rectangles along the axes, so the integral is a product of two one-dimensional ones, each in closed form
-(a cell's edge seen at u is F(u) = u Phi(u) + phi(u), the integral of the normal distribution). Drawing with
-sub-samples instead would move a tag by up to 0.1 px. What is left out: perspective, tilt, fingers before the tag,
-rolling shutter, uneven light. So a tracker's error here is a lower bound.
+A pixel's value is the exact integral, over its area, of the tags seen through a Gaussian lens:
+cells are rectangles along the axes, so the integral is a product of two one-dimensional ones, each
+in closed form (a cell's edge seen at u is F(u) = u Phi(u) + phi(u), the integral of the normal
+distribution). Drawing with sub-samples instead would move a tag by up to 0.1 px. What is left out:
+perspective, tilt, fingers before the tag, rolling shutter, uneven light. So a tracker's error here
+is a lower bound.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ Frames = npt.NDArray[np.uint8]
 
 OBJECT_TAG, HAND_TAG = 0, 1
 AWAY_SIDES = 1.0
-"""At rest the object's tag lies so many of its sides to the right of the middle, the hand's as many to the left."""
+"""At rest the object's tag lies so many of its sides to the right of the middle, the hand's as many
+to the left."""
 BLACK, WHITE, GREY = 30.0, 220.0, 120.0
 FAR_BLURS = 6.0
 """Further from a tag than so many blurs nothing of it is seen (1e-9 of it)."""
@@ -36,9 +39,13 @@ CAMERA = {
     "height_px": Parameter(400.0, "px", 64, 4096, "of a frame"),
     "px_per_mm": Parameter(4.0, "px/mm", 0.1, 100, "scale in the plane of the tags"),
     "tag_mm": Parameter(10.0, "mm", 1, 200, "side of a tag, its white margin not counted"),
-    "exposure_ms": Parameter(2.0, "ms", 0.01, 100, "of a frame; it is stamped at its end, as depthai does"),
+    "exposure_ms": Parameter(
+        2.0, "ms", 0.01, 100, "of a frame; it is stamped at its end, as depthai does"
+    ),
     "blur_px": Parameter(0.7, "px", 0.05, 10, "standard deviation of the lens's blur"),
-    "noise_levels": Parameter(0.0, "", 0, 50, "standard deviation of every pixel's noise, of 255 levels"),
+    "noise_levels": Parameter(
+        0.0, "", 0, 50, "standard deviation of every pixel's noise, of 255 levels"
+    ),
 }
 
 
@@ -63,7 +70,8 @@ class Camera:
     def film(
         self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray, rng: np.random.Generator
     ) -> tuple[FloatArray, Frames]:
-        """Stamps [K] in s and frames [K, H, W] of a trial; object_m, hand_m: [T, 3] at t_s [T], object in the hand."""
+        """Stamps [K] in s and frames [K, H, W] of a trial; object_m, hand_m: [T, 3] at t_s [T],
+        object in the hand."""
         stamps_s = self.stamps_s(float(t_s[-1]))
         frames = np.empty((len(stamps_s), int(self.height_px), int(self.width_px)), dtype=np.uint8)
         shoot = self.shooting(t_s, object_m, hand_m, rng)
@@ -74,8 +82,10 @@ class Camera:
     def shooting(
         self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray, rng: np.random.Generator
     ) -> Callable[[float], Frames]:
-        """What takes one frame [H, W] of a trial, given when its exposure ends, s; after the trial all stands still."""
-        from scipy.interpolate import CubicSpline  # here: half of the start of a card that has no camera
+        """What takes one frame [H, W] of a trial, given when its exposure ends, s; after the trial
+        all stands still."""
+        # here: half of the start of a card that has no camera
+        from scipy.interpolate import CubicSpline
 
         places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
 
@@ -86,33 +96,52 @@ class Camera:
         return shoot
 
     def draw(self, object_mm: FloatArray, hand_mm: FloatArray) -> FloatArray:
-        """[H, W] levels at one instant, tags moved by (x, z) in mm from where they rest; no noise, not rounded."""
+        """[H, W] levels at one instant, tags moved by (x, z) in mm from where they rest; no noise,
+        not rounded."""
         image = np.full((int(self.height_px), int(self.width_px)), GREY)
         for rows, columns, light in self._tags(object_mm, hand_mm):
             image[rows, columns] += light
         return image
 
     def _blurred(self, at_mm: FloatArray) -> FloatArray:
-        """[H, W] the mean of what is drawn at [E, 6]; averaged only where a tag ever is, which alters no bit."""
+        """[H, W] the mean of what is drawn at [E, 6]; averaged only where a tag ever is, which
+        alters no bit."""
         drawn = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
-        reach = [[(one.start, one.stop) for one in (rows, columns)] for tags in drawn for rows, columns, _ in tags]
+        reach = [
+            [(one.start, one.stop) for one in (rows, columns)]
+            for tags in drawn
+            for rows, columns, _ in tags
+        ]
         (top, left), (bottom, right) = np.min(reach, axis=0)[:, 0], np.max(reach, axis=0)[:, 1]
         parts = np.full((len(drawn), bottom - top, right - left), GREY)
         for part, tags in zip(parts, drawn, strict=True):
             for rows, columns, light in tags:
-                part[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] += light
+                part[
+                    rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+                ] += light
         image = np.full((int(self.height_px), int(self.width_px)), GREY)
         image[top:bottom, left:right] = np.mean(parts, axis=0)
         return image
 
-    def _tags(self, object_mm: FloatArray, hand_mm: FloatArray) -> list[tuple[slice, slice, FloatArray]]:
+    def _tags(
+        self, object_mm: FloatArray, hand_mm: FloatArray
+    ) -> list[tuple[slice, slice, FloatArray]]:
         """Of each tag: the rows and columns it reaches, and what it adds to the grey there."""
         found = []
         for tag, moved_mm in ((OBJECT_TAG, object_mm), (HAND_TAG, hand_mm)):
             column_px, row_px = self.centre_px(tag, moved_mm)
-            (rows, down), (columns, across) = self._seen(row_px, self.height_px), self._seen(column_px, self.width_px)
+            (rows, down), (columns, across) = (
+                self._seen(row_px, self.height_px),
+                self._seen(column_px, self.width_px),
+            )
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
-            found.append((rows, columns, down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T - GREY * covered))
+            found.append(
+                (
+                    rows,
+                    columns,
+                    down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T - GREY * covered,
+                )
+            )
         return found
 
     def centre_px(self, tag: int, moved_mm: FloatArray) -> tuple[float, float]:
@@ -122,7 +151,8 @@ class Camera:
         return float(column_px), float(0.5 * self.height_px - self.px_per_mm * moved_mm[1])
 
     def _seen(self, centre_px: float, size_px: float) -> tuple[slice, FloatArray]:
-        """The n pixels a tag reaches along one axis, and [n, 10] the share of each that every cell fills."""
+        """The n pixels a tag reaches along one axis, and [n, 10] the share of each that every cell
+        fills."""
         from scipy.special import ndtr
 
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS
@@ -130,7 +160,9 @@ class Camera:
         reach_px = edges_px[[0, -1]] + FAR_BLURS * self.blur_px * np.array([-1.0, 1.0])
         first, stop = (int(edge) for edge in np.clip([reach_px[0], reach_px[1] + 1.0], 0, size_px))
         u = (np.arange(first, stop + 1)[:, None] - edges_px) / self.blur_px
-        beyond_edge = np.diff(self.blur_px * (u * ndtr(u) + np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)), axis=0)
+        beyond_edge = np.diff(
+            self.blur_px * (u * ndtr(u) + np.exp(-0.5 * u * u) / np.sqrt(2.0 * np.pi)), axis=0
+        )
         return slice(first, stop), beyond_edge[:, :-1] - beyond_edge[:, 1:]
 
     def _read(self, exact: FloatArray, rng: np.random.Generator) -> Frames:

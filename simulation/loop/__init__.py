@@ -10,4 +10,6 @@ from simulation.loop.shakes import ARM, KNOCK, TREMOR
 from simulation.loop.texture import TEXTURE
 
 __all__ = ["LOOP_EFFECTS", "pressure"]
-LOOP_EFFECTS: dict[str, Effect] = {e.name: e for e in (BRUSH, TEXTURE, LAG, ROTATION, ARM, TREMOR, KNOCK)}
+LOOP_EFFECTS: dict[str, Effect] = {
+    e.name: e for e in (BRUSH, TEXTURE, LAG, ROTATION, ARM, TREMOR, KNOCK)
+}

@@ -10,10 +10,12 @@ from simulation.values import Parameter
 
 
 def pressure(count: int) -> FloatArray:
-    """[E] share of the normal force each of E elements bears: p ~ 1 - x^2 over the patch, summing to one.
+    """[E] share of the normal force each of E elements bears: p ~ 1 - x^2 over the patch, summing
+    to one.
 
-    A soft fingertip presses hardest in the middle (Johnson, "Contact mechanics", 1985, chapter 4), so the outer
-    elements reach mu N first: incipient slip. One element bears everything and slips all at once.
+    A soft fingertip presses hardest in the middle (Johnson, "Contact mechanics", 1985, chapter 4),
+    so the outer elements reach mu N first: incipient slip. One element bears everything and slips
+    all at once.
     """
     x = (np.arange(count) + 0.5) / count
     share = 1.0 - x * x

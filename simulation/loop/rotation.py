@@ -15,24 +15,33 @@ from simulation.values import Parameter
 
 
 def gyration_m2(thing: Thing) -> float:
-    """Moment of inertia about x over the mass, m^2: (b^2 + c^2) / 5 of an ellipsoid, R^2 / 4 + L^2 / 3 of a cylinder
-    of half length L (Meriam & Kraige, "Engineering mechanics: dynamics", table D/4)."""
-    across, axial, half = 1e-3 * thing.radius_mm, 1e-3 * thing.axial_radius_mm, 1e-3 * thing.half_length_mm
+    """Moment of inertia about x over the mass, m^2: (b^2 + c^2) / 5 of an ellipsoid, R^2 / 4 + L^2
+    / 3 of a cylinder of half length L (Meriam & Kraige, "Engineering mechanics: dynamics", table
+    D/4)."""
+    across, axial, half = (
+        1e-3 * thing.radius_mm,
+        1e-3 * thing.axial_radius_mm,
+        1e-3 * thing.half_length_mm,
+    )
     return (across**2 + axial**2) / 5.0 if axial else across**2 / 4.0 + half**2 / 3.0
 
 
 class Rotation:
-    """Angle about x (rad): I d(omega)/dt = offset x F - sum of p x f over the brushes, p from the object's middle.
+    """Angle about x (rad): I d(omega)/dt = offset x F - sum of p x f over the brushes, p from the
+    object's middle.
 
-    F is the weight less what people and a box carry, who are taken to hold the object at its centre of mass; so it
-    turns only while the hand holds it, and out of the hand it keeps its rate. I = m (gyration + offset^2), kg m^2.
-    The brushes feel omega x p beside the core's translation; after the core's step this one is made by itself,
-    implicit in omega, with the core's reweighting and the core's balance of energy (operator splitting: Strang, SIAM
-    J. Numer. Anal. 5, 1968; first order here). It holds exactly while friction can. Not in it: the hand's own
-    acceleration does not turn the object, and turning does not move its middle.
+    F is the weight less what people and a box carry, who are taken to hold the object at its centre
+    of mass; so it turns only while the hand holds it, and out of the hand it keeps its rate. I = m
+    (gyration + offset^2), kg m^2. The brushes feel omega x p beside the core's translation; after
+    the core's step this one is made by itself, implicit in omega, with the core's reweighting and
+    the core's balance of energy (operator splitting: Strang, SIAM J. Numer. Anal. 5, 1968; first
+    order here). It holds exactly while friction can. Not in it: the hand's own acceleration does
+    not turn the object, and turning does not move its middle.
     """
 
-    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]) -> None:
+    def __init__(
+        self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]
+    ) -> None:
         self.offset_m = 1e-3 * np.array([[d["offset_y_mm"], d["offset_z_mm"]] for d in drawn]).T
         gyration = np.array([gyration_m2(trial.thing) for trial in trials])
         self.inertia_m2 = gyration + (self.offset_m * self.offset_m).sum(axis=0)
@@ -49,8 +58,15 @@ class Rotation:
         lever = body.at_m - state.position_m[1:, None]
         across = np.stack([-lever[1], lever[0]])  # [2, 6, B] d(y, z) of a turn by one radian
         damped = inertia + dt_s * self._damping(body, state, across, limit_m)
-        rate, trial, length = self._solve(drive, damped, body.brush_n_per_m, state.stretch_m, across, limit_m, dt_s)
-        had = (state.stretch_m, state.brush_j + 0.5 * inertia * self.rate * self.rate, self.angle, place)
+        rate, trial, length = self._solve(
+            drive, damped, body.brush_n_per_m, state.stretch_m, across, limit_m, dt_s
+        )
+        had = (
+            state.stretch_m,
+            state.brush_j + 0.5 * inertia * self.rate * self.rate,
+            self.angle,
+            place,
+        )
         state.stretch_m = self.rho * trial
         state.slip_m_s = state.slip_m_s + (1.0 - self.rho) * length / dt_s
         state.brush_j = brush_j(body, state)
@@ -68,8 +84,11 @@ class Rotation:
         """Nothing of its own."""
         return []
 
-    def _damping(self, body: Body, state: State, across: FloatArray, limit_m: FloatArray) -> FloatArray:
-        """[B] N m s/rad of the fingers along the surface: of the elements that touch and do not slide."""
+    def _damping(
+        self, body: Body, state: State, across: FloatArray, limit_m: FloatArray
+    ) -> FloatArray:
+        """[B] N m s/rad of the fingers along the surface: of the elements that touch and do not
+        slide."""
         sticks = (self.rho == 1.0) & (state.slip_m_s == 0.0) & (limit_m > 0.0)
         stiff = np.where(sticks, body.brush_n_per_m, 0.0) * (across * across).sum(axis=0)
         coefficient: FloatArray = body.loss_s * stiff.sum(axis=(0, 1))
@@ -85,7 +104,8 @@ class Rotation:
         limit: FloatArray,
         dt_s: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Rate [B], and the brushes' trial stretch and its length; sets rho, reweighted until it stands still."""
+        """Rate [B], and the brushes' trial stretch and its length; sets rho, reweighted until it
+        stands still."""
         before = np.broadcast_to(self.rho, limit.shape)
         parts = (brush, stretch, across, limit, dt_s)
         rate, rho, trial, length = _sweep(drive, inertia, before, *parts)
@@ -134,7 +154,8 @@ def _sweep(
     limit: FloatArray,
     dt_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """One reweighting: rate [B] with the springs weakened by rho; rho, stretch and its length after it."""
+    """One reweighting: rate [B] with the springs weakened by rho; rho, stretch and its length after
+    it."""
     spring = brush * rho
     pull = (spring * (stretch * across[:, None]).sum(axis=0)).sum(axis=(0, 1))
     stiffness = (spring * (across * across).sum(axis=0)).sum(axis=(0, 1))
@@ -149,7 +170,11 @@ ROTATION = Effect(
     "physics",
     make=Rotation,
     parameters={
-        "offset_y_mm": Parameter({"normal": [0, 5]}, "mm", -100, 100, "centre of mass beside the grip, across"),
-        "offset_z_mm": Parameter({"normal": [0, 15]}, "mm", -200, 200, "and along the object's axis"),
+        "offset_y_mm": Parameter(
+            {"normal": [0, 5]}, "mm", -100, 100, "centre of mass beside the grip, across"
+        ),
+        "offset_z_mm": Parameter(
+            {"normal": [0, 15]}, "mm", -200, 200, "and along the object's axis"
+        ),
     },
 )

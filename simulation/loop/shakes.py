@@ -23,23 +23,32 @@ def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
 
 
 class Arm:
-    """Reaches of the arm, forth and back: minimum jerk, x = amplitude (10 u^3 - 15 u^4 + 6 u^5), u = t / duration.
+    """Reaches of the arm, forth and back: minimum jerk, x = amplitude (10 u^3 - 15 u^4 + 6 u^5), u
+    = t / duration.
 
-    Acceleration amplitude / duration^2 (60 u - 180 u^2 + 120 u^3), m/s^2 (Flash & Hogan, J. Neurosci. 5, 1985).
+    Acceleration amplitude / duration^2 (60 u - 180 u^2 + 120 u^3), m/s^2 (Flash & Hogan, J.
+    Neurosci. 5, 1985).
     """
 
-    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
+    def __init__(
+        self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]
+    ) -> None:
         self.along = _directions(rngs) * np.array([d["amplitude_m"] for d in drawn])
         names = ("at_s", "lasts_s", "rest_s")
-        self.start_s, self.lasts_s, self.rest_s = (np.array([d[name] for d in drawn]) for name in names)
+        self.start_s, self.lasts_s, self.rest_s = (
+            np.array([d[name] for d in drawn]) for name in names
+        )
         self.count = np.round(np.array([d["count"] for d in drawn]))
 
     def _now(self, t_s: FloatArray, lane: int | slice) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Which reach is under way, its progress, and which way it goes: 0 before the first and after the last."""
+        """Which reach is under way, its progress, and which way it goes: 0 before the first and
+        after the last."""
         cycle = self.lasts_s[lane] + self.rest_s[lane]
         number = np.floor((t_s - self.start_s[lane]) / cycle)
         u = np.clip((t_s - self.start_s[lane] - number * cycle) / self.lasts_s[lane], 0.0, 1.0)
-        way = np.where((number >= 0) & (number < self.count[lane]), np.where(number % 2 == 0, 1.0, -1.0), 0.0)
+        way = np.where(
+            (number >= 0) & (number < self.count[lane]), np.where(number % 2 == 0, 1.0, -1.0), 0.0
+        )
         return number, u, way
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
@@ -70,7 +79,9 @@ class Tremor:
     Frequencies of physiological and essential tremor: Elble & Koller, "Tremor", 1990.
     """
 
-    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
+    def __init__(
+        self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]
+    ) -> None:
         amplitude = np.array([d["amplitude_m_s2"] for d in drawn])
         self.along = [_directions(rngs) * (amplitude / _COMPONENTS) for _ in range(_COMPONENTS)]
         self.phase = np.stack([rng.uniform(0.0, 2.0 * np.pi, _COMPONENTS) for rng in rngs], axis=1)
@@ -89,11 +100,16 @@ class Tremor:
 
 
 class Knock:
-    """Somebody bumps into the hand: half a sine of peak (m/s^2) and duration; impulse 2/pi peak * duration, m/s."""
+    """Somebody bumps into the hand: half a sine of peak (m/s^2) and duration; impulse 2/pi peak *
+    duration, m/s."""
 
-    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]) -> None:
+    def __init__(
+        self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]
+    ) -> None:
         self.along = _directions(rngs) * np.array([d["peak_m_s2"] for d in drawn])
-        self.at_s, self.lasts_s = (np.array([d[name] for d in drawn]) for name in ("at_s", "lasts_s"))
+        self.at_s, self.lasts_s = (
+            np.array([d[name] for d in drawn]) for name in ("at_s", "lasts_s")
+        )
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand."""
@@ -125,7 +141,9 @@ TREMOR = Effect(
     make=Tremor,
     parameters={
         "frequency_hz": Parameter({"uniform": [4, 12]}, "Hz", 1, 30, "of the tremor"),
-        "amplitude_m_s2": Parameter({"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"),
+        "amplitude_m_s2": Parameter(
+            {"uniform": [0.1, 1.0]}, "m/s^2", 0, 50, "of the hand's acceleration"
+        ),
     },
 )
 KNOCK = Effect(

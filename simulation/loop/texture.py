@@ -17,11 +17,14 @@ MOST_ELEMENTS = 50
 class Texture:
     """Limit of an element times 1 + depth sin(2 pi s / wavelength + phase), s its slip so far, m.
 
-    At a slip speed v the force swings with v / wavelength (Hz), the vibration by which skin and slip sensors feel
-    slip (Johansson & Flanagan, Nat. Rev. Neurosci. 10, 2009). Phases are random for every element; needs fine steps.
+    At a slip speed v the force swings with v / wavelength (Hz), the vibration by which skin and
+    slip sensors feel slip (Johansson & Flanagan, Nat. Rev. Neurosci. 10, 2009). Phases are random
+    for every element; needs fine steps.
     """
 
-    def __init__(self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]) -> None:
+    def __init__(
+        self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]
+    ) -> None:
         self.depth = np.array([d["depth"] for d in drawn])
         self.per_m = 2e3 * np.pi / np.array([d["wavelength_mm"] for d in drawn])
         shape = MOST_ELEMENTS, len(trials[0].finger_n_per_m)
@@ -45,7 +48,9 @@ TEXTURE = Effect(
     "physics",
     make=Texture,
     parameters={
-        "wavelength_mm": Parameter({"uniform": [0.6, 2.0]}, "mm", 0.05, 50, "spatial period of the roughness"),
+        "wavelength_mm": Parameter(
+            {"uniform": [0.6, 2.0]}, "mm", 0.05, 50, "spatial period of the roughness"
+        ),
         "depth": Parameter({"uniform": [0.1, 0.3]}, "", 0, 0.9, "how much friction swings"),
     },
 )

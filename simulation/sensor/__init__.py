@@ -1,4 +1,5 @@
-"""Effects of the sensor, in the order they act: magnet in silicone, chip, then the bus and the clock."""
+"""Effects of the sensor, in the order they act: magnet in silicone, chip, then the bus and the
+clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""From field back to newton, the way the thesis did: one linear map for all sensors, fitted to known loads."""
+"""From field back to newton, the way the thesis did: one linear map for all sensors, fitted to
+known loads."""
 
 from __future__ import annotations
 
@@ -39,14 +40,16 @@ def linear_map() -> tuple[FloatArray, FloatArray]:
 
 
 def calibrate(signal: Signal) -> Signal:
-    """A signal in uT as newtons, not tared: 23 N of the magnet's own field, -23 N from a magnet upside down."""
+    """A signal in uT as newtons, not tared: 23 N of the magnet's own field, -23 N from a magnet
+    upside down."""
     matrix, _ = linear_map()
     newton = np.einsum("ij,tsj->tsi", matrix, signal.values)
     return replace(signal, values=newton, unit="N")
 
 
 def residual_n() -> tuple[float, float]:
-    """Root mean square error of the map over its loads: (normal, shear), N; published for the real one: 0.27, 0.12."""
+    """Root mean square error of the map over its loads: (normal, shear), N; published for the real
+    one: 0.27, 0.12."""
     matrix, rest = linear_map()
     forces = loads_n()
     error = (dipole_ut(place_m(forces, HEIGHT.default)) - rest) @ matrix.T - forces

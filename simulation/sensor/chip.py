@@ -10,7 +10,8 @@ from simulation.effect import Drawn, Effect, Signal
 from simulation.values import Parameter
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
-"""1 sigma at 32 conversions averaged (data sheet SLYS045); its 125 and 68 uT at one fit root 32 within 10 %."""
+"""1 sigma at 32 conversions averaged (data sheet SLYS045); its 125 and 68 uT at one fit root 32
+within 10 %."""
 RANGE_UT = np.array([40e3, 40e3, 80e3])
 
 
@@ -21,14 +22,18 @@ def hall_noise(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal
 
 
 def saturation(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Beyond +-40 mT in x, y and +-80 mT in z the chip shows its limit, and the sensor is invalid there."""
+    """Beyond +-40 mT in x, y and +-80 mT in z the chip shows its limit, and the sensor is invalid
+    there."""
     limit = RANGE_UT * drawn["range"]
     inside = (np.abs(signal.values) < limit).all(axis=2)
-    return replace(signal, values=np.clip(signal.values, -limit, limit), valid=signal.valid & inside)
+    return replace(
+        signal, values=np.clip(signal.values, -limit, limit), valid=signal.valid & inside
+    )
 
 
 def quantisation(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Rounds to steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at the 12 bits that carry information."""
+    """Rounds to steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at the 12 bits that carry
+    information."""
     step = 2.0 * RANGE_UT / 2.0 ** drawn["bits"]
     return replace(signal, values=np.rint(signal.values / step) * step)
 
@@ -38,7 +43,11 @@ CHIP = (
         "hall_noise",
         "sensor",
         hall_noise,
-        {"averages": Parameter(32.0, "", 1, 32, "conversions of each axis a reading is the mean of")},
+        {
+            "averages": Parameter(
+                32.0, "", 1, 32, "conversions of each axis a reading is the mean of"
+            )
+        },
         needs=("dipole",),
     ),
     Effect(

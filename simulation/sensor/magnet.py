@@ -38,7 +38,8 @@ def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArr
 
 
 def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
-    """[.., 3] where forces [.., 3] push the magnet: down with the normal, sideways with the shear."""
+    """[.., 3] where forces [.., 3] push the magnet: down with the normal, sideways with the
+    shear."""
     yielding = forces_n / (1.0 + np.abs(forces_n) / STIFFENING_N)
     return np.stack(
         [
@@ -51,16 +52,18 @@ def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
 
 
 def dipole(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Force moves a magnet in silicone, and the chip under it reads the field of a dipole, uT, rest field included.
+    """Force moves a magnet in silicone, and the chip under it reads the field of a dipole, uT, rest
+    field included.
 
-    Displacement F / (k (1 + |F| / 30 N)) axis by axis, k 30 N/mm in and 15 N/mm sideways (a Shore-35A dome);
-    field: dipole_ut.
+    Displacement F / (k (1 + |F| / 30 N)) axis by axis, k 30 N/mm in and 15 N/mm sideways (a
+    Shore-35A dome); field: dipole_ut.
     """
     return replace(signal, values=dipole_ut(place_m(signal.values, drawn["height_mm"])), unit="uT")
 
 
 def cross_talk(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Axes leak into each other by a share, and a neighbour's magnet is felt as (height / spacing)^3 of its field.
+    """Axes leak into each other by a share, and a neighbour's magnet is felt as (height /
+    spacing)^3 of its field.
 
     A dipole's field falls as r^-3; neighbours are the sensors before and after. uT.
     """
@@ -74,9 +77,11 @@ def cross_talk(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal
 
 
 def gain_tilt(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Each sensor has a gain of its own, 1 + gain_sd n, and is glued in at an angle of tilt_sd_deg n about x and y.
+    """Each sensor has a gain of its own, 1 + gain_sd n, and is glued in at an angle of tilt_sd_deg
+    n about x and y.
 
-    Values become gain * R v, R the rotation; drawn once a recording, so that no calibration can be learned.
+    Values become gain * R v, R the rotation; drawn once a recording, so that no calibration can be
+    learned.
     """
     sensors = signal.values.shape[1]
     gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
@@ -90,7 +95,8 @@ def gain_tilt(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
 
 
 def magnet_reversed(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """The magnets of these sensors (1 .. 6) are glued in upside down: their field has the other sign (thesis)."""
+    """The magnets of these sensors (1 .. 6) are glued in upside down: their field has the other
+    sign (thesis)."""
     return replace(signal, values=_at(signal.values, drawn["sensors"], -1.0))
 
 
@@ -104,7 +110,8 @@ def magnet_lost(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signa
 
 
 def thermal_drift(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field a degree (neodymium).
+    """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field a degree
+    (neodymium).
 
     With compensated = 1 the chip's own temperature coefficient takes that off, and a tenth is left.
     """

@@ -16,9 +16,12 @@ LATEST = 0.45
 
 
 def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A sample is taken at t + e, e normal with sd_ms: its value is the one at that time, its stamp tells it."""
+    """A sample is taken at t + e, e normal with sd_ms: its value is the one at that time, its stamp
+    tells it."""
     step_s = float(signal.t_s[1] - signal.t_s[0])
-    late_s = np.clip(1e-3 * drawn["sd_ms"] * rng.normal(size=len(signal.t_s)), -LATEST * step_s, LATEST * step_s)
+    late_s = np.clip(
+        1e-3 * drawn["sd_ms"] * rng.normal(size=len(signal.t_s)), -LATEST * step_s, LATEST * step_s
+    )
     late_s[[0, -1]] = 0.0
     if not late_s.any():
         return signal
@@ -29,10 +32,11 @@ def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sig
 
 
 def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A share of the samples never comes, in bursts of 1 to 3 rows, never the first two or the last.
+    """A share of the samples never comes, in bursts of 1 to 3 rows, never the first two or the
+    last.
 
-    Two rows come between bursts, then one begins with probability p a row: m / (m + 1 + 1 / p) is lost, m the mean
-    burst.
+    Two rows come between bursts, then one begins with probability p a row: m / (m + 1 + 1 / p) is
+    lost, m the mean burst.
     """
     n, mean = len(signal.t_s), 0.5 * (1 + LONGEST_BURST)
     bursts = rng.integers(1, LONGEST_BURST + 1, n)
@@ -44,13 +48,18 @@ def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> S
         if start >= last + 2:
             last = min(start + bursts[start], n - 1)
             kept[max(start, 2) : last] = False
-    return replace(signal, t_s=signal.t_s[kept], values=signal.values[kept], valid=signal.valid[kept])
+    return replace(
+        signal, t_s=signal.t_s[kept], values=signal.values[kept], valid=signal.valid[kept]
+    )
 
 
 def stale_sensor(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """From at_s on for lasts_s a sensor repeats its last value; after 20 ms the driver knows, and it is invalid."""
+    """From at_s on for lasts_s a sensor repeats its last value; after 20 ms the driver knows, and
+    it is invalid."""
     values, valid = signal.values.copy(), signal.valid.copy()
-    stuck = np.flatnonzero((signal.t_s >= drawn["at_s"]) & (signal.t_s < drawn["at_s"] + drawn["lasts_s"]))
+    stuck = np.flatnonzero(
+        (signal.t_s >= drawn["at_s"]) & (signal.t_s < drawn["at_s"] + drawn["lasts_s"])
+    )
     known = stuck[signal.t_s[stuck] - drawn["at_s"] > STALE_AFTER_S] if stuck.size else stuck
     for number in drawn["sensors"] if stuck.size else ():
         values[stuck, int(number) - 1] = values[max(stuck[0] - 1, 0), int(number) - 1]
@@ -59,8 +68,18 @@ def stale_sensor(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sign
 
 
 TIMING = (
-    Effect("timing_jitter", "sensor", timing_jitter, {"sd_ms": Parameter(0.3, "ms", 0, 20, "of a sample's time")}),
-    Effect("dropped_samples", "sensor", dropped_samples, {"share": Parameter(0.01, "", 0, 0.3, "of the samples")}),
+    Effect(
+        "timing_jitter",
+        "sensor",
+        timing_jitter,
+        {"sd_ms": Parameter(0.3, "ms", 0, 20, "of a sample's time")},
+    ),
+    Effect(
+        "dropped_samples",
+        "sensor",
+        dropped_samples,
+        {"share": Parameter(0.01, "", 0, 0.3, "of the samples")},
+    ),
     Effect(
         "stale_sensor",
         "sensor",

@@ -1,4 +1,5 @@
-"""`python -m studies.fast_handover FOLDER --out DIR`: the study of studies/fast_handover/study.py, as wall.json."""
+"""`python -m studies.fast_handover FOLDER --out DIR`: the study of studies/fast_handover/study.py,
+as wall.json."""
 
 from __future__ import annotations
 
@@ -16,9 +17,15 @@ from training.progress import stages
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="holds the sets that `make wall` simulates")
-    parser.add_argument("--out", type=path_argument, required=True, metavar="DIR", help="where wall.json goes")
-    parser.add_argument("--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)")
+    parser.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="holds the sets that `make wall` simulates"
+    )
+    parser.add_argument(
+        "--out", type=path_argument, required=True, metavar="DIR", help="where wall.json goes"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -26,8 +33,13 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     with stages(len(IDEAS)) as say:
         figures = study(args.folder, args.seed, say)
-    path = write_whole(args.out / "wall.json", json.dumps({"kind": "simulated", **figures}, indent=1) + "\n")
-    lines = [f"{row['f1_author']:.3f} {row['f1_p1']:.3f} {row['f1_p2']:.3f}  {row['idea']}" for row in figures["rows"]]
+    path = write_whole(
+        args.out / "wall.json", json.dumps({"kind": "simulated", **figures}, indent=1) + "\n"
+    )
+    lines = [
+        f"{row['f1_author']:.3f} {row['f1_p1']:.3f} {row['f1_p2']:.3f}  {row['idea']}"
+        for row in figures["rows"]
+    ]
     sys.stdout.write("\n".join([*lines, str(path)]) + "\n")
     return 0
 

@@ -58,7 +58,11 @@ IDEAS = (
     Idea("a missed slip costs three times", learner=lambda: Forest(PLAN, risky_weight=3.0)),
     Idea("a false alarm costs three times", learner=lambda: Forest(PLAN, risky_weight=1.0 / 3.0)),
     Idea("gradient boosting", learner=Boosting),
-    Idea("100 trees, full depth, hard negatives", trained_on=HARD, learner=lambda: Forest(SIZES["best"].situation)),
+    Idea(
+        "100 trees, full depth, hard negatives",
+        trained_on=HARD,
+        learner=lambda: Forest(SIZES["best"].situation),
+    ),
     Idea("veto by the hand's own opening command", decision="veto"),
     Idea("a threshold per person, from eight hand-overs", decision="personal"),
 )

@@ -1,5 +1,5 @@
-"""Ways to learn situations from features: fitted on labels of eight classes, asked for a situation and how sure it is
-of a risky slip."""
+"""Ways to learn situations from features: fitted on labels of eight classes, asked for a situation
+and how sure it is of a risky slip."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ class Learner(Protocol):
 
 @dataclass
 class Forest:
-    """A forest of a plan, of eight classes or (weight left to a head of its own) of the four situations."""
+    """A forest of a plan, of eight classes or (weight left to a head of its own) of the four
+    situations."""
 
     plan: ForestPlan
     classes: int = 8
@@ -47,8 +48,14 @@ class Forest:
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
         """See Learner. risky_weight: a risky slip counts so much more than its class would."""
         target = label if self.classes == 8 else label // 2
-        weight = compute_sample_weight("balanced", target) * np.where(label // 2 == RISKY_SLIP, self.risky_weight, 1.0)
-        self.forest = replace(self.plan, class_weight=None).build(seed).fit(features, target, sample_weight=weight)
+        weight = compute_sample_weight("balanced", target) * np.where(
+            label // 2 == RISKY_SLIP, self.risky_weight, 1.0
+        )
+        self.forest = (
+            replace(self.plan, class_weight=None)
+            .build(seed)
+            .fit(features, target, sample_weight=weight)
+        )
 
     def answer(self, features: FloatRows) -> Answer:
         """See Learner."""
@@ -63,7 +70,8 @@ class Forest:
 
 @dataclass
 class TwoStages:
-    """First whether anything is held, then, of what is held, which situation; each a forest of a plan."""
+    """First whether anything is held, then, of what is held, which situation; each a forest of a
+    plan."""
 
     plan: ForestPlan
 
@@ -88,7 +96,8 @@ class TwoStages:
 
 @dataclass
 class Boosting:
-    """Gradient boosting over histograms, four situations; it exports to the same operator as a forest."""
+    """Gradient boosting over histograms, four situations; it exports to the same operator as a
+    forest."""
 
     iterations: int = 100
     leaves: int = 31
@@ -97,17 +106,23 @@ class Boosting:
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
         """See Learner."""
         model = HistGradientBoostingClassifier(
-            max_iter=self.iterations, max_leaf_nodes=self.leaves, class_weight="balanced", early_stopping=False,
+            max_iter=self.iterations,
+            max_leaf_nodes=self.leaves,
+            class_weight="balanced",
+            early_stopping=False,
             random_state=seed,
-        )  # fmt: skip
-        with threadpool_limits(self.threads):  # beside other work, several wait for each other, busily
+        )
+        # beside other work, several wait for each other, busily
+        with threadpool_limits(self.threads):
             self.model = model.fit(features, label // 2)
 
     def answer(self, features: FloatRows) -> Answer:
         """See Learner."""
         with threadpool_limits(self.threads):
             probability = self.model.predict_proba(features)
-        return probability.argmax(axis=1).astype(np.int64), (1000 * probability[:, RISKY_SLIP]).astype(np.int64)
+        return probability.argmax(axis=1).astype(np.int64), (
+            1000 * probability[:, RISKY_SLIP]
+        ).astype(np.int64)
 
     @property
     def models(self) -> Sequence[Any]:

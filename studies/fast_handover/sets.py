@@ -1,4 +1,5 @@
-"""Sets of the study: read, and their features at every sample kept on disk, since they are larger than memory."""
+"""Sets of the study: read, and their features at every sample kept on disk, since they are larger
+than memory."""
 
 from __future__ import annotations
 
@@ -36,10 +37,12 @@ class Labelled:
 
 @dataclass(frozen=True)
 class Streams:
-    """A set that is asked. trials: without their samples. features: [sum of T, F] and truth: [sum of T], all in turn.
+    """A set that is asked. trials: without their samples. features: [sum of T, F] and truth: [sum
+    of T], all in turn.
 
-    row: [M] the set's windows among those rows. The truth of the moment is what they are held against; their labels
-    widen each slip by 0.10 s (training/windows.py), which no detector of the moment can know.
+    row: [M] the set's windows among those rows. The truth of the moment is what they are held
+    against; their labels widen each slip by 0.10 s (training/windows.py), which no detector of the
+    moment can know.
     """
 
     trials: list[LabelledTrial]
@@ -67,10 +70,13 @@ def streams(folder: Path, windows: Choice, features: Features) -> Streams:
     data = load(folder, windows=windows)
     recordings = [without_samples(one) for one in data.recordings]
     trials = [
-        LabelledTrial(one, grasps) for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)
+        LabelledTrial(one, grasps)
+        for one, grasps in zip(recordings, grasps_beside(folder, recordings), strict=True)
     ]
     lengths = [len(one.samples) for one in data.recordings]
-    truth = np.concatenate([_situations(one, n) for one, n in zip(recordings, lengths, strict=True)])
+    truth = np.concatenate(
+        [_situations(one, n) for one, n in zip(recordings, lengths, strict=True)]
+    )
     return Streams(trials, everywhere(folder, data, features), lengths, truth, _rows(data))
 
 
@@ -84,29 +90,41 @@ def everywhere(folder: Path, data: DataSet, features: Features) -> FloatRows:
         np.save(half, np.concatenate(features_everywhere(data, spec)))
         half.replace(path)
     rows: FloatRows = np.load(path, mmap_mode="r")
-    return np.hstack([rows, np.concatenate([context(one) for one in data.recordings])]) if (
-        features == "with context"
-    ) else rows  # fmt: skip
+    return (
+        np.hstack([rows, np.concatenate([context(one) for one in data.recordings])])
+        if (features == "with context")
+        else rows
+    )
 
 
 def context(recording: Recording) -> FloatRows:
-    """[T, 3]: the grip's mean normal force over the last CONTEXT_S seconds, N, less over a trial's beginning."""
+    """[T, 3]: the grip's mean normal force over the last CONTEXT_S seconds, N, less over a trial's
+    beginning."""
     normal = recording.samples[:, NORMAL_AXIS::3].sum(axis=1)
     summed = np.concatenate([[0.0], np.cumsum(normal)])
     now = np.arange(1, len(normal) + 1)
     first = [np.maximum(now - round(seconds * recording.rate_hz), 0) for seconds in CONTEXT_S]
-    return np.column_stack([(summed[now] - summed[since]) / (now - since) for since in first]).astype(np.float32)
+    return np.column_stack(
+        [(summed[now] - summed[since]) / (now - since) for since in first]
+    ).astype(np.float32)
 
 
 def joined(parts: list[Labelled]) -> Labelled:
     """Several sets to train on as one."""
-    return Labelled(*(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0])))
+    return Labelled(
+        *(np.concatenate([getattr(one, name) for one in parts]) for name in vars(parts[0]))
+    )
 
 
 def without(part: Labelled, name: str) -> Labelled:
     """All but the windows of an object."""
     kept = part.held_object != name
-    return replace(part, features=part.features[kept], label=part.label[kept], held_object=part.held_object[kept])
+    return replace(
+        part,
+        features=part.features[kept],
+        label=part.label[kept],
+        held_object=part.held_object[kept],
+    )
 
 
 def _situations(recording: Recording, n: int) -> IntArray:

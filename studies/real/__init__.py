@@ -1,1 +1,2 @@
-"""The main study on public recordings of people: cross-validated with people held out, exported, verified."""
+"""The main study on public recordings of people: cross-validated with people held out, exported,
+verified."""

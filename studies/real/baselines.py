@@ -1,7 +1,8 @@
-"""Lines that must stand beside ours on human_slip_uskin: the raw forest, a clock, and a leaky split.
+"""Lines that must stand beside ours on human_slip_uskin: the raw forest, a clock, and a leaky
+split.
 
-The last two are warnings. The clock shows how far a scripted set can be answered without looking at a
-slip at all; the leaky split shows what a wrong test reports.
+The last two are warnings. The clock shows how far a scripted set can be answered without looking at
+a slip at all; the leaky split shows what a wrong test reports.
 """
 
 from __future__ import annotations
@@ -35,24 +36,36 @@ def raw_forest(data: DataSet, *, folds: int = RAW_BASELINE.folds, seed: int = 0)
 
 
 def clock(all_channels: DataSet, *, seed: int = 0) -> dict[str, Any]:
-    """Frames since contact and summed force, nothing else, people held out (needs all 48 channels)."""
-    features = {task: clock_features(all_channels, rows) for task, rows in all_channels.tasks.items()}
+    """Frames since contact and summed force, nothing else, people held out (needs all 48
+    channels)."""
+    features = {
+        task: clock_features(all_channels, rows) for task, rows in all_channels.tasks.items()
+    }
     narrow = {task: values.astype(np.float32) for task, values in features.items()}
-    return held_out_figures(all_channels, cross_validate(all_channels, narrow, CLOCK_PLAN, seed=seed), seed)
+    return held_out_figures(
+        all_channels, cross_validate(all_channels, narrow, CLOCK_PLAN, seed=seed), seed
+    )
 
 
 def leaky(data: DataSet, *, seed: int = 0) -> dict[str, Any]:
-    """The raw forest with windows split at random, neighbours in time on both sides: WRONG, a warning."""
+    """The raw forest with windows split at random, neighbours in time on both sides: WRONG, a
+    warning."""
     plan, features = RAW_BASELINE, features_of(data, spec_for(data, RAW_BASELINE.groups))
     votes = {task: _leaky_votes(data, features[task], plan, task, seed) for task in data.tasks}
     truth, groups = data.tasks["situations"].label, data.group_of("situations")
-    figures = {"situations": situation_scores(truth, riskier_argmax(votes["situations"]), groups, seed=seed)}
+    figures = {
+        "situations": situation_scores(
+            truth, riskier_argmax(votes["situations"]), groups, seed=seed
+        )
+    }
     score: FloatArray = votes["predict_250ms"][:, 1].astype(np.float64)
     truth, groups = data.tasks["predict_250ms"].label, data.group_of("predict_250ms")
     return figures | {"predict_250ms": prediction_scores(truth, score, groups, seed=seed)}
 
 
-def _leaky_votes(data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, seed: int) -> IntArray:
+def _leaky_votes(
+    data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, seed: int
+) -> IntArray:
     n_classes = len(data.tasks[task].classes)
     votes = np.zeros((len(features), n_classes), dtype=np.int64)
     for train, test in leaky_folds(len(features), LEAKY_FOLDS, seed=seed):

@@ -1,4 +1,5 @@
-"""eflesh_slip: that the pipeline runs on licensed real Hall data, and how late an alarm comes. No victory."""
+"""eflesh_slip: that the pipeline runs on licensed real Hall data, and how late an alarm comes. No
+victory."""
 
 from __future__ import annotations
 
@@ -22,12 +23,14 @@ from training.splits import assign_groups, folds_of
 ACT_SAMPLES = DecisionRules().act_samples
 """An alarm is so many risky samples in a row, as the hand would act on it."""
 AMPLITUDE_ALARM_UT = 300.0
-"""The one-threshold alarm the delays stand beside (norm over 18 channels); a round number, not tuned."""
+"""The one-threshold alarm the delays stand beside (norm over 18 channels); a round number, not
+tuned."""
 
 
 @dataclass(frozen=True)
 class EfleshStudy:
-    """Figures for the table, and the delays in s of the forest and of one threshold for the picture."""
+    """Figures for the table, and the delays in s of the forest and of one threshold for the
+    picture."""
 
     figures: dict[str, Any]
     delays_s: dict[str, list[float]]
@@ -48,7 +51,9 @@ def study_eflesh(data: DataSet, plan: TrainingPlan, seed: int = 0) -> EfleshStud
             label = riskier_argmax(reference_votes(forest, everywhere[trial], len(task.classes)))
             label[: spec.settle_samples] = GRASP  # not settled: no alarm can be meant
             alarms[trial] = _in_a_row(label == RISKY_SLIP, ACT_SAMPLES)
-    simple = [_in_a_row(amplitude(r.samples) > AMPLITUDE_ALARM_UT, ACT_SAMPLES) for r in data.recordings]
+    simple = [
+        _in_a_row(amplitude(r.samples) > AMPLITUDE_ALARM_UT, ACT_SAMPLES) for r in data.recordings
+    ]
     delays = {"forest": _delays(data, alarms), "one threshold": _delays(data, simple)}
     scores = situation_scores(task.label, predicted, blocks, seed=seed)
     figures = {
@@ -60,7 +65,10 @@ def study_eflesh(data: DataSet, plan: TrainingPlan, seed: int = 0) -> EfleshStud
         "trial_vote_accuracy": _trial_vote(task.trial, predicted, task.label),
         "one_threshold": threshold_baseline(data, seed=seed),
         "delay_s": {name: _percentiles(values) for name, values in delays.items()},
-        "held_trials_with_an_alarm": {"forest": _held(data, alarms), "one threshold": _held(data, simple)},
+        "held_trials_with_an_alarm": {
+            "forest": _held(data, alarms),
+            "one threshold": _held(data, simple),
+        },
         "caveat": data.caveat,
     }
     return EfleshStudy(figures, delays)
@@ -77,7 +85,9 @@ def _in_a_row(flags: BoolArray, length: int) -> BoolArray:
 
 def _delays(data: DataSet, alarms: list[BoolArray]) -> list[float]:
     """Delay of the first alarm in every tugged trial that has both a departure and an alarm."""
-    tugged = [(r, alarm) for r, alarm in zip(data.recordings, alarms, strict=True) if r.action == "tug"]
+    tugged = [
+        (r, alarm) for r, alarm in zip(data.recordings, alarms, strict=True) if r.action == "tug"
+    ]
     found = [detection_delay_s(recording, alarm) for recording, alarm in tugged]
     return [delay for delay in found if delay is not None]
 
@@ -90,11 +100,15 @@ def _percentiles(delays: list[float]) -> dict[str, float | int | None]:
 
 
 def _held(data: DataSet, alarms: list[BoolArray]) -> str:
-    held = [bool(a.any()) for r, a in zip(data.recordings, alarms, strict=True) if r.action == "hold"]
+    held = [
+        bool(a.any()) for r, a in zip(data.recordings, alarms, strict=True) if r.action == "hold"
+    ]
     return f"{sum(held)} of {len(held)}"
 
 
-def _trial_vote(trial: npt.NDArray[np.int64], predicted: npt.NDArray[np.int64], label: npt.NDArray[np.int64]) -> float:
+def _trial_vote(
+    trial: npt.NDArray[np.int64], predicted: npt.NDArray[np.int64], label: npt.NDArray[np.int64]
+) -> float:
     """Share of trials whose windows' majority is right (half of them risky counts as risky)."""
     right = []
     for number in np.unique(trial):

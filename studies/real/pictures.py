@@ -43,7 +43,14 @@ def confusion(data: DataSet, held_out: HeldOut) -> str:
         axes = figure.subplots()
         axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(share):
-            axes.text(column, row, f"{value:.2f}", ha="center", va="center", color="white" if value > 0.5 else INK)
+            axes.text(
+                column,
+                row,
+                f"{value:.2f}",
+                ha="center",
+                va="center",
+                color="white" if value > 0.5 else INK,
+            )
         names = [name.replace("_", " ") for name in SITUATIONS]
         axes.set_xticks(range(4), names, rotation=20, ha="right")
         axes.set_yticks(range(4), names)
@@ -62,7 +69,9 @@ def curves(data: DataSet, held_out: HeldOut) -> str:
         left, right = figure.subplots(1, 2)
         left.plot(false, hit, color=OURS)
         left.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
-        left.set(xlabel="false alarms (share of quiet windows)", ylabel="found (share of risky windows)")
+        left.set(
+            xlabel="false alarms (share of quiet windows)", ylabel="found (share of risky windows)"
+        )
         right.plot(recall, precision, color=OURS)
         right.axhline(truth.mean(), color=QUIET, linewidth=0.8)
         right.set(xlabel="found (recall)", ylabel="right when it speaks (precision)", ylim=(0, 1))
@@ -71,9 +80,15 @@ def curves(data: DataSet, held_out: HeldOut) -> str:
 
 def by_person(data: DataSet, held_out: HeldOut) -> str:
     """Macro F1 of every person, sorted: how far people differ."""
-    truth, predicted, groups = data.tasks["situations"].label, held_out.situations(), data.group_of("situations")
+    truth, predicted, groups = (
+        data.tasks["situations"].label,
+        held_out.situations(),
+        data.group_of("situations"),
+    )
     scores = {
-        name: situation_scores(truth[groups == name], predicted[groups == name], groups[groups == name])["macro_f1"]
+        name: situation_scores(
+            truth[groups == name], predicted[groups == name], groups[groups == name]
+        )["macro_f1"]
         for name in data.groups()
     }
     ordered = sorted(scores.values())
@@ -90,17 +105,27 @@ def by_person(data: DataSet, held_out: HeldOut) -> str:
 def timelines(data: DataSet, held_out: HeldOut) -> str:
     """Truth above, answer below, for one trial each of several people."""
     task, answered = data.tasks["situations"], held_out.situations()
-    firsts = {recording.group: index for index, recording in reversed(list(enumerate(data.recordings)))}
+    firsts = {
+        recording.group: index for index, recording in reversed(list(enumerate(data.recordings)))
+    }
     chosen = sorted(firsts.values())[:TRIALS_SHOWN]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 0.62 * len(chosen) + 0.7))
-        for axes, index in zip(np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)), chosen, strict=True):
+        for axes, index in zip(
+            np.atleast_1d(figure.subplots(len(chosen), 1, sharex=True)), chosen, strict=True
+        ):
             here = task.trial == index
             rows = np.stack([task.label[here], answered[here]])
             end_s = task.row[here][-1] / data.recordings[index].rate_hz
             start_s = task.row[here][0] / data.recordings[index].rate_hz
             _strips(axes, rows, start_s, end_s)
-            axes.set_ylabel(f"person {data.recordings[index].group}", rotation=0, ha="right", va="center", fontsize=8)
+            axes.set_ylabel(
+                f"person {data.recordings[index].group}",
+                rotation=0,
+                ha="right",
+                va="center",
+                fontsize=8,
+            )
         axes.set_xlabel("time in the trial, s")
         return svg(figure)
 
@@ -108,7 +133,13 @@ def timelines(data: DataSet, held_out: HeldOut) -> str:
 def _strips(axes: Axes, rows: npt.NDArray[np.int64], start_s: float, end_s: float) -> None:
     colours = ListedColormap(("#ffffff", *SITUATION_COLOURS))
     axes.imshow(
-        rows, aspect="auto", cmap=colours, vmin=-1, vmax=3, extent=(start_s, end_s, 2, 0), interpolation="nearest"
+        rows,
+        aspect="auto",
+        cmap=colours,
+        vmin=-1,
+        vmax=3,
+        extent=(start_s, end_s, 2, 0),
+        interpolation="nearest",
     )
     axes.axhline(1, color="white", linewidth=1.5)
     axes.set_yticks([0.5, 1.5], ["was", "answered"], fontsize=7)
@@ -122,9 +153,16 @@ def delays(delays_s: dict[str, list[float]]) -> str:
         axes = figure.subplots()
         for colour, (name, values) in zip((OURS, WARNING), delays_s.items(), strict=True):
             ordered = np.sort(values)
-            axes.step(1000 * ordered, np.arange(1, len(ordered) + 1) / len(ordered), color=colour, label=name)
+            axes.step(
+                1000 * ordered,
+                np.arange(1, len(ordered) + 1) / len(ordered),
+                color=colour,
+                label=name,
+            )
         axes.axvline(0, color=QUIET, linewidth=0.8)
-        axes.set(xlabel="first alarm after the field departs, ms", ylabel="share of tugs", ylim=(0, 1))
+        axes.set(
+            xlabel="first alarm after the field departs, ms", ylabel="share of tugs", ylim=(0, 1)
+        )
         axes.legend(frameon=False)
         return svg(figure)
 
@@ -137,11 +175,19 @@ def replay(picture: ReplayPicture) -> str:
         figure = Figure(figsize=(8.6, 3.6))
         signals, strips, votes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 1.4, 2))
         by_sensor = recording.samples.reshape(len(time_s), -1, 3)
-        signals.plot(time_s, np.hypot(by_sensor[..., 0], by_sensor[..., 1]), color=OURS, linewidth=0.8, alpha=0.8)
+        signals.plot(
+            time_s,
+            np.hypot(by_sensor[..., 0], by_sensor[..., 1]),
+            color=OURS,
+            linewidth=0.8,
+            alpha=0.8,
+        )
         signals.plot(time_s, by_sensor[..., 2], color=QUIET, linewidth=0.8, alpha=0.8)
         signals.set_ylabel("shear (blue),\nnormal (grey)\nchange, counts")
         _strips(strips, np.stack([picture.truth, picture.answer]), 0.0, float(time_s[-1]))
-        share = np.where(np.arange(len(time_s)) >= picture.settled_from, picture.risky_share, np.nan)
+        share = np.where(
+            np.arange(len(time_s)) >= picture.settled_from, picture.risky_share, np.nan
+        )
         votes.plot(time_s, share, color=SITUATION_COLOURS[3])
         votes.set(xlabel="s", ylabel="risky share\nof votes", ylim=(0, 1))
         return svg(figure)

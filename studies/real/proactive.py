@@ -1,4 +1,5 @@
-"""proactive_slip_uskin: two slips replayed, one that recovers and one that ends in failure. A picture only."""
+"""proactive_slip_uskin: two slips replayed, one that recovers and one that ends in failure. A
+picture only."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ def study_proactive(data: DataSet, plan: TrainingPlan, seed: int = 0) -> list[Re
     spec = spec_for(data, plan.groups)
     windows, everywhere = features_of(data, spec)["situations"], features_everywhere(data, spec)
     return [
-        _picture(data, plan, windows, everywhere[index], index, SHOWN[name], spec.settle_samples, seed)
+        _picture(
+            data, plan, windows, everywhere[index], index, SHOWN[name], spec.settle_samples, seed
+        )
         for index, recording in enumerate(data.recordings)
         for name in SHOWN
         if recording.trial_id.endswith(name)
@@ -53,7 +56,9 @@ def _picture(
     seed: int,
 ) -> ReplayPicture:
     task = data.tasks["situations"]
-    forest = fit_forest(data, windows, plan, "situations", np.flatnonzero(task.trial != index), seed)
+    forest = fit_forest(
+        data, windows, plan, "situations", np.flatnonzero(task.trial != index), seed
+    )
     votes = reference_votes(forest, stream, len(task.classes))
     answer = riskier_argmax(votes)
     answer[:settled_from] = UNLABELLED

@@ -1,4 +1,5 @@
-"""One self-contained HTML file: the answer first, then what it stands beside, then how it was made."""
+"""One self-contained HTML file: the answer first, then what it stands beside, then how it was
+made."""
 
 from __future__ import annotations
 
@@ -30,7 +31,13 @@ class Evidence:
 
 def write_report(path: Path, evidence: Evidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
-    sections = [_answer(evidence), _table(evidence), _detail(evidence), _eflesh(evidence), _replays(evidence)]
+    sections = [
+        _answer(evidence),
+        _table(evidence),
+        _detail(evidence),
+        _eflesh(evidence),
+        _replays(evidence),
+    ]
     return write_page(path, "Holdfast, real recordings", [*sections, _made(evidence)])
 
 
@@ -96,7 +103,11 @@ def _detail(evidence: Evidence) -> str:
 
 def _eflesh(evidence: Evidence) -> str:
     figures = evidence.figures["eflesh_slip"]
-    simple, delay, held = figures["one_threshold"], figures["delay_s"], figures["held_trials_with_an_alarm"]
+    simple, delay, held = (
+        figures["one_threshold"],
+        figures["delay_s"],
+        figures["held_trials_with_an_alarm"],
+    )
     lines = "".join(
         f"<tr><td>{name}<td>{trial:.3f}<td>{window:.3f}<td>{_ms(delay[name]['p5'])}<td>{_ms(delay[name]['p50'])}"
         f"<td>{_ms(delay[name]['p95'])}<td>{delay[name]['n']}<td>{held[name]}"
@@ -120,7 +131,10 @@ def _ms(seconds: float | None) -> str:
 
 
 def _replays(evidence: Evidence) -> str:
-    parts = [f"<h3>{html.escape(p.title)} ({p.recording.trial_id})</h3>{pictures.replay(p)}" for p in evidence.replays]
+    parts = [
+        f"<h3>{html.escape(p.title)} ({p.recording.trial_id})</h3>{pictures.replay(p)}"
+        for p in evidence.replays
+    ]
     return f"""<h2>proactive_slip_uskin: two replays</h2>
 <p class=key>A robot arm carries a box between two pads (public real data, MIT). Seven trials, three of which slip: a
 picture, no accuracy. Each is answered by a forest trained on the other six.{key(SITUATION_COLOURS)}</p>{"".join(parts)}"""
@@ -128,7 +142,11 @@ picture, no accuracy. Each is answered by a forest trained on the other six.{key
 
 def _made(evidence: Evidence) -> str:
     figures = evidence.figures
-    checked, streamed, cost = figures["verification"], figures["streamed_fold"], figures["features_cost"]
+    checked, streamed, cost = (
+        figures["verification"],
+        figures["streamed_fold"],
+        figures["features_cost"],
+    )
     versions = ", ".join(f"{name} {number}" for name, number in figures["versions"].items())
     return f"""<h2>How this was made, and that it is the file's own</h2>
 <ul>

@@ -1,4 +1,5 @@
-"""The proof that the table is the file's own: one fold's forests are exported, sealed, loaded, streamed."""
+"""The proof that the table is the file's own: one fold's forests are exported, sealed, loaded,
+streamed."""
 
 from __future__ import annotations
 
@@ -23,18 +24,31 @@ FOLD = 0
 
 
 def stream_one_fold(
-    data: DataSet, features: dict[str, FloatRows], plan: TrainingPlan, held_out: HeldOut, out: Path, seed: int
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    held_out: HeldOut,
+    out: Path,
+    seed: int,
 ) -> dict[str, Any]:
-    """Export the first fold and stream its held-out people through the sealed file, sample by sample.
+    """Export the first fold and stream its held-out people through the sealed file, sample by
+    sample.
 
     Returns the file's figures on these people, and how many of its labels differ from the table's.
     """
     folds = assign_groups(data.group_of("situations"), plan.folds, seed=seed)
     train = {task: folds_of(data.group_of(task), folds)[FOLD][0] for task in data.tasks}
-    heads = [_head(data, features[task], plan, task, train[task], held_out, seed) for task in data.tasks]
+    heads = [
+        _head(data, features[task], plan, task, train[task], held_out, seed) for task in data.tasks
+    ]
     rows = np.concatenate([np.delete(features[task], train[task], axis=0) for task in data.tasks])
     artifact = Artifact(
-        spec_for(data, plan.groups), data.preparation, DecisionRules().to_json(), heads, rows, {"data": data.name}
+        spec_for(data, plan.groups),
+        data.preparation,
+        DecisionRules().to_json(),
+        heads,
+        rows,
+        {"data": data.name},
     )
     write_artifact(out / "fold", artifact)
     model = Model(export_artifact(out / "fold")[0])
@@ -47,7 +61,13 @@ def stream_one_fold(
 
 
 def _head(
-    data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, train: Any, held_out: HeldOut, seed: int
+    data: DataSet,
+    features: FloatRows,
+    plan: TrainingPlan,
+    task: str,
+    train: Any,
+    held_out: HeldOut,
+    seed: int,
 ) -> Head:
     forest = fit_forest(data, features, plan, task, train, seed)
     calibration = fit_calibration(held_out.shares(task)[train], data.tasks[task].label[train])

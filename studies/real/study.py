@@ -1,8 +1,9 @@
-"""`make real`: the whole main job on recordings nobody here made; leaves metrics.json and report.html.
+"""`make real`: the whole main job on recordings nobody here made; leaves metrics.json and
+report.html.
 
-Train, cross-validate with people held out, export, verify, evaluate, report. The top-level figures of
-metrics.json are the headline: human_slip_uskin, 18 channels, clock-free, every window answered by a
-forest that never saw its person.
+Train, cross-validate with people held out, export, verify, evaluate, report. The top-level figures
+of metrics.json are the headline: human_slip_uskin, 18 channels, clock-free, every window answered
+by a forest that never saw its person.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ from training.recording import DataSet
 from training.say import Say
 
 HUMAN = "human_slip_uskin"
-CLOCK_FREE = "no feature sees anything older than 0.5 s; time, movement indices and IMUs are never inputs"
+CLOCK_FREE = (
+    "no feature sees anything older than 0.5 s; time, movement indices and IMUs are never inputs"
+)
 STAGES = 24
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
 
@@ -52,7 +55,13 @@ def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
     features = features_of(data, spec)
     held_out = cross_validate(data, features, plan, seed=seed, say=say, verify_spec=spec)
     figures = held_out_figures(data, held_out, seed)
-    figures |= {"data": data.name, "kind": data.kind, "channels": 18, "clock_free": CLOCK_FREE, "caveat": data.caveat}
+    figures |= {
+        "data": data.name,
+        "kind": data.kind,
+        "channels": 18,
+        "clock_free": CLOCK_FREE,
+        "caveat": data.caveat,
+    }
     figures["verification"] = verification_of(held_out)
     figures["features_cost"] = cpu_cost(data, spec)
     say("one fold's file, sealed, loaded and streamed sample by sample")
@@ -72,24 +81,33 @@ def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
     return figures
 
 
-def table_rows(data: DataSet, figures: dict[str, Any], plan: TrainingPlan, seed: int, say: Say) -> dict[str, Any]:
+def table_rows(
+    data: DataSet, figures: dict[str, Any], plan: TrainingPlan, seed: int, say: Say
+) -> dict[str, Any]:
     """Every row of the table: ours and the lines that must stand beside it."""
     say("all 48 channels")
     everything = load(HUMAN, channels=48)
     features = features_of(everything, spec_for(everything, plan.groups))
-    wide = held_out_figures(everything, cross_validate(everything, features, plan, seed=seed, say=say), seed)
+    wide = held_out_figures(
+        everything, cross_validate(everything, features, plan, seed=seed, say=say), seed
+    )
     rows = {"ours, 18 channels": figures, "ours, 48 channels": wide}
     say("baseline: raw windows, 18 channels")
     rows["raw forest, 18 channels"] = baselines.raw_forest(data, seed=seed)
     say("baseline: raw windows, 48 channels, fewer folds")
     rows["raw forest, 48 channels, 3 folds"] = baselines.raw_forest(everything, folds=3, seed=seed)
     say("warning: a clock")
-    rows["WARNING: a clock, time since contact and summed force"] = baselines.clock(everything, seed=seed)
-    say("warning: windows split at random")
-    rows[f"WARNING: leaky, raw forest on random windows, {baselines.LEAKY_FOLDS} folds"] = baselines.leaky(
-        data, seed=seed
+    rows["WARNING: a clock, time since contact and summed force"] = baselines.clock(
+        everything, seed=seed
     )
-    return {name: {key: row[key] for key in ("situations", "predict_250ms")} for name, row in rows.items()}
+    say("warning: windows split at random")
+    rows[f"WARNING: leaky, raw forest on random windows, {baselines.LEAKY_FOLDS} folds"] = (
+        baselines.leaky(data, seed=seed)
+    )
+    return {
+        name: {key: row[key] for key in ("situations", "predict_250ms")}
+        for name, row in rows.items()
+    }
 
 
 def verification_of(held_out: HeldOut) -> dict[str, Any]:
@@ -109,7 +127,8 @@ def verification_of(held_out: HeldOut) -> dict[str, Any]:
 
 
 def final_model(artifact: Artifact, out: Path) -> dict[str, Any]:
-    """The file for the hand, from all people; its own windows are no test, so it is not scored on them."""
+    """The file for the hand, from all people; its own windows are no test, so it is not scored on
+    them."""
     write_artifact(out / "human", artifact)
     path, report = export_artifact(out / "human")
     return {"path": str(path.relative_to(out)), "bytes": report["bytes"], "verification": report}
@@ -117,7 +136,9 @@ def final_model(artifact: Artifact, out: Path) -> dict[str, Any]:
 
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write metrics.json, print the headline."""
-    parser = Parser(prog="real.py", description="the whole main job on human_slip_uskin, eflesh_slip, proactive")
+    parser = Parser(
+        prog="real.py", description="the whole main job on human_slip_uskin, eflesh_slip, proactive"
+    )
     parser.add_argument("--out", type=path_argument, default=Path("build/real"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)
@@ -126,7 +147,9 @@ def main(argv: Sequence[str]) -> int:
         figures = run(args.out, args.seed, say)
     write_whole(args.out / "metrics.json", json.dumps(figures, indent=2, allow_nan=False) + "\n")
     situations, head = figures["situations"], figures["predict_250ms"]
-    print(f"macro F1 {situations['macro_f1']:.3f} {situations['macro_f1_ci']}, AUC {head['auc']:.3f} {head['auc_ci']}")
+    print(
+        f"macro F1 {situations['macro_f1']:.3f} {situations['macro_f1_ci']}, AUC {head['auc']:.3f} {head['auc_ci']}"
+    )
     print(figures["caveat"])
     print(f"{args.out / 'metrics.json'}, {args.out / 'report.html'} ({figures['seconds']} s)")
     return 0

@@ -1,4 +1,5 @@
-"""The table of docs and README, written from metrics.json: `python -m studies.real.table METRICS PAGE`."""
+"""The table of docs and README, written from metrics.json: `python -m studies.real.table METRICS
+PAGE`."""
 
 from __future__ import annotations
 
@@ -28,7 +29,12 @@ Exported files and reference: {checked["label_mismatches"]} of {checked["rows"]:
 
 def _row(name: str, row: dict[str, Any]) -> str:
     situations, head = row["situations"], row["predict_250ms"]
-    cells = (name, _figure(situations, "macro_f1"), _figure(head, "auc"), _figure(head, "average_precision"))
+    cells = (
+        name,
+        _figure(situations, "macro_f1"),
+        _figure(head, "auc"),
+        _figure(head, "average_precision"),
+    )
     return f"| {' | '.join(cells)} |"
 
 

@@ -1,7 +1,9 @@
-"""human_slip_uskin by a truer label: the object's rotation in the hand; `python -m studies.real.truer_label OUT.json`.
+"""human_slip_uskin by a truer label: the object's rotation in the hand; `python -m
+studies.real.truer_label OUT.json`.
 
-The set's usual label is the object's rotation, about half of it the wrist's. With the hand's IMU the wrist cancels. The
-same people, folds, features and baselines; only what is called a slip differs.
+The set's usual label is the object's rotation, about half of it the wrist's. With the hand's IMU
+the wrist cancels. The same people, folds, features and baselines; only what is called a slip
+differs.
 """
 
 from __future__ import annotations
@@ -25,15 +27,23 @@ from training.say import Say
 
 def truer_label(root: Path, seed: int, say: Say) -> dict[str, Any]:
     """Rows as in `make real`: ours, the raw forest and the clock. root: the set's folder."""
-    data, everything = (human_slip_uskin.load(root, channels=channels, in_hand=True) for channels in (18, 48))
+    data, everything = (
+        human_slip_uskin.load(root, channels=channels, in_hand=True) for channels in (18, 48)
+    )
     plan = TrainingPlan()
     say("ours")
     features = features_of(data, spec_for(data, plan.groups))
-    rows = {"ours, 18 channels": held_out_figures(data, cross_validate(data, features, plan, seed=seed), seed)}
+    rows = {
+        "ours, 18 channels": held_out_figures(
+            data, cross_validate(data, features, plan, seed=seed), seed
+        )
+    }
     say("raw forest")
     rows["raw forest, 18 channels"] = baselines.raw_forest(data, seed=seed)
     say("a clock")
-    rows["WARNING: a clock, time since contact and summed force"] = baselines.clock(everything, seed=seed)
+    rows["WARNING: a clock, time since contact and summed force"] = baselines.clock(
+        everything, seed=seed
+    )
     return {"kind": data.kind, "windows": _counts(data), "rows": rows}
 
 

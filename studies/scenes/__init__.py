@@ -1,1 +1,2 @@
-"""The study of scenes: what a forest tells on them, beside what, and on trials, objects and styles never met."""
+"""The study of scenes: what a forest tells on them, beside what, and on trials, objects and styles
+never met."""

@@ -1,7 +1,8 @@
-"""The study of simulated scenes: `python -m studies.scenes FOLDER --out DIR` leaves scenes.json and report.html.
+"""The study of simulated scenes: `python -m studies.scenes FOLDER --out DIR` leaves scenes.json and
+report.html.
 
-FOLDER/<rate>hz/<card> are sets that `holdfast simulate <card> --rate <rate>` wrote: thesis, and, where they are
-there, apple, p1 and p2. Everything here is simulated, and says so.
+FOLDER/<rate>hz/<card> are sets that `holdfast simulate <card> --rate <rate>` wrote: thesis, and,
+where they are there, apple, p1 and p2. Everything here is simulated, and says so.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ from training.say import Say
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
 
 
-def run(folder: Path, out: Path, seed: int, say: Say, chosen: dict[str, Candidate] | None = None) -> dict[str, Any]:
+def run(
+    folder: Path, out: Path, seed: int, say: Say, chosen: dict[str, Candidate] | None = None
+) -> dict[str, Any]:
     """Study every rate of a folder and write the report; returns what scenes.json holds."""
     started = time.perf_counter()
     studies = [study_rate(rate, chosen or ways(), seed, say) for rate in rate_folders(folder)]
@@ -37,14 +40,18 @@ def run(folder: Path, out: Path, seed: int, say: Say, chosen: dict[str, Candidat
     figures["seconds"] = round(time.perf_counter() - started, 1)
     say("report")
     last = studies[-1]
-    write_scene_report(out / "report.html", SceneEvidence(figures, last.data, last.held_out, last.streams))
+    write_scene_report(
+        out / "report.html", SceneEvidence(figures, last.data, last.held_out, last.streams)
+    )
     return figures
 
 
 def rate_folders(folder: Path) -> list[Path]:
     """The folders <rate>hz of a folder, slowest first. Raises DataNotFound."""
     places = list(folder.iterdir()) if folder.is_dir() else []
-    found = [(float(match[1]), path) for path in places if (match := RATE_FOLDER.fullmatch(path.name))]
+    found = [
+        (float(match[1]), path) for path in places if (match := RATE_FOLDER.fullmatch(path.name))
+    ]
     if not found:
         raise DataNotFound(
             "no folder <rate>hz in it",
@@ -86,7 +93,10 @@ def main(argv: Sequence[str]) -> int:
     """Parse, run, write scenes.json, print the headline."""
     parser = Parser(prog="scenes.py", description="the whole study of simulated scenes")
     parser.add_argument(
-        "folder", type=path_argument, metavar="FOLDER", help="holds <rate>hz/thesis, .. as simulate wrote them"
+        "folder",
+        type=path_argument,
+        metavar="FOLDER",
+        help="holds <rate>hz/thesis, .. as simulate wrote them",
     )
     parser.add_argument("--out", type=path_argument, default=Path("build/scenes"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")

@@ -20,7 +20,9 @@ class Candidate:
     plan: TrainingPlan
     features: Callable[[DataSet], FloatRows]
 
-    def votes(self, data: DataSet, features: FloatRows, train: IntArray, asked: FloatRows, seed: int) -> IntArray:
+    def votes(
+        self, data: DataSet, features: FloatRows, train: IntArray, asked: FloatRows, seed: int
+    ) -> IntArray:
         """Votes [K, 8] on rows asked [K, F] of a forest fitted on some windows of a set."""
         forest = fit_forest(data, features, self.plan, "classes", train, seed)
         return reference_votes(forest, asked, len(CLASSES))

@@ -19,22 +19,40 @@ TRIALS = (100, 200, 400, 600, 800, 1000)
 """The thesis had 600, then 1000."""
 
 
-def styles_left_out(sets: Mapping[str, DataSet], ways: Mapping[str, Candidate], seed: int, say: Say) -> dict[str, Any]:
+def styles_left_out(
+    sets: Mapping[str, DataSet], ways: Mapping[str, Candidate], seed: int, say: Say
+) -> dict[str, Any]:
     """Style -> line -> figures on its windows of forests trained on the other styles alone."""
     figures: dict[str, Any] = {}
     for style, asked in sets.items():
         say(f"{style} left out")
         met = join([one for name, one in sets.items() if name != style])
-        figures[style] = {"trained_on_trials": len(met.recordings), "rows": {
-            name: scores(asked, way.votes(met, way.features(met), np.arange(len(met.tasks["classes"])),
-                                          way.features(asked), seed), seed=seed)
-            for name, way in ways.items()
-        }}  # fmt: skip
+        figures[style] = {
+            "trained_on_trials": len(met.recordings),
+            "rows": {
+                name: scores(
+                    asked,
+                    way.votes(
+                        met,
+                        way.features(met),
+                        np.arange(len(met.tasks["classes"])),
+                        way.features(asked),
+                        seed,
+                    ),
+                    seed=seed,
+                )
+                for name, way in ways.items()
+            },
+        }
     return figures
 
 
 def learning_curve(
-    data: DataSet, features: Mapping[str, Any], ways: Mapping[str, Candidate], seed: int, counts: Sequence[int] = TRIALS
+    data: DataSet,
+    features: Mapping[str, Any],
+    ways: Mapping[str, Candidate],
+    seed: int,
+    counts: Sequence[int] = TRIALS,
 ) -> list[dict[str, Any]]:
     """Rows: so many of the trials, and each line's figures on them, trials held out."""
     order = np.random.default_rng(seed).permutation(len(data.recordings))
@@ -46,7 +64,9 @@ def learning_curve(
         for name, way in ways.items():
             held = cross_validate(part, {"classes": features[name][mask]}, way.plan, seed=seed)
             found = scores(part, held.votes["classes"], seed=seed)
-            row[name] = {level: {key: found[level][key] for key in ("macro_f1", "macro_f1_ci")} for level in
-                         ("four", "eight")}  # fmt: skip
+            row[name] = {
+                level: {key: found[level][key] for key in ("macro_f1", "macro_f1_ci")}
+                for level in ("four", "eight")
+            }
         rows.append(row)
     return rows

@@ -1,6 +1,8 @@
-"""The report of simulated scenes: the answer, what it stands beside, what it never met, trials as they went by.
+"""The report of simulated scenes: the answer, what it stands beside, what it never met, trials as
+they went by.
 
-`write_scene_report` shows whatever the figures hold, so `demo_report` makes the same page from one small set.
+`write_scene_report` shows whatever the figures hold, so `demo_report` makes the same page from one
+small set.
 """
 
 from __future__ import annotations
@@ -22,12 +24,18 @@ from training.crossval import HeldOut
 from training.fitting import with_situations
 from training.recording import DataSet
 
-LEVEL_HEADS = (("eight", "accuracy"), ("seven", "accuracy"), ("four", "accuracy"), ("four", "macro_f1"))
+LEVEL_HEADS = (
+    ("eight", "accuracy"),
+    ("seven", "accuracy"),
+    ("four", "accuracy"),
+    ("four", "macro_f1"),
+)
 
 
 @dataclass(frozen=True)
 class SceneEvidence:
-    """Everything the report shows: figures as in scenes.json, and of the headline's rate what pictures need."""
+    """Everything the report shows: figures as in scenes.json, and of the headline's rate what
+    pictures need."""
 
     figures: dict[str, Any]
     data: DataSet
@@ -49,19 +57,33 @@ class SceneEvidence:
 def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
     """Write the report; OutputError where that cannot be done."""
     sections = [
-        _answer(evidence), _leak(evidence), _table(evidence), _confusion(evidence), _objects(evidence),
-        _others(evidence), _styles(evidence), _curve(evidence), _rates(evidence), _streams(evidence), _made(evidence),
-    ]  # fmt: skip
+        _answer(evidence),
+        _leak(evidence),
+        _table(evidence),
+        _confusion(evidence),
+        _objects(evidence),
+        _others(evidence),
+        _styles(evidence),
+        _curve(evidence),
+        _rates(evidence),
+        _streams(evidence),
+        _made(evidence),
+    ]
     return write_page(path, "Holdfast, scenes", [section for section in sections if section])
 
 
 def demo_report(
-    path: Path, data: DataSet, held_out: HeldOut, figures: dict[str, Any], streams: list[StreamPicture]
+    path: Path,
+    data: DataSet,
+    held_out: HeldOut,
+    figures: dict[str, Any],
+    streams: list[StreamPicture],
 ) -> Path:
-    """The same page from one set: its table has ours alone, and what is not there (objects, rates) is left out.
+    """The same page from one set: its table has ours alone, and what is not there (objects, rates)
+    is left out.
 
-    data, held_out: with the task "classes". figures: seed, seconds, versions, command, whichever are known.
-    streams: of `held_out_streams`. Raises OutputError.
+    data, held_out: with the task "classes". figures: seed, seconds, versions, command, whichever
+    are known. streams: of `held_out_streams`. Raises OutputError.
     """
     votes: IntArray = held_out.votes["classes"]
     rate = {
@@ -71,7 +93,13 @@ def demo_report(
         "retrainings": {OURS: _one_retraining(data, votes, int(figures.get("seed", 0)))},
     }
     name = f"{data.rate_hz:g}"
-    told = {"kind": data.kind, "caveat": CAVEAT, **figures, "headline_hz": name, "rates": {name: rate}}
+    told = {
+        "kind": data.kind,
+        "caveat": CAVEAT,
+        **figures,
+        "headline_hz": name,
+        "rates": {name: rate},
+    }
     return write_scene_report(path, SceneEvidence(told, data, held_out, streams))
 
 
@@ -90,8 +118,16 @@ def _answer(evidence: SceneEvidence) -> str:
     figures = (
         ("macro F1 over four situations", best["four"]["macro_f1"], best["four"]["macro_f1_ci"]),
         ("accuracy over seven classes", best["seven"]["accuracy"], best["seven"]["accuracy_ci"]),
-        ("risky windows called risky", best["calls"]["risky"]["share"], best["calls"]["risky"]["share_ci"]),
-        ("safe slips called risky", best["calls"]["safe"]["share"], best["calls"]["safe"]["share_ci"]),
+        (
+            "risky windows called risky",
+            best["calls"]["risky"]["share"],
+            best["calls"]["risky"]["share_ci"],
+        ),
+        (
+            "safe slips called risky",
+            best["calls"]["safe"]["share"],
+            best["calls"]["safe"]["share_ci"],
+        ),
     )
     boxes = "".join(
         f"<div><b>{_number(value)}</b>{name}, {kind}<br><span class=note>{_between(interval)}</span></div>"
@@ -114,10 +150,16 @@ def _between(interval: list[float] | None, joint: str = " to ") -> str:
 
 
 def _leak(evidence: SceneEvidence) -> str:
-    checks = {rate: study["leak"] for rate, study in evidence.figures["rates"].items() if "leak" in study}
+    checks = {
+        rate: study["leak"] for rate, study in evidence.figures["rates"].items() if "leak" in study
+    }
     if not checks:
         return ""
-    verdict = "LEAK: weight is known where nothing shows it" if evidence.figures.get("leak") else "No leak of weight"
+    verdict = (
+        "LEAK: weight is known where nothing shows it"
+        if evidence.figures.get("leak")
+        else "No leak of weight"
+    )
     lines = "; ".join(
         f"{rate} Hz: {_number(one['eight_class_accuracy'])} ({_between(one['eight_class_accuracy_ci99'])}), weight "
         f"within nothing {_number(one['weight_within_nothing'])} ({_between(one['weight_within_nothing_ci99'])})"
@@ -180,7 +222,9 @@ def _spread(evidence: SceneEvidence) -> str:
         f"{html.escape(name)}: recall of a class moves by {100 * one['largest_spread']:.1f} points at most"
         for name, one in evidence.headline["retrainings"].items()
     ]
-    return f"{'; '.join(parts)} (the thesis: within 10 % per class; the two of nothing are a coin's)."
+    return (
+        f"{'; '.join(parts)} (the thesis: within 10 % per class; the two of nothing are a coin's)."
+    )
 
 
 def _objects(evidence: SceneEvidence) -> str:
@@ -189,7 +233,11 @@ def _objects(evidence: SceneEvidence) -> str:
         return ""
     lines = "\n".join(
         f"<tr><td>{html.escape(name)}<td>{one['n_windows']}<td>{one['eight']['present']}"
-        + "".join(f"<td>{_cell(figures[name], level)}" for level in ("four", "seven") for figures in (ours, raw))
+        + "".join(
+            f"<td>{_cell(figures[name], level)}"
+            for level in ("four", "seven")
+            for figures in (ours, raw)
+        )
         for ours, raw in ((objects[OURS], objects[RAW]),)
         for name, one in ours.items()
     )
@@ -213,7 +261,9 @@ def _others(evidence: SceneEvidence) -> str:
     lines = "\n".join(
         f"<tr><td>{html.escape(card)}: {html.escape(name)}<td>{row['n_windows']}"
         + "".join(f"<td>{_cell(row, level) if level in row else ''}" for level in ("four", "seven"))
-        + "".join(f"<td>{_number(row['calls'][name]['share'])}" for name in ("risky", "safe", "grasp"))
+        + "".join(
+            f"<td>{_number(row['calls'][name]['share'])}" for name in ("risky", "safe", "grasp")
+        )
         for card, study in others.items()
         for name, row in study["rows"].items()
     )
@@ -247,7 +297,9 @@ def _curve(evidence: SceneEvidence) -> str:
     if not curve:
         return ""
     names = [name for name in curve[0] if name not in ("trials", "windows")]
-    heads = "".join(f"<th>{level}, F1, {html.escape(name)}" for name in names for level in ("4", "8"))
+    heads = "".join(
+        f"<th>{level}, F1, {html.escape(name)}" for name in names for level in ("4", "8")
+    )
     lines = "\n".join(
         f"<tr><td>{row['trials']}<td>{row['windows']}"
         + "".join(f"<td>{_cell(row[name], level)}" for name in names for level in ("four", "eight"))
@@ -265,7 +317,9 @@ def _rates(evidence: SceneEvidence) -> str:
         return ""
     lines = "\n".join(
         f"<tr><td>{rate} Hz: {html.escape(name)}"
-        + "".join(f"<td>{_number(row[level][f]) if level in row else ''}" for level, f in LEVEL_HEADS)
+        + "".join(
+            f"<td>{_number(row[level][f]) if level in row else ''}" for level, f in LEVEL_HEADS
+        )
         + "".join(f"<td>{_number(row['calls'][name]['share'])}" for name in ("risky", "safe"))
         for rate, study in rates.items()
         for name, row in study["rows"].items()

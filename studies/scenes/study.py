@@ -1,7 +1,9 @@
-"""One rate of simulated scenes: trials held out, objects held out, people and objects never met, retrainings.
+"""One rate of simulated scenes: trials held out, objects held out, people and objects never met,
+retrainings.
 
-Every line of the table is a way to answer (features, forest); a trial is never on both sides of a split, and
-nothing is fitted on apple, p1 or p2. Styles (author, p1, p2) are ranges of parameters, not people.
+Every line of the table is a way to answer (features, forest); a trial is never on both sides of a
+split, and nothing is fitted on apple, p1 or p2. Styles (author, p1, p2) are ranges of parameters,
+not people.
 """
 
 from __future__ import annotations
@@ -50,7 +52,9 @@ def step_graph(plan: TrainingPlan) -> Callable[[DataSet], FloatRows]:
 
 
 def ways(
-    plan: TrainingPlan | None = None, raw: TrainingPlan = RAW_BASELINE, clock: TrainingPlan = CLOCK_PLAN
+    plan: TrainingPlan | None = None,
+    raw: TrainingPlan = RAW_BASELINE,
+    clock: TrainingPlan = CLOCK_PLAN,
 ) -> dict[str, Candidate]:
     """Ours and the forests that must stand beside it."""
     ours = plan or TrainingPlan()
@@ -72,7 +76,8 @@ class RateStudy:
 
 
 def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) -> RateStudy:
-    """Everything about the sets in one rate's folder. Raises DataNotFound, UnitError or RateError."""
+    """Everything about the sets in one rate's folder. Raises DataNotFound, UnitError or
+    RateError."""
     say(f"{folder.name}: reading {TRAINED}")
     data = read_trained(folder, seed)
     features = {}
@@ -81,19 +86,31 @@ def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) 
         features[name] = way.features(data)
     say(f"{folder.name}: trials held out")
     held = {
-        name: cross_validate(data, {"classes": features[name]}, way.plan, seed=seed) for name, way in chosen.items()
+        name: cross_validate(data, {"classes": features[name]}, way.plan, seed=seed)
+        for name, way in chosen.items()
     }
-    figures: dict[str, Any] = {"rate_hz": data.rate_hz, "window_samples": window_samples(data.rate_hz)}
+    figures: dict[str, Any] = {
+        "rate_hz": data.rate_hz,
+        "window_samples": window_samples(data.rate_hz),
+    }
     figures["data"] = described(data, folder / TRAINED)
-    figures["rows"] = {name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen}
+    figures["rows"] = {
+        name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen
+    }
     figures["rows"][LINE] = one_line_figures(data, seed)
     figures["leak"] = leak_check(data, held[RAW].votes["classes"], seed=seed)
     say(f"{folder.name}: objects held out")
-    figures["objects"] = {name: objects_held_out(data, features[name], way, seed) for name, way in chosen.items()}
+    figures["objects"] = {
+        name: objects_held_out(data, features[name], way, seed) for name, way in chosen.items()
+    }
     figures["others"] = never_met(folder, data, features, chosen, seed, say)
-    styles = {TRAINED: data} | {card: load(folder / card, seed=seed) for card in STYLES if (folder / card).is_dir()}
+    styles = {TRAINED: data} | {
+        card: load(folder / card, seed=seed) for card in STYLES if (folder / card).is_dir()
+    }
     if len(styles) > 1:
-        figures["styles"] = styles_left_out(styles, chosen, seed, lambda line: say(f"{folder.name}: {line}"))
+        figures["styles"] = styles_left_out(
+            styles, chosen, seed, lambda line: say(f"{folder.name}: {line}")
+        )
     say(f"{folder.name}: fewer trials")
     pair = {name: way for name, way in chosen.items() if name in (OURS, RAW)}
     figures["learning_curve"] = learning_curve(data, features, pair, seed)
@@ -113,15 +130,31 @@ def read_trained(folder: Path, seed: int) -> DataSet:
         )
     data = load(folder / TRAINED, seed=seed)
     if data.unit != "N":
-        raise UnitError(f"in {data.unit}, the study is in N", where=data.name, next_step="simulate with unit N")
+        raise UnitError(
+            f"in {data.unit}, the study is in N", where=data.name, next_step="simulate with unit N"
+        )
     return data
 
 
 def described(data: DataSet, folder: Path) -> dict[str, Any]:
     """What a set is, for the JSON: kind, card, counts of trials, windows and samples."""
-    card = {k: v for k, v in read_json(folder / "meta.json").items() if k in ("title", "card_sha256", "seed", "step_s")}
-    counts = {name: count for name, count in data.notes.items() if name in ("windows", "windows_natural", "samples")}
-    return {"name": data.name, "kind": data.kind, "n_trials": len(data.recordings), **card, **counts}
+    card = {
+        k: v
+        for k, v in read_json(folder / "meta.json").items()
+        if k in ("title", "card_sha256", "seed", "step_s")
+    }
+    counts = {
+        name: count
+        for name, count in data.notes.items()
+        if name in ("windows", "windows_natural", "samples")
+    }
+    return {
+        "name": data.name,
+        "kind": data.kind,
+        "n_trials": len(data.recordings),
+        **card,
+        **counts,
+    }
 
 
 def one_line_figures(data: DataSet, seed: int) -> dict[str, Any]:
@@ -135,9 +168,13 @@ def one_line_figures(data: DataSet, seed: int) -> dict[str, Any]:
     }
 
 
-def objects_held_out(data: DataSet, features: FloatRows, way: Candidate, seed: int) -> dict[str, Any]:
+def objects_held_out(
+    data: DataSet, features: FloatRows, way: Candidate, seed: int
+) -> dict[str, Any]:
     """Object -> figures on its windows from a forest that never met the object."""
-    names = np.array([recording.object_name or "" for recording in data.recordings])[data.tasks["classes"].trial]
+    names = np.array([recording.object_name or "" for recording in data.recordings])[
+        data.tasks["classes"].trial
+    ]
     figures = {}
     for name in sorted(set(names.tolist()) - {""}):
         asked = names == name
@@ -148,9 +185,15 @@ def objects_held_out(data: DataSet, features: FloatRows, way: Candidate, seed: i
 
 
 def never_met(
-    folder: Path, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Candidate], seed: int, say: Say
+    folder: Path,
+    data: DataSet,
+    features: dict[str, FloatRows],
+    chosen: dict[str, Candidate],
+    seed: int,
+    say: Say,
 ) -> dict[str, Any]:
-    """Card -> line -> figures on all its windows (not balanced) of forests trained on every trial of the thesis."""
+    """Card -> line -> figures on all its windows (not balanced) of forests trained on every trial
+    of the thesis."""
     everything = np.arange(len(data.tasks["classes"]))
     figures: dict[str, Any] = {}
     for card in (card for card in OTHERS if (folder / card).is_dir()):
@@ -159,17 +202,30 @@ def never_met(
         require_alike(other, data)
         other = replace(other, rate_hz=data.rate_hz)
         rows = {
-            name: scores(other, way.votes(data, features[name], everything, way.features(other), seed), seed=seed)
+            name: scores(
+                other,
+                way.votes(data, features[name], everything, way.features(other), seed),
+                seed=seed,
+            )
             for name, way in chosen.items()
         }
-        figures[card] = {"data": described(other, folder / card), "rows": rows | {LINE: one_line_figures(other, seed)}}
+        figures[card] = {
+            "data": described(other, folder / card),
+            "rows": rows | {LINE: one_line_figures(other, seed)},
+        }
     return figures
 
 
 def retrained(
-    rate: str, data: DataSet, features: dict[str, FloatRows], chosen: dict[str, Candidate], seed: int, say: Say
+    rate: str,
+    data: DataSet,
+    features: dict[str, FloatRows],
+    chosen: dict[str, Candidate],
+    seed: int,
+    say: Say,
 ) -> dict[str, Any]:
-    """Five cross-validations with other seeds of split and forest, for ours and the raw-window forest."""
+    """Five cross-validations with other seeds of split and forest, for ours and the raw-window
+    forest."""
     seeds = [seed + k for k in range(RETRAININGS)]
     matrices: dict[str, list[npt.NDArray[np.int64]]] = {OURS: [], RAW: []}
     for number, one in enumerate(seeds, start=1):
@@ -181,4 +237,8 @@ def retrained(
 
 
 def _retraining(seeds: Sequence[int], matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
-    return {"seeds": list(seeds), "confusion": [m.tolist() for m in matrices], **spread_of(matrices)}
+    return {
+        "seeds": list(seeds),
+        "confusion": [m.tolist() for m in matrices],
+        **spread_of(matrices),
+    }

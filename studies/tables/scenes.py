@@ -71,14 +71,18 @@ limit at 10 Hz ([laws](../benchmarks/friction_peers.py)). Creep from 1 s on; pri
 
 
 def page(bench: Path, study: Path) -> str:
-    """The whole page; bench: the folder with effects.json and simulator.json; study: scenes.json of `make scenes`."""
+    """The whole page; bench: the folder with effects.json and simulator.json; study: scenes.json of
+    `make scenes`."""
     from simulation.sensor.calibration import residual_n
 
     effects = json.loads((bench / "effects.json").read_text("utf-8"))
     simulator = json.loads((bench / "simulator.json").read_text("utf-8"))
     normal, shear = residual_n()
     prices = {row["effect"]: row for row in effects["prices"]}
-    cards = [{"card": f"`{name}`", "what": read_card(str(CARDS / f"{name}.toml")).title} for name in shipped()]
+    cards = [
+        {"card": f"`{name}`", "what": read_card(str(CARDS / f"{name}.toml")).title}
+        for name in shipped()
+    ]
     parts = [
         INTRO.replace("NORMAL", f"{normal:.2f}").replace("SHEAR", f"{shear:.2f}"),
         f"## Cards that come with it\n\n{markdown(cards)}",
@@ -126,7 +130,11 @@ def study_parts(figures: dict[str, Any]) -> list[str]:
     """What a forest tells on scenes: by rate, on what it never met, over retrainings."""
     rates = figures["rates"]
     best = rates[figures["headline_hz"]]
-    held = [_told(f"{rate} Hz: {name}", row) for rate, one in rates.items() for name, row in one["rows"].items()]
+    held = [
+        _told(f"{rate} Hz: {name}", row)
+        for rate, one in rates.items()
+        for name, row in one["rows"].items()
+    ]
     met = [
         _told(f"{what}: {name}", row)
         for name in best["objects"]
@@ -140,9 +148,15 @@ def study_parts(figures: dict[str, Any]) -> list[str]:
         for rate, one in rates.items()
     )
     again = [
-        {"class": name.replace("_", " "), "recall": " ".join(f"{x:.3f}" for x in recalls), "spread": spread}
+        {
+            "class": name.replace("_", " "),
+            "recall": " ".join(f"{x:.3f}" for x in recalls),
+            "spread": spread,
+        }
         for (name, recalls), spread in zip(
-            best["retrainings"][OURS]["recall"].items(), best["retrainings"][OURS]["spread"].values(), strict=True
+            best["retrainings"][OURS]["recall"].items(),
+            best["retrainings"][OURS]["spread"].values(),
+            strict=True,
         )
     ]
     return [
@@ -162,9 +176,15 @@ def study_parts(figures: dict[str, Any]) -> list[str]:
 def _told(what: str, row: dict[str, Any]) -> dict[str, Any]:
     levels = {"8, accuracy": "eight", "7, accuracy": "seven", "4, accuracy": "four"}
     told: dict[str, Any] = {"asked": what}
-    told |= {head: f"{row[level]['accuracy']:.3f}" if level in row else None for head, level in levels.items()}
+    told |= {
+        head: f"{row[level]['accuracy']:.3f}" if level in row else None
+        for head, level in levels.items()
+    }
     told["4, macro F1"] = f"{row['four']['macro_f1']:.3f}" if "four" in row else None
-    return told | {f"{name} called risky": _share(row["calls"][name]["share"]) for name in ("risky", "safe", "grasp")}
+    return told | {
+        f"{name} called risky": _share(row["calls"][name]["share"])
+        for name in ("risky", "safe", "grasp")
+    }
 
 
 def _share(share: float | None) -> str | None:

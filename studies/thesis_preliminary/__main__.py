@@ -1,7 +1,7 @@
 """`python -m studies.thesis_preliminary --out DIR` leaves preliminary.json and report.html.
 
-DIR/scene (or --scene) is what `holdfast simulate twenty-sensors --out DIR/scene` wrote; the recordings of people are
-the public set human_slip_uskin, all 48 channels.
+DIR/scene (or --scene) is what `holdfast simulate twenty-sensors --out DIR/scene` wrote; the
+recordings of people are the public set human_slip_uskin, all 48 channels.
 """
 
 from __future__ import annotations
@@ -34,14 +34,22 @@ CARD = "twenty-sensors"
 
 
 def run(scene: Path, seed: int, say: Say) -> dict[str, Any]:
-    """Study both sets; returns what preliminary.json holds. Raises DataNotFound and what `study` raises."""
+    """Study both sets; returns what preliminary.json holds. Raises DataNotFound and what `study`
+    raises."""
     started = time.perf_counter()
     sets = []
-    for what, read in ((str(scene), lambda: read_scene(scene)), (HUMAN, lambda: load(HUMAN, channels=48))):
+    for what, read in (
+        (str(scene), lambda: read_scene(scene)),
+        (HUMAN, lambda: load(HUMAN, channels=48)),
+    ):
         say(f"reading {what}")
         sets.append(study(read(), seed=seed, say=say))
     return {
-        "thesis": {"source": SOURCE, "learners": list(LEARNERS), "accuracy_percent": ACCURACY_PERCENT},
+        "thesis": {
+            "source": SOURCE,
+            "learners": list(LEARNERS),
+            "accuracy_percent": ACCURACY_PERCENT,
+        },
         "sets": sets,
         "repetitions": REPETITIONS,
         "seed": seed,
@@ -54,22 +62,36 @@ def run(scene: Path, seed: int, say: Say) -> dict[str, Any]:
 def read_scene(folder: Path) -> DataSet:
     """The simulated set. Raises DataNotFound with the command that makes it."""
     if not folder.is_dir():
-        raise DataNotFound("no scene to study", where=folder, next_step=f"holdfast simulate {CARD} --out {folder}")
+        raise DataNotFound(
+            "no scene to study", where=folder, next_step=f"holdfast simulate {CARD} --out {folder}"
+        )
     return load(folder, windows="natural")
 
 
 def main(argv: Sequence[str]) -> int:
     """Parse, run, write preliminary.json and the report, print the table's main lines."""
-    parser = Parser(prog="preliminary.py", description="the thesis' preliminary study, on a scene and on recordings")
-    parser.add_argument("--out", type=path_argument, default=Path("build/preliminary"), metavar="DIR")
-    parser.add_argument("--scene", type=path_argument, metavar="DIR", help="a simulated set (default: scene in --out)")
+    parser = Parser(
+        prog="preliminary.py",
+        description="the thesis' preliminary study, on a scene and on recordings",
+    )
+    parser.add_argument(
+        "--out", type=path_argument, default=Path("build/preliminary"), metavar="DIR"
+    )
+    parser.add_argument(
+        "--scene",
+        type=path_argument,
+        metavar="DIR",
+        help="a simulated set (default: scene in --out)",
+    )
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)
     with stages(STAGES) as say:
         figures = run(args.scene or args.out / "scene", args.seed, say)
         say("report")
-    write_whole(args.out / "preliminary.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
+    write_whole(
+        args.out / "preliminary.json", json.dumps(figures, indent=1, allow_nan=False) + "\n"
+    )
     page = write_preliminary_report(args.out / "report.html", figures)
     where = f"{args.out / 'preliminary.json'}, {page} ({figures['seconds']} s)"
     sys.stdout.write("\n".join([*summary(figures), where]) + "\n")

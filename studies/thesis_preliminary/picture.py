@@ -16,7 +16,8 @@ COLOURS = (WARNING, OURS)
 
 
 def accuracies(sets: list[dict[str, Any]]) -> str:
-    """Accuracy in %: a panel for each published case, a line for each learner, bars of one standard deviation."""
+    """Accuracy in %: a panel for each published case, a line for each learner, bars of one standard
+    deviation."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.4, 2.9))
         panels = figure.subplots(1, len(ACCURACY_PERCENT), sharey=True)
@@ -24,21 +25,39 @@ def accuracies(sets: list[dict[str, Any]]) -> str:
             _panel(panel, case, published, sets)
         panels[0].set_yticks(range(len(LEARNERS)), LEARNERS)
         panels[0].invert_yaxis()
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
+        figure.legend(
+            *panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False
+        )
         figure.supxlabel("accuracy, %; dotted: chance", fontsize=9)
         return svg(figure)
 
 
-def _panel(axes: Axes, case: str, published: tuple[float | None, ...], sets: list[dict[str, Any]]) -> None:
-    axes.axvline(100.0 * sets[0]["cases"][case]["chance"], color=QUIET, linestyle=":", linewidth=1.0)
+def _panel(
+    axes: Axes, case: str, published: tuple[float | None, ...], sets: list[dict[str, Any]]
+) -> None:
+    axes.axvline(
+        100.0 * sets[0]["cases"][case]["chance"], color=QUIET, linestyle=":", linewidth=1.0
+    )
     told = [(value, place) for place, value in enumerate(published) if value is not None]
-    axes.plot(*zip(*told, strict=True), "D", color=INK, fillstyle="none", markersize=6, label="thesis, published")
+    axes.plot(
+        *zip(*told, strict=True),
+        "D",
+        color=INK,
+        fillstyle="none",
+        markersize=6,
+        label="thesis, published",
+    )
     for one, colour, shift in zip(sets, COLOURS, (-0.18, 0.18), strict=True):
         scores = [one["cases"][case]["learners"][name]["accuracy"] for name in LEARNERS]
         axes.errorbar(
-            [100.0 * score["mean"] for score in scores], [place + shift for place in range(len(LEARNERS))],
-            xerr=[100.0 * score["sd"] for score in scores], fmt="o", color=colour, markersize=4, linewidth=1.0,
+            [100.0 * score["mean"] for score in scores],
+            [place + shift for place in range(len(LEARNERS))],
+            xerr=[100.0 * score["sd"] for score in scores],
+            fmt="o",
+            color=colour,
+            markersize=4,
+            linewidth=1.0,
             label=f"{one['data']} ({one['kind'].split(',')[0]})",
-        )  # fmt: skip
+        )
     axes.set_title(f"case {case}", fontsize=9)
     axes.set_xlim(15.0, 102.0)

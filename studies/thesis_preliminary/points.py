@@ -1,17 +1,20 @@
 """Critical points by the friction cone, what each is, and the samples around it.
 
-OFFLINE: a point looks ahead and uses the whole recording. Two cones find them, and the first of any 0.5 s is kept:
+OFFLINE: a point looks ahead and uses the whole recording. Two cones find them, and the first of any
+0.5 s is kept:
 
-the thesis'  first principal component over the sensors of x, of y and of z, each standardised over the trial; a mark
-             where x/z or y/z jumps by more than 1 and that component moves by more than 2 within 0.3 s, or jumps by
-             more than 5 and z moves by more than 2 within 0.2 s; the largest of any 0.5 s (chapter 3.1.1 and its
-             listing, whose 15 and 10 samples are at 50 Hz). z standardised crosses zero, so it is a lottery: it finds
-             changes of grip because the quotient has a pole there
+the thesis'  first principal component over the sensors of x, of y and of z, each standardised over
+             the trial; a mark where x/z or y/z jumps by more than 1 and that component moves by
+             more than 2 within 0.3 s, or jumps by more than 5 and z moves by more than 2 within 0.2
+             s; the largest of any 0.5 s (chapter 3.1.1 and its listing, whose 15 and 10 samples are
+             at 50 Hz). z standardised crosses zero, so it is a lottery: it finds changes of grip
+             because the quotient has a pole there
 ours         training.critical_points.friction_rows, sensor by sensor, without a pole
 
-What a point is comes from the set's truth and never from the sensors: the riskiest situation within the 7 samples
-around it. Of those in a grasp, the ones up to 1.5 s after contact are "grasp"; later ones are "not slipping under
-disturbances", for in a hold that nothing disturbs no force jumps. Points that touch no contact are left out.
+What a point is comes from the set's truth and never from the sensors: the riskiest situation within
+the 7 samples around it. Of those in a grasp, the ones up to 1.5 s after contact are "grasp"; later
+ones are "not slipping under disturbances", for in a hold that nothing disturbs no force jumps.
+Points that touch no contact are left out.
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ from training.recording import DataSet, Recording
 KINDS = ("grasp", "not slipping under disturbances", "safe slip", "slipping")
 HELD, SLIPPING = 1, 3
 REACH = 3
-"""Samples to either side of a point that its label looks at, as the window of the first case does."""
+"""Samples to either side of a point that its label looks at, as the window of the first case
+does."""
 GRASPING_S = 1.5
 APART_S = 0.5
 JUMP, JUMP_BY_NORMAL, MOVED = 1.0, 5.0, 2.0
@@ -39,9 +43,11 @@ Rows = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Points:
-    """trial [M] index into the recordings; row [M]; kind [M] index into KINDS; group [M]: never on both sides.
+    """trial [M] index into the recordings; row [M]; kind [M] index into KINDS; group [M]: never on
+    both sides.
 
-    since_onset [M]: rows from the onset of the event that a slip belongs to, nan where there is none.
+    since_onset [M]: rows from the onset of the event that a slip belongs to, nan where there is
+    none.
     """
 
     trial: Rows
@@ -57,19 +63,33 @@ class Points:
 def points_of(data: DataSet) -> Points:
     """Every labelled point of a set, trial by trial."""
     found = [
-        (trial, row, kind, recording.group, _since_onset(recording, row) if kind == SLIPPING else np.nan)
+        (
+            trial,
+            row,
+            kind,
+            recording.group,
+            _since_onset(recording, row) if kind == SLIPPING else np.nan,
+        )
         for trial, recording in enumerate(data.recordings)
         for row, kind in labelled(recording)
     ]
     trial, row, kind, group, since = zip(*found, strict=True) if found else [()] * 5
     trials, rows, kinds = (np.array(column, dtype=np.int64) for column in (trial, row, kind))
-    return Points(trials, rows, kinds, np.array(group, dtype=np.str_), np.array(since, dtype=np.float64))
+    return Points(
+        trials, rows, kinds, np.array(group, dtype=np.str_), np.array(since, dtype=np.float64)
+    )
 
 
 def windows(data: DataSet, points: Points, first: int, last: int) -> FloatArray:
-    """[M, last - first + 1, C] samples first .. last, counted from each point (negative: before it)."""
+    """[M, last - first + 1, C] samples first .. last, counted from each point (negative: before
+    it)."""
     span = np.arange(first, last + 1)
-    return np.stack([data.recordings[t].samples[r + span] for t, r in zip(points.trial, points.row, strict=True)])
+    return np.stack(
+        [
+            data.recordings[t].samples[r + span]
+            for t, r in zip(points.trial, points.row, strict=True)
+        ]
+    )
 
 
 def labelled(recording: Recording) -> list[tuple[int, int]]:
@@ -82,13 +102,21 @@ def labelled(recording: Recording) -> list[tuple[int, int]]:
     for row in cone_rows(recording.samples, recording.rate_hz).tolist():
         riskiest = situation[row - REACH : row + REACH + 1].max()
         if riskiest > NOTHING:
-            held = riskiest == GRASP and (situation[max(row - grasped, 0) : row + 1] > NOTHING).all()
-            found.append((row, HELD if held else {GRASP: 0, SAFE_SLIP: 2, RISKY_SLIP: SLIPPING}[int(riskiest)]))
+            held = (
+                riskiest == GRASP and (situation[max(row - grasped, 0) : row + 1] > NOTHING).all()
+            )
+            found.append(
+                (
+                    row,
+                    HELD if held else {GRASP: 0, SAFE_SLIP: 2, RISKY_SLIP: SLIPPING}[int(riskiest)],
+                )
+            )
     return found
 
 
 def cone_rows(samples: FloatArray, rate_hz: float) -> Rows:
-    """Rows of both cones in samples [T, C]: the first of any 0.5 s, none within 1 s of either end."""
+    """Rows of both cones in samples [T, C]: the first of any 0.5 s, none within 1 s of either
+    end."""
     both = np.union1d(thesis_cone_rows(samples, rate_hz), friction_rows(samples, rate_hz))
     return _apart(both, round(APART_S * rate_hz))
 
@@ -139,7 +167,8 @@ def _apart(rows: Rows, apart: int) -> Rows:
 
 
 def _since_onset(recording: Recording, row: int) -> float:
-    """Rows from the onset of the last event that began before the label's reach ended; nan without one."""
+    """Rows from the onset of the last event that began before the label's reach ended; nan without
+    one."""
     onsets = [event.onset_s * recording.rate_hz for event in recording.events]
     before = [onset for onset in onsets if onset <= row + REACH]
     return row - max(before) if before else np.nan

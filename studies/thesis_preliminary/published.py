@@ -1,15 +1,23 @@
-"""What the thesis published of its preliminary study: figures to stand beside, never to compute with.
+"""What the thesis published of its preliminary study: figures to stand beside, never to compute
+with.
 
-"Ensuring Safety in Upper-Limb Prostheses: Tactile Sensor and Machine Learning for Risk Prediction", chapter 4: tables
-4.1 (cases 1 to 3) and 4.2 (4 and 5), average accuracy in % over 5 iterations. The recordings are of an earlier project
-(its reference 59): 20 Hall sensors on a SoftHand, 17 tasks. Not said there: how many windows, how they were split, how
-many of each class, and how large the spread is.
+"Ensuring Safety in Upper-Limb Prostheses: Tactile Sensor and Machine Learning for Risk Prediction",
+chapter 4: tables 4.1 (cases 1 to 3) and 4.2 (4 and 5), average accuracy in % over 5 iterations. The
+recordings are of an earlier project (its reference 59): 20 Hall sensors on a SoftHand, 17 tasks.
+Not said there: how many windows, how they were split, how many of each class, and how large the
+spread is.
 """
 
 from __future__ import annotations
 
 SOURCE = "the thesis, tables 4.1 and 4.2"
-LEARNERS = ("random forest", "k-nearest neighbours", "naive Bayes", "gradient boosting", "neural network")
+LEARNERS = (
+    "random forest",
+    "k-nearest neighbours",
+    "naive Bayes",
+    "gradient boosting",
+    "neural network",
+)
 ACCURACY_PERCENT: dict[str, tuple[float | None, ...]] = {
     "1": (86.25, 78.57, 64.64, 82.32, 84.57),
     "2": (48.39, 53.57, 49.11, 50.89, 49.29),

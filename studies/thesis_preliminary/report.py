@@ -1,4 +1,5 @@
-"""One page: the table beside the thesis' numbers first, then what they can and cannot be held against."""
+"""One page: the table beside the thesis' numbers first, then what they can and cannot be held
+against."""
 
 from __future__ import annotations
 
@@ -43,7 +44,9 @@ def summary(figures: dict[str, Any]) -> list[str]:
     lines = ["random forest, accuracy in %, published | ours"]
     for case in CASES:
         told = f"{ACCURACY_PERCENT[case.published][0]:.2f}" if case.published else "-"
-        ours = ", ".join(f"{one['data']} {_score(_forest(one, case.name))}" for one in figures["sets"])
+        ours = ", ".join(
+            f"{one['data']} {_score(_forest(one, case.name))}" for one in figures["sets"]
+        )
         lines.append(f"case {case.name}: {told} | {ours}")
     return lines
 
@@ -76,9 +79,15 @@ def _first(one: dict[str, Any] | None) -> str:
 
 def _table(figures: dict[str, Any]) -> str:
     head = "".join(f"<th>{name.replace(' ', '<br>')}" for name in LEARNERS)
-    rows = [line for case in CASES for line in _case_rows(case.name, case.published, case.what, figures["sets"])]
+    rows = [
+        line
+        for case in CASES
+        for line in _case_rows(case.name, case.published, case.what, figures["sets"])
+    ]
     for one in figures["sets"]:
-        rows.append(_row("warning", f"case 1, {one['data']}, windows split at random", one["leaky"]))
+        rows.append(
+            _row("warning", f"case 1, {one['data']}, windows split at random", one["leaky"])
+        )
     return f"""<h2>The table</h2>
 <p>Accuracy in %, and under it balanced accuracy. Published: {SOURCE}, mean of 5 iterations. Simulated and real: five
 repetitions, equal classes, groups held out. "Largest" is the share of the largest class in the tests.</p>
@@ -86,13 +95,24 @@ repetitions, equal classes, groups held out. "Largest" is the share of the large
 {"".join(rows)}</table></div>"""
 
 
-def _case_rows(name: str, published: str | None, what: str, sets: list[dict[str, Any]]) -> list[str]:
+def _case_rows(
+    name: str, published: str | None, what: str, sets: list[dict[str, Any]]
+) -> list[str]:
     head = f"<tr><td colspan={len(LEARNERS) + 5}><br><b>case {name}</b>: {html.escape(what)}"
-    ours = [_row("ours", f"{one['data']}, {one['kind'].split(',')[0]}", one["cases"][name]) for one in sets]
+    ours = [
+        _row("ours", f"{one['data']}, {one['kind'].split(',')[0]}", one["cases"][name])
+        for one in sets
+    ]
     if published is None:
         return [head, *ours]
-    cells = "".join(f"<td>{'-' if value is None else f'{value:.2f}'}" for value in ACCURACY_PERCENT[published])
-    return [head, f"<tr><td>thesis, published{cells}<td>{' x '.join(map(str, SHAPES[published]))}<td><td><td>", *ours]
+    cells = "".join(
+        f"<td>{'-' if value is None else f'{value:.2f}'}" for value in ACCURACY_PERCENT[published]
+    )
+    return [
+        head,
+        f"<tr><td>thesis, published{cells}<td>{' x '.join(map(str, SHAPES[published]))}<td><td><td>",
+        *ours,
+    ]
 
 
 def _row(kind: str, name: str, case: dict[str, Any]) -> str:
@@ -109,7 +129,9 @@ def _row(kind: str, name: str, case: dict[str, Any]) -> str:
 def _read_with(figures: dict[str, Any]) -> str:
     quotient = "; ".join(_quotient(one) for one in figures["sets"])
     late = "; ".join(
-        f"{html.escape(one['data'])} {100.0 * one['late']:.0f} %" for one in figures["sets"] if one["late"] is not None
+        f"{html.escape(one['data'])} {100.0 * one['late']:.0f} %"
+        for one in figures["sets"]
+        if one["late"] is not None
     )
     return f"""<h2>What may be held against what</h2>
 <ul>{"".join(f"<li>{line}</li>" for line in DIFFERENCES)}</ul>

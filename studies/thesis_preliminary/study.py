@@ -1,13 +1,16 @@
-"""Five learners on the cases: equal classes, groups on one side only, five repetitions, each with draws of its own.
+"""Five learners on the cases: equal classes, groups on one side only, five repetitions, each with
+draws of its own.
 
-Learners are scikit-learn's at their defaults, untuned, for the thesis names no settings. Nearest neighbours and the
-neural network see standardised features, because distances and gradients depend on the scale and trees do not;
-gradient boosting is the histogram kind. A repetition draws the windows, deals the groups anew into four folds of which
-one is the test (25 %), and seeds the learners.
+Learners are scikit-learn's at their defaults, untuned, for the thesis names no settings. Nearest
+neighbours and the neural network see standardised features, because distances and gradients depend
+on the scale and trees do not; gradient boosting is the histogram kind. A repetition draws the
+windows, deals the groups anew into four folds of which one is the test (25 %), and seeds the
+learners.
 
-Equal classes: all have the same number of windows, and within "safe" the three kinds have too. So accuracy and
-balanced accuracy say nearly the same, chance is one over the number of classes, and a figure in the thesis' % can be
-read beside ours. The share of the largest class in the test is there because the split of groups is not exact.
+Equal classes: all have the same number of windows, and within "safe" the three kinds have too. So
+accuracy and balanced accuracy say nearly the same, chance is one over the number of classes, and a
+figure in the thesis' % can be read beside ours. The share of the largest class in the test is there
+because the split of groups is not exact.
 """
 
 from __future__ import annotations
@@ -51,7 +54,8 @@ MAKE: dict[str, Callable[[int], Any]] = dict(zip(LEARNERS, _MAKERS, strict=True)
 
 @dataclass(frozen=True)
 class Draw:
-    """One repetition: places among the points to train on and to test on, and the learners' seed."""
+    """One repetition: places among the points to train on and to test on, and the learners'
+    seed."""
 
     train: Rows
     test: Rows
@@ -78,27 +82,35 @@ def study(
         "groups": len(data.groups()),
         "trials": len(data.recordings),
         "caveat": data.caveat,
-        "points": dict(zip(KINDS, np.bincount(points.kind, minlength=len(KINDS)).tolist(), strict=True)),
+        "points": dict(
+            zip(KINDS, np.bincount(points.kind, minlength=len(KINDS)).tolist(), strict=True)
+        ),
         "late": late_share(points),
         "cases": figures,
         "leaky": warned,
     }
 
 
-def case_figures(data: DataSet, points: Points, case: Case, seed: int, *, leaky: bool = False) -> dict[str, Any]:
-    """Figures of one case: windows, chance, and per learner accuracy and balanced accuracy over the repetitions."""
+def case_figures(
+    data: DataSet, points: Points, case: Case, seed: int, *, leaky: bool = False
+) -> dict[str, Any]:
+    """Figures of one case: windows, chance, and per learner accuracy and balanced accuracy over the
+    repetitions."""
     samples, label = windows(data, points, case.first, case.last), case.labels(points.kind)
     draws = repetitions(points, case, seed, leaky=leaky)
     scores: dict[str, list[tuple[float, float]]] = {name: [] for name in MAKE}
     for draw in draws:
         train, test = (
-            case.features(samples[draw.train], samples[rows]).reshape(len(rows), -1) for rows in (draw.train, draw.test)
+            case.features(samples[draw.train], samples[rows]).reshape(len(rows), -1)
+            for rows in (draw.train, draw.test)
         )
         truth = label[draw.test]
         for name, make in MAKE.items():
             with threadpool_limits(1):  # so few rows: threads would wait for each other
                 answer = make(draw.seed).fit(train, label[draw.train]).predict(test)
-            scores[name].append((accuracy_score(truth, answer), balanced_accuracy_score(truth, answer)))
+            scores[name].append(
+                (accuracy_score(truth, answer), balanced_accuracy_score(truth, answer))
+            )
     return {
         "what": case.what,
         "shape": list(case.features(samples[:1], samples[:1]).shape[1:]),
@@ -106,7 +118,9 @@ def case_figures(data: DataSet, points: Points, case: Case, seed: int, *, leaky:
         "windows": len(draws[0].train) + len(draws[0].test),
         "test_windows": [len(draw.test) for draw in draws],
         "chance": 1.0 / len(case.classes),
-        "largest_class": spread([np.bincount(label[draw.test]).max() / len(draw.test) for draw in draws]),
+        "largest_class": spread(
+            [np.bincount(label[draw.test]).max() / len(draw.test) for draw in draws]
+        ),
         "learners": {
             name: {
                 "accuracy": spread([accuracy for accuracy, _ in each]),
@@ -118,40 +132,56 @@ def case_figures(data: DataSet, points: Points, case: Case, seed: int, *, leaky:
 
 
 def repetitions(points: Points, case: Case, seed: int, *, leaky: bool = False) -> list[Draw]:
-    """The five repetitions of a case; leaky: windows are split at random, WRONG and to be shown as such."""
+    """The five repetitions of a case; leaky: windows are split at random, WRONG and to be shown as
+    such."""
     draws = []
     for repetition in range(REPETITIONS):
         own = int(np.random.SeedSequence([seed, repetition]).generate_state(1)[0])
         rows = balanced(points.kind, case, own)
-        folds = leaky_folds(len(rows), FOLDS, seed=own) if leaky else grouped_folds(points.group[rows], FOLDS, seed=own)
+        folds = (
+            leaky_folds(len(rows), FOLDS, seed=own)
+            if leaky
+            else grouped_folds(points.group[rows], FOLDS, seed=own)
+        )
         train, test = folds[0]
         draws.append(Draw(rows[train], rows[test], own))
     return draws
 
 
 def balanced(kind: Rows, case: Case, seed: int) -> Rows:
-    """Places of equally many points of each class, and within a class of each kind, drawn by the seed; ascending.
+    """Places of equally many points of each class, and within a class of each kind, drawn by the
+    seed; ascending.
 
     Raises ClassMissing where there is no point of a kind.
     """
     counts = np.bincount(kind, minlength=len(KINDS))
     if not counts.all():
         missing = ", ".join(name for name, count in zip(KINDS, counts, strict=True) if not count)
-        raise ClassMissing(f"no critical point of {missing}", next_step="use more trials, some of disturbed holds")
+        raise ClassMissing(
+            f"no critical point of {missing}", next_step="use more trials, some of disturbed holds"
+        )
     label = case.labels(np.arange(len(KINDS)))
     kinds_in = np.bincount(label)
     per_class = min(int(counts[k]) * int(kinds_in[label[k]]) for k in range(len(KINDS)))
     rng = np.random.default_rng(seed)
-    taken = [rng.permutation(np.flatnonzero(kind == k))[: per_class // kinds_in[label[k]]] for k in range(len(KINDS))]
+    taken = [
+        rng.permutation(np.flatnonzero(kind == k))[: per_class // kinds_in[label[k]]]
+        for k in range(len(KINDS))
+    ]
     return np.sort(np.concatenate(taken))
 
 
 def late_share(points: Points) -> float | None:
-    """Of the slipping points with a known onset: how many have it behind them when a predicting window ends."""
+    """Of the slipping points with a known onset: how many have it behind them when a predicting
+    window ends."""
     since = points.since_onset[(points.kind == SLIPPING) & np.isfinite(points.since_onset)]
     return float((since >= 1.0).mean()) if len(since) else None
 
 
 def spread(values: Sequence[float]) -> dict[str, Any]:
     """Mean, standard deviation (of a sample), and each."""
-    return {"mean": float(np.mean(values)), "sd": float(np.std(values, ddof=1)), "each": [float(v) for v in values]}
+    return {
+        "mean": float(np.mean(values)),
+        "sd": float(np.std(values, ddof=1)),
+        "each": [float(v) for v in values],
+    }

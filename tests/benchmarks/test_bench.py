@@ -19,8 +19,15 @@ from studies.tables.scenes import page
 
 ROOT = Path(__file__).resolve().parents[2]
 
-FRICTION = {"law": "regularised", "share": 0.5, "vibration": 0.0, "lets_go": False, "creep_m": 0.0324, "step_s": 1e-3,
-            "cost_ns_per_s": 12300.0}  # fmt: skip
+FRICTION = {
+    "law": "regularised",
+    "share": 0.5,
+    "vibration": 0.0,
+    "lets_go": False,
+    "creep_m": 0.0324,
+    "step_s": 1e-3,
+    "cost_ns_per_s": 12300.0,
+}
 
 
 COARSE = "[physics]\nstep_s = 0.001\n"
@@ -30,8 +37,10 @@ BRIEF = '"pull"\nclose_at_s = 0.1\nclosing_s = 0.1\nhold_s = 0.8\nmove_s = 0.3\n
 
 def study() -> dict[str, Any]:
     """Figures as `make scenes` writes them, one rate and one line of the table."""
-    row = {level: {"accuracy": value, "macro_f1": value + 0.01} for level, value in
-           (("eight", 0.701), ("seven", 0.801), ("four", 0.901))}  # fmt: skip
+    row = {
+        level: {"accuracy": value, "macro_f1": value + 0.01}
+        for level, value in (("eight", 0.701), ("seven", 0.801), ("four", 0.901))
+    }
     calls = {"risky": {"share": 0.921}, "safe": {"share": 0.031}, "grasp": {"share": None}}
     rows: dict[str, Any] = {OURS: row | {"calls": calls}}
     rate = {
@@ -40,23 +49,58 @@ def study() -> dict[str, Any]:
         "leak": {"eight_class_accuracy": 0.702, "eight_class_accuracy_ci99": [0.69, 0.71]},
         "objects": {OURS: {"soft-ball": rows[OURS]}},
         "others": {"apple": {"rows": rows}},
-        "retrainings": {OURS: {"recall": {"grasp_light": [0.9, 0.95]}, "spread": {"grasp_light": 0.05}}},
+        "retrainings": {
+            OURS: {"recall": {"grasp_light": [0.9, 0.95]}, "spread": {"grasp_light": 0.05}}
+        },
     }
     return {"headline_hz": "150", "rates": {"150": rate}}
 
 
 SHOWN: dict[str, tuple[dict[str, Any], str]] = {
-    "latency": ({"rows": [{"what": "ours, whole step", "p50": 60.0, "p99": 70.0, "p99.9": 90.0}]}, "ours, whole step"),
-    "training": ({"rows": [{"trials": n, "features_cpu_s": 0.1 * n} for n in (10, 20)]}, "features"),
+    "latency": (
+        {"rows": [{"what": "ours, whole step", "p50": 60.0, "p99": 70.0, "p99.9": 90.0}]},
+        "ours, whole step",
+    ),
+    "training": (
+        {"rows": [{"trials": n, "features_cpu_s": 0.1 * n} for n in (10, 20)]},
+        "features",
+    ),
     "instructions": ({"rows": [{"what": "whole step", "instructions": 5e5}]}, "whole step"),
-    "effects": ({"prices": [{"effect": "tremor", "stage": "physics", "ns_per_sample": 9.0}]}, "tremor"),
-    "hand": ({"scans": [{"bridge": "ft232h", "reads": "1-byte", "layout": "mux", "bus_khz": 400, "scan_ms": 1.4,
-                         "serves_model_hz": 300.0}]}, "ft232h, 1-byte, mux, 400 kHz"),
-    "onset": ({"ramps": [{"fps": 60.0, "mm_per_s2": a, "start_worst_ms": 9.0} for a in (10.0, 100.0)]}, "60 fps"),
-    "simulator": ({"step": [{"step_ms": ms, "p50_ms": ms, "p90_ms": 2 * ms, "cpu_s_per_trial": 0.1 / ms}
-                            for ms in (1.0, 2.0)]}, "90 % of slips"),
-}  # fmt: skip
-"""What each measure finds, in short, and what must be read in its picture; the cost surface has tests of its own."""
+    "effects": (
+        {"prices": [{"effect": "tremor", "stage": "physics", "ns_per_sample": 9.0}]},
+        "tremor",
+    ),
+    "hand": (
+        {
+            "scans": [
+                {
+                    "bridge": "ft232h",
+                    "reads": "1-byte",
+                    "layout": "mux",
+                    "bus_khz": 400,
+                    "scan_ms": 1.4,
+                    "serves_model_hz": 300.0,
+                }
+            ]
+        },
+        "ft232h, 1-byte, mux, 400 kHz",
+    ),
+    "onset": (
+        {"ramps": [{"fps": 60.0, "mm_per_s2": a, "start_worst_ms": 9.0} for a in (10.0, 100.0)]},
+        "60 fps",
+    ),
+    "simulator": (
+        {
+            "step": [
+                {"step_ms": ms, "p50_ms": ms, "p90_ms": 2 * ms, "cpu_s_per_trial": 0.1 / ms}
+                for ms in (1.0, 2.0)
+            ]
+        },
+        "90 % of slips",
+    ),
+}
+"""What each measure finds, in short, and what must be read in its picture; the cost surface has
+tests of its own."""
 
 
 def test_every_measure_leaves_a_picture_that_names_what_was_measured():
@@ -73,11 +117,23 @@ def test_our_core_holds_what_friction_can_hold_and_lets_go_what_it_cannot():
 
 
 def test_rows_of_the_peer_stand_beside_ours(tmp_path):
-    run = {"variant": "default", "step_s": 1e-3, "cpu_s_per_s": 8e-3, "held_s": 11.5, "creep_m": None,
-           "pulls": [{"slip_s": 0.101}, {"slip_s": None}]}  # fmt: skip
-    (tmp_path / "mujoco.json").write_text(json.dumps({"versions": {"mujoco": "4.0.0"}, "runs": [run]}), "utf-8")
+    run = {
+        "variant": "default",
+        "step_s": 1e-3,
+        "cpu_s_per_s": 8e-3,
+        "held_s": 11.5,
+        "creep_m": None,
+        "pulls": [{"slip_s": 0.101}, {"slip_s": None}],
+    }
+    (tmp_path / "mujoco.json").write_text(
+        json.dumps({"versions": {"mujoco": "4.0.0"}, "runs": [run]}), "utf-8"
+    )
     peer = rows(tmp_path, Scene(hold_s=0.02, settled_s=0.01, pull_s=0.01))[-1]
-    assert (peer["solver"], peer["held_s"], peer["slip_8n_ms"]) == ("MuJoCo 4.0.0, default", 11.5, 101.0)
+    assert (peer["solver"], peer["held_s"], peer["slip_8n_ms"]) == (
+        "MuJoCo 4.0.0, default",
+        11.5,
+        101.0,
+    )
     assert peer["creep_mm"] is None
 
 
@@ -96,13 +152,20 @@ def test_the_lead_of_every_style_is_near_what_it_was_fitted_to():
 def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(tmp_path):
     prices_of = [{"effect": "(core alone)", "ns_per_sample": 1234.0}]
     prices_of += [{"effect": name, "ns_per_sample": 77.0} for name in EFFECTS]
-    (tmp_path / "effects.json").write_text(json.dumps({"prices": prices_of, "empty_list_over_core": 1.0}), "utf-8")
-    curves = {name: [{"x": 1.0}] for name in ("step", "by_trials", "by_elements", "plausibility", "hold_and_pull")}
+    (tmp_path / "effects.json").write_text(
+        json.dumps({"prices": prices_of, "empty_list_over_core": 1.0}), "utf-8"
+    )
+    curves = {
+        name: [{"x": 1.0}]
+        for name in ("step", "by_trials", "by_elements", "plausibility", "hold_and_pull")
+    }
     (tmp_path / "simulator.json").write_text(json.dumps(curves | {"friction": [FRICTION]}), "utf-8")
     (tmp_path / "scenes.json").write_text(json.dumps(study()), "utf-8")
     text = page(tmp_path, tmp_path / "scenes.json")
     assert "1,234 ns" in text
-    assert "| 150 Hz: ours, clock-free | 0.701 | 0.801 | 0.901 | 0.911 | 0.921 | 0.031 | - |" in text
+    assert (
+        "| 150 Hz: ours, clock-free | 0.701 | 0.801 | 0.901 | 0.911 | 0.921 | 0.031 | - |" in text
+    )
     assert "150 Hz 0.702 (0.690 to 0.710)" in text
     assert "| apple: ours, clock-free | 0.701" in text
     assert "| grasp light | 0.900 0.950 | 0.05 |" in text

@@ -1,4 +1,5 @@
-"""`holdfast bench hand`: scans counted, faults all green, delays added up, and the page made from them."""
+"""`holdfast bench hand`: scans counted, faults all green, delays added up, and the page made from
+them."""
 
 from __future__ import annotations
 
@@ -39,9 +40,13 @@ def faults():
     return fault_table(MODEL, compute_ms=0.5, phases=2)
 
 
-def test_every_fault_is_unknown_within_two_samples_or_the_stale_time_or_a_time_out_and_ends_whole(faults):
+def test_every_fault_is_unknown_within_two_samples_or_the_stale_time_or_a_time_out_and_ends_whole(
+    faults,
+):
     for row in faults:
-        limit_ms = 2e3 / 150 + (20.0 if "frozen" in row["fault"] else 10.0 if "late" in row["fault"] else 0.0)
+        limit_ms = 2e3 / 150 + (
+            20.0 if "frozen" in row["fault"] else 10.0 if "late" in row["fault"] else 0.0
+        )
         assert row["detected_ms"] <= row["detected_max_ms"] <= limit_ms, row
         assert row["said"], row
         assert row["settled_again_ms"] < 700.0, row
@@ -50,14 +55,19 @@ def test_every_fault_is_unknown_within_two_samples_or_the_stale_time_or_a_time_o
 
 
 def test_a_fault_is_detected_only_once_its_answer_is_out(faults):
-    """The next sample, its whole read and computing; the read alone takes more than a millisecond."""
+    """The next sample, its whole read and computing; the read alone takes more than a
+    millisecond."""
     absent = next(row for row in faults if row["fault"].startswith("nack"))
     assert 0.5 + 1.0 < absent["detected_ms"] < absent["detected_max_ms"]
 
 
 def read_as_drivers_do(scans, bridge):
     """The row of a bridge at 400 kHz."""
-    return next(row for row in scans if row["bridge"] == bridge and row["reads"] == CHECKED and row["bus_khz"] == 400)
+    return next(
+        row
+        for row in scans
+        if row["bridge"] == bridge and row["reads"] == CHECKED and row["bus_khz"] == 400
+    )
 
 
 def test_a_step_is_seen_after_a_time_that_depends_on_its_phase(scans):
@@ -76,7 +86,9 @@ def test_every_risky_sample_after_the_first_costs_a_period(scans):
         assert one["debounce_ms"] == 0.0
         assert three["acted_ms"] - one["acted_ms"] == pytest.approx(2e3 / one["rate_hz"])
         assert one["acted_ms"] == one["seen_ms"]
-        assert one["falls_until_acted_mm"] == pytest.approx(0.5 * 9.81 * one["acted_max_ms"] ** 2 * 1e-3)
+        assert one["falls_until_acted_mm"] == pytest.approx(
+            0.5 * 9.81 * one["acted_max_ms"] ** 2 * 1e-3
+        )
     assert [row["rate_hz"] for row in rows[1]] == [300.0, 150.0, 100.0]
 
 
@@ -85,8 +97,16 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(scans, f
     assert list(live["latency_us"]) == [*STAGES, "read to emit"]
     assert live["samples"] > 100
     rows = delays([read_as_drivers_do(scans, "ft232h")], 0.5, 1, steps=2)
-    text = page({"scans": scans, "faults": faults, "live": [live], "act_samples": 1, "delays": rows,
-                 "memory": memory(MODEL)})  # fmt: skip
+    text = page(
+        {
+            "scans": scans,
+            "faults": faults,
+            "live": [live],
+            "act_samples": 1,
+            "delays": rows,
+            "memory": memory(MODEL),
+        }
+    )
     assert "| ft232h | registers |" in text
     assert "floor of read to emit" in text
     assert "finger 3: nack" in text

@@ -1,4 +1,5 @@
-"""`holdfast bench latency`: every peer has its row, ratios are of one run, and a broken budget is named."""
+"""`holdfast bench latency`: every peer has its row, ratios are of one run, and a broken budget is
+named."""
 
 from __future__ import annotations
 
@@ -8,7 +9,19 @@ from pathlib import Path
 import pytest
 
 from benchmarks import latency as bench
-from benchmarks.latency import BARE, BUDGET, FLOOR, OWN, SKLEARN, STEP, THESIS, WALK, broken, latency, ratios
+from benchmarks.latency import (
+    BARE,
+    BUDGET,
+    FLOOR,
+    OWN,
+    SKLEARN,
+    STEP,
+    THESIS,
+    WALK,
+    broken,
+    latency,
+    ratios,
+)
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 
@@ -29,9 +42,11 @@ def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
     us[THESIS] = {"p50": 4000.0, "p99.9": 9000.0}
     us[FLOOR] = {"p50": 10.0, "p99.9": 10.0}
     assert ratios(us) == {
-        "step_over_bare_full_depth_forest": 1.0, "step_over_own_forest": 1.0, "step_p999_over_floor_p999": 2.0,
+        "step_over_bare_full_depth_forest": 1.0,
+        "step_over_own_forest": 1.0,
+        "step_p999_over_floor_p999": 2.0,
         "thesis_over_step": 400.0,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(
@@ -43,13 +58,21 @@ def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
     ],
 )
 def test_a_broken_budget_is_named_with_its_limit(change, line):
-    kept = {"step_over_bare_full_depth_forest": 1.0, "step_over_own_forest": 1.0, "step_p999_over_floor_p999": 1.0,
-            "thesis_over_step": 1000.0}  # fmt: skip
+    kept = {
+        "step_over_bare_full_depth_forest": 1.0,
+        "step_over_own_forest": 1.0,
+        "step_p999_over_floor_p999": 1.0,
+        "thesis_over_step": 1000.0,
+    }
     found = broken({"ratios": kept | change, "bytes": 2**20}, resident_mb=50.0)
     assert [one.startswith(line) for one in found] == ([True] if line else [])
 
 
 def test_a_model_or_a_process_too_big_is_over_budget():
-    kept = {"step_over_bare_full_depth_forest": 1.0, "step_over_own_forest": 1.0, "step_p999_over_floor_p999": 1.0,
-            "thesis_over_step": 1000.0}  # fmt: skip
+    kept = {
+        "step_over_bare_full_depth_forest": 1.0,
+        "step_over_own_forest": 1.0,
+        "step_p999_over_floor_p999": 1.0,
+        "thesis_over_step": 1000.0,
+    }
     assert len(broken({"ratios": kept, "bytes": 9 * 2**20}, resident_mb=500.0)) == 2

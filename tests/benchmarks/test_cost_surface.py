@@ -1,4 +1,5 @@
-"""What accuracy costs: which points, their front, what is kept, and the same answer wherever it is run."""
+"""What accuracy costs: which points, their front, what is kept, and the same answer wherever it is
+run."""
 
 from __future__ import annotations
 
@@ -41,7 +42,9 @@ TIMES = ("forest_us", "step_us")
 
 def test_the_points_change_every_choice_that_was_asked_for_and_none_stands_twice():
     tried = points()
-    assert len({point.name for point in tried}) == len(tried) == len({(p.of, p.what) for p in tried})
+    assert (
+        len({point.name for point in tried}) == len(tried) == len({(p.of, p.what) for p in tried})
+    )
     for of in ("scenes", "human"):
         here = [point for point in tried if point.of == of]
         assert {1, 500} <= {point.trees for point in here}
@@ -67,12 +70,25 @@ def test_every_feature_says_how_far_back_it_looks(name):
     assert looks.max() <= 0.5
 
 
-@pytest.mark.parametrize("point", [
-    Point(groups="now"), Point(groups="without activity"), Point(groups="now and bands", bands="30 to 55 Hz"),
-    Point(groups="raw window", window_s=0.05), Point(rate_hz=50.0, groups="now and bands"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "point",
+    [
+        Point(groups="now"),
+        Point(groups="without activity"),
+        Point(groups="now and bands", bands="30 to 55 Hz"),
+        Point(groups="raw window", window_s=0.05),
+        Point(rate_hz=50.0, groups="now and bands"),
+    ],
+)
 def test_the_columns_a_point_takes_are_the_features_its_own_step_would_make(point):
-    spec = StepSpec(6, point.rate_hz, "N", GROUPS[point.groups], window_s=point.window_s, bands_hz=BANDS[point.bands])
+    spec = StepSpec(
+        6,
+        point.rate_hz,
+        "N",
+        GROUPS[point.groups],
+        window_s=point.window_s,
+        bands_hz=BANDS[point.bands],
+    )
     drawn = np.random.default_rng(0).normal(3.0, 1.0, (80, 18))
     own, whole = (every_feature(told, drawn) for told in (spec, whole_of(spec)))
     np.testing.assert_array_equal(whole[:, columns(spec)], own)
@@ -81,7 +97,9 @@ def test_the_columns_a_point_takes_are_the_features_its_own_step_would_make(poin
 def every_feature(spec: StepSpec, samples: FloatArray) -> FloatRows:
     session = open_session(feature_graph(spec).SerializeToString())
     rows = np.arange(len(samples))
-    told = run_recordings(session, [samples], [np.ones((len(samples), 6), np.bool_)], ["features"], [rows])
+    told = run_recordings(
+        session, [samples], [np.ones((len(samples), 6), np.bool_)], ["features"], [rows]
+    )
     features: FloatRows = told[0]["features"]
     return features
 
@@ -106,14 +124,30 @@ def test_nothing_on_the_front_is_beaten_and_everything_else_is(pairs):
 def test_points_with_one_forest_differ_in_nothing_that_is_fitted(point):
     same = point.fitted
     assert same == same.fitted
-    assert (same.plan, same.groups, same.window_s, same.bands, same.bank, same.rate_hz, same.look_back_s) == (
-        point.plan, point.groups, point.window_s, point.bands, point.bank, point.rate_hz, point.look_back_s
-    )  # fmt: skip
+    assert (
+        same.plan,
+        same.groups,
+        same.window_s,
+        same.bands,
+        same.bank,
+        same.rate_hz,
+        same.look_back_s,
+    ) == (
+        point.plan,
+        point.groups,
+        point.window_s,
+        point.bands,
+        point.bank,
+        point.rate_hz,
+        point.look_back_s,
+    )
 
 
 def test_what_is_only_decided_otherwise_has_the_forest_of_the_default():
     for of in ("scenes", "human"):
-        assert Point(of, debounce=3).fitted == Point(of, confidence="calibrated").fitted == Point(of)
+        assert (
+            Point(of, debounce=3).fitted == Point(of, confidence="calibrated").fitted == Point(of)
+        )
     assert Point(trees=20, depth=16).fitted == Point()
     assert Point("human", trees=20, depth=0).fitted == Point("human")
 
@@ -138,7 +172,9 @@ def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
     assert (fast.rate_hz, slow.rate_hz) == (pytest.approx(300.0), pytest.approx(100.0))
     for one, other in zip(fast.recordings, slow.recordings, strict=True):
         assert [event.onset_s for event in other.events] == [event.onset_s for event in one.events]
-    every, third = (read_trial(tmp_path / f"{rate}hz-ask/soft-ball/daily/trial_1.csv") for rate in (300, 100))
+    every, third = (
+        read_trial(tmp_path / f"{rate}hz-ask/soft-ball/daily/trial_1.csv") for rate in (300, 100)
+    )
     np.testing.assert_array_equal(third.t_s, every.t_s[::3])
     np.testing.assert_array_equal(third.raw, every.raw[::3])
     with pytest.raises(UsageError, match=r"300 Hz over 2\.5"):
@@ -152,7 +188,9 @@ def test_half_a_simulation_is_begun_anew_and_a_whole_one_is_kept(tmp_path):
     recordings.simulate(tmp_path, "ask", [100.0], parts)
     written = sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
     recordings.simulate(tmp_path, "ask", [100.0], parts)
-    assert written == sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
+    assert written == sorted(
+        (path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv")
+    )
     assert not list(tmp_path.glob("*.half"))
 
 
@@ -169,7 +207,12 @@ def test_a_folder_of_other_recordings_is_refused_and_left_as_it_is(tmp_path):
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("cost")
-    chosen = [TINY, replace(TINY, debounce=1), replace(TINY, look_back_s=0.05), replace(TINY, confidence="calibrated")]
+    chosen = [
+        TINY,
+        replace(TINY, debounce=1),
+        replace(TINY, look_back_s=0.05),
+        replace(TINY, confidence="calibrated"),
+    ]
     return folder, cost(folder, chosen, parts=SMALL)
 
 
@@ -222,7 +265,9 @@ def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(
 def cluster() -> Iterator[str]:
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local:
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as local:
         yield local.scheduler_address
 
 
@@ -232,7 +277,9 @@ def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
     for path in (folder / "points").glob("*.json"):
         path.unlink()
     chosen = [TINY, replace(TINY, debounce=1)]
-    assert without_times(cost(folder, chosen, dask=cluster, parts=SMALL)["rows"]) == without_times(told["rows"][:2])
+    assert without_times(cost(folder, chosen, dask=cluster, parts=SMALL)["rows"]) == without_times(
+        told["rows"][:2]
+    )
 
 
 # -- the page
@@ -252,17 +299,31 @@ def test_the_readme_gets_ten_lines_that_say_what_they_were_measured_on(measured)
 @pytest.mark.parametrize(("new", "told_how_long"), [(11, True), (10, False)])
 def test_the_page_and_its_figure_hold_what_was_measured(measured, new, told_how_long):
     rows = [*rows_of(measured), dict(rows_of(measured)[0], what="default", of="scenes")]
-    fronts = {of: {key: ["default"] for key in ("recall", "in_time", "macro_f1")} for of in ("scenes", "human")}
+    fronts = {
+        of: {key: ["default"] for key in ("recall", "in_time", "macro_f1")}
+        for of in ("scenes", "human")
+    }
     us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
-    latency = {"rows": [us], "ratios": {"step_over_own_forest": 5.5}, "memory": [{"process": "floor"}]}
+    latency = {
+        "rows": [us],
+        "ratios": {"step_over_own_forest": 5.5},
+        "memory": [{"process": "floor"}],
+    }
     took = {"wall_s": 90.0, "cores": 2, "new_points": new}
-    told = page({"cost": {"rows": rows, "fronts": fronts, "took": took}, "latency": latency,
-                 "instructions": {"rows": [{"what": "whole step", "instructions": 7.0}]},
-                 "training": {"rows": [{"trials": 50}]}})  # fmt: skip
+    told = page(
+        {
+            "cost": {"rows": rows, "fronts": fronts, "took": took},
+            "latency": latency,
+            "instructions": {"rows": [{"what": "whole step", "instructions": 7.0}]},
+            "training": {"rows": [{"trials": 50}]},
+        }
+    )
     assert "| one decision ([below](#one-decision-beside-its-peers)) | 0.06 |" in told
     assert "simulated" in told
     assert "public real data" in told
-    assert ("in 1.5 minutes on 2 cores" in told) == told_how_long, "only of a run that made every point"
+    assert ("in 1.5 minutes on 2 cores" in told) == told_how_long, (
+        "only of a run that made every point"
+    )
     drawn = figure(rows)
     assert drawn.startswith("<svg")
     assert "simulated" in drawn

@@ -1,4 +1,5 @@
-"""The peers of our friction: what holds, what creeps, what drifts; and what the MuJoCo peer says without MuJoCo."""
+"""The peers of our friction: what holds, what creeps, what drifts; and what the MuJoCo peer says
+without MuJoCo."""
 
 from __future__ import annotations
 
@@ -80,7 +81,9 @@ def test_lugre_drifts_under_vibration_and_not_without() -> None:
 
 def test_the_step_of_lugre_is_small_enough_for_its_drift() -> None:
     task = Task.of(0.5, VIBRATION)
-    assert creep(LuGre(), task, 3.0) == pytest.approx(creep(LuGre(), task, 3.0, step_s=5e-5), rel=4e-3)
+    assert creep(LuGre(), task, 3.0) == pytest.approx(
+        creep(LuGre(), task, 3.0, step_s=5e-5), rel=4e-3
+    )
 
 
 @pytest.mark.hard_case("Simulation", "a million steps of holding", **holding, unguarded=True)
@@ -102,7 +105,11 @@ def test_the_scene_in_mujoco_has_the_grip_and_the_object_that_are_asked_for() ->
     scene = Scene()
     for variant in VARIANTS.values():
         tree = ET.fromstring(mjcf(scene, 1e-3, variant))
-        drawn = [float(joint.get("springref", 0)) for joint in tree.iter("joint") if joint.get("springref")]
+        drawn = [
+            float(joint.get("springref", 0))
+            for joint in tree.iter("joint")
+            if joint.get("springref")
+        ]
         pressed = scene.normal_n_per_m * np.array(drawn)
         assert (pressed[:2].sum(), pressed[2:].sum()) == pytest.approx((scene.grip_n, scene.grip_n))
         option = tree.find("option")
@@ -117,7 +124,9 @@ def test_without_mujoco_the_peer_says_in_one_line_how_to_get_it(tmp_path: Path) 
         "from benchmarks.mujoco_peer import main; from edge_runtime.command import finish\n"
         f"sys.exit(finish(main, ['--out', {str(tmp_path / 'm.json')!r}]))"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "make peers" in done.stderr

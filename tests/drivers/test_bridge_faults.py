@@ -1,4 +1,5 @@
-"""Every bridge when something fails: a transfer, a late reply, an unplugged cable, a bus that is held low."""
+"""Every bridge when something fails: a transfer, a late reply, an unplugged cable, a bus that is
+held low."""
 
 from __future__ import annotations
 
@@ -52,8 +53,9 @@ def test_a_bridge_that_fails_says_so_and_the_next_scan_is_right(make, kind, faul
     bench.clock.wait_until(3_000_000_000)
     for _ in range(2):
         assert bench.bus.scan([FIRST, WHO, Transfer(B, bytes([THRESHOLD]), 1)])[1:] == [
-            Reply(IDENTITY, acked=True), Reply(b"\0", acked=True),
-        ]  # fmt: skip
+            Reply(IDENTITY, acked=True),
+            Reply(b"\0", acked=True),
+        ]
 
 
 @every_usb_bridge
@@ -70,12 +72,15 @@ def test_a_late_reply_never_answers_the_next_question(make, kind):
                 replies = bench.bus.scan(questions)
             except TransferFailed:
                 continue
-            assert [reply.data for reply in replies] == [bytes([register]) for register in range(4, 8)]
+            assert [reply.data for reply in replies] == [
+                bytes([register]) for register in range(4, 8)
+            ]
         assert bench.bus.scan(questions)[0].data == bytes([4])
 
 
 class SlowMcp2221(VirtualMcp2221):
-    """Replies come when they come: late_ns after the command, once for each command named, and in order."""
+    """Replies come when they come: late_ns after the command, once for each command named, and in
+    order."""
 
     def __init__(self, hand: VirtualHand, slow: int) -> None:
         self.queue: list[tuple[int, bytes]] = []
@@ -90,12 +95,18 @@ class SlowMcp2221(VirtualMcp2221):
 
     def read(self, endpoint: int, length: int) -> bytes:
         self.hand.clock.spend(1_500_000)
-        return self.queue.pop(0)[1] if self.queue and self.queue[0][0] <= self.hand.clock.now_ns() else b""
+        return (
+            self.queue.pop(0)[1]
+            if self.queue and self.queue[0][0] <= self.hand.clock.now_ns()
+            else b""
+        )
 
 
 @pytest.mark.parametrize("slow", [0x10, 0x40, 0x93, 0x94])
 @pytest.mark.parametrize("late_ms", [1, 4, 7, 10, 15, 58, 150])
-def test_a_reply_that_comes_after_the_late_ones_were_read_away_answers_nothing_either(slow, late_ms):
+def test_a_reply_that_comes_after_the_late_ones_were_read_away_answers_nothing_either(
+    slow, late_ms
+):
     """late_ms: after the driver has given up."""
     clock = VirtualClock()
     hand = VirtualHand(clock)

@@ -1,4 +1,5 @@
-"""Every bridge, by the same sentences: FT232H, tiny-usb with four firmwares, the MCP2221A, and the board's own I2C."""
+"""Every bridge, by the same sentences: FT232H, tiny-usb with four firmwares, the MCP2221A, and the
+board's own I2C."""
 
 from __future__ import annotations
 
@@ -40,7 +41,10 @@ from drivers.virtual.usb_backend import VirtualBackend
 
 @every_bridge
 def test_a_chip_is_identified_through_the_mux(make, kind):
-    assert make(kind).bus.scan([FIRST, WHO]) == [Reply(b"", acked=True), Reply(IDENTITY, acked=True)]
+    assert make(kind).bus.scan([FIRST, WHO]) == [
+        Reply(b"", acked=True),
+        Reply(IDENTITY, acked=True),
+    ]
 
 
 @every_bridge
@@ -57,27 +61,46 @@ def test_a_read_goes_on_where_the_last_one_ended(make, kind):
 
 @every_bridge
 def test_an_absent_chip_costs_only_itself(make, kind):
-    absent = [Transfer(ABSENT, bytes([ID]), 3), Transfer(ABSENT, read=3), Transfer(ABSENT, b"\0\0"), Transfer(ABSENT)]
+    absent = [
+        Transfer(ABSENT, bytes([ID]), 3),
+        Transfer(ABSENT, read=3),
+        Transfer(ABSENT, b"\0\0"),
+        Transfer(ABSENT),
+    ]
     replies = make(kind).bus.scan([FIRST, *(one for gone in absent for one in (gone, WHO))])
     assert replies[1::2] == [NOT_ACKED] * 4
     assert replies[2::2] == [Reply(IDENTITY, acked=True)] * 4
 
 
-@pytest.mark.parametrize("kind", [kind for kind in ALL if kind != "avr"])  # harbaum's: TODO, set status
+# harbaum's: TODO, set status
+@pytest.mark.parametrize("kind", [kind for kind in ALL if kind != "avr"])
 def test_a_byte_that_is_not_acknowledged_is_told(make, kind):
     bench = make(kind)
     bench.bus.scan([FIRST])
     heard = bench.hand.wire.write
     bench.hand.wire.write = lambda byte: byte != 0xEE and heard(byte)
-    for transfer in (Transfer(A, bytes([THRESHOLD, 0xEE])), Transfer(A, bytes([THRESHOLD, 0xEE]), 3)):
-        assert bench.bus.scan([WHO, transfer, WHO]) == [Reply(IDENTITY, True), NOT_ACKED, Reply(IDENTITY, True)]
+    for transfer in (
+        Transfer(A, bytes([THRESHOLD, 0xEE])),
+        Transfer(A, bytes([THRESHOLD, 0xEE]), 3),
+    ):
+        assert bench.bus.scan([WHO, transfer, WHO]) == [
+            Reply(IDENTITY, True),
+            NOT_ACKED,
+            Reply(IDENTITY, True),
+        ]
 
 
 @every_bridge
 def test_an_address_alone_asks_whether_a_chip_is_there(make, kind):
-    assert [reply.acked for reply in make(kind).bus.scan([FIRST, Transfer(A), Transfer(ABSENT), Transfer(B)])] == [
-        True, True, False, True,
-    ]  # fmt: skip
+    assert [
+        reply.acked
+        for reply in make(kind).bus.scan([FIRST, Transfer(A), Transfer(ABSENT), Transfer(B)])
+    ] == [
+        True,
+        True,
+        False,
+        True,
+    ]
 
 
 @every_bridge
@@ -90,8 +113,17 @@ def test_a_chip_behind_another_channel_is_not_there(make, kind):
 def test_a_burst_decodes_to_the_field_of_the_track(make, kind):
     told_ut = np.arange(18.0).reshape(6, 3) * 1000 + 500
     bench = make(kind, track=Track(np.array([0.0]), told_ut[None]))
-    for channel, address in ((FIRST, A), (FIRST, B), (FIRST, C), (FIRST, D), (SECOND, A), (SECOND, B)):
-        replies = bench.bus.scan([channel, *(Transfer(address, bytes(byte)) for byte in Setup().registers())])
+    for channel, address in (
+        (FIRST, A),
+        (FIRST, B),
+        (FIRST, C),
+        (FIRST, D),
+        (SECOND, A),
+        (SECOND, B),
+    ):
+        replies = bench.bus.scan(
+            [channel, *(Transfer(address, bytes(byte)) for byte in Setup().registers())]
+        )
         assert all(reply.acked for reply in replies)
     bench.wait_s(0.01)
     found = [packet(reply.data) for reply in bench.bus.scan(SIX) if reply.data]
@@ -159,7 +191,11 @@ def test_a_scan_of_six_sensors_takes_this_much_traffic_and_time(
     traffic, begun_ns = bench.backend.traffic, bench.clock.now_ns()
     traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
     assert all(reply.acked for reply in bench.bus.scan(SIX))
-    assert (traffic.transfers, traffic.bytes_out, traffic.bytes_in) == (transfers, bytes_out, bytes_in)
+    assert (traffic.transfers, traffic.bytes_out, traffic.bytes_in) == (
+        transfers,
+        bytes_out,
+        bytes_in,
+    )
     assert milliseconds[0] < 1e-6 * (bench.clock.now_ns() - begun_ns) < milliseconds[1]
 
 
@@ -195,17 +231,23 @@ class Computing(VirtualClock):
 def scans(bridge: type[VirtualFt232h], clock: VirtualClock) -> tuple[list[Reply], float]:
     """What three scans of a noisy, changing hand answer, and how long they take, s."""
     track = Track(np.array([0.0, 0.02]), np.stack([np.full((6, 3), -9e3), np.full((6, 3), 2e4)]))
-    hand = VirtualHand(clock, track=track, seed=3, faults=[Fault("frozen", 1e6, sensor=1)])  # which it looks out for
+    # which it looks out for
+    hand = VirtualHand(clock, track=track, seed=3, faults=[Fault("frozen", 1e6, sensor=1)])
     bus = Ft232h(VirtualBackend(bridge(hand), clock, hand.faults, hand.power_off))
     begun_ns = clock.now_ns()
     asked = [Transfer(A, bytes([*pair])) for pair in Setup(averages=1).registers()]
     replies = bus.scan([FIRST, *asked])
-    replies += [reply for _ in range(3) for reply in bus.scan([WHO, Transfer(ABSENT, read=2), *SIX])]
+    replies += [
+        reply for _ in range(3) for reply in bus.scan([WHO, Transfer(ABSENT, read=2), *SIX])
+    ]
     return replies, 1e-9 * (clock.now_ns() - begun_ns)
 
 
 def test_an_emulated_ft232h_carries_bytes_as_it_carries_bits():
-    (whole, whole_s), (bits, bits_s) = scans(VirtualFt232h, VirtualClock()), scans(BitByBit, VirtualClock())
+    (whole, whole_s), (bits, bits_s) = (
+        scans(VirtualFt232h, VirtualClock()),
+        scans(BitByBit, VirtualClock()),
+    )
     assert whole == bits
     assert whole_s == bits_s
     assert len({reply.data for reply in whole if len(reply.data) == PACKET_BYTES}) > 3
@@ -213,7 +255,10 @@ def test_an_emulated_ft232h_carries_bytes_as_it_carries_bits():
 
 def test_what_an_emulated_ft232h_takes_to_compute_is_part_of_what_its_wire_takes():
     clock = Computing()
-    (replies, lasts_s), (_, plain_s) = scans(VirtualFt232h, clock), scans(VirtualFt232h, VirtualClock())
+    (replies, lasts_s), (_, plain_s) = (
+        scans(VirtualFt232h, clock),
+        scans(VirtualFt232h, VirtualClock()),
+    )
     assert any(reply.acked for reply in replies)
     assert clock.looks > 300
     assert lasts_s - plain_s < 0.2 * 100e-9 * clock.looks

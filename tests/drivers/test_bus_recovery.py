@@ -1,4 +1,5 @@
-"""A hand that starts and comes back: on a bus held low, at slow scans, behind a bridge that stays halted or failed."""
+"""A hand that starts and comes back: on a bus held low, at slow scans, behind a bridge that stays
+halted or failed."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ IDENTITY = bytes([0x01, 0x49, 0x54])
 
 
 @SLOW_REPAIR.mark
-@pytest.mark.parametrize("fault", ["nack:3@1+0.3", "por:3@1", "sleep:3@1", "frozen:3@1+0.3", "diag:3@1+0.3"])
+@pytest.mark.parametrize(
+    "fault", ["nack:3@1+0.3", "por:3@1", "sleep:3@1", "frozen:3@1+0.3", "diag:3@1+0.3"]
+)
 @pytest.mark.parametrize("rate_hz", [10.0, 4.0, 1.0])
 def test_a_repaired_finger_is_valid_from_its_second_new_reading_on(fault, rate_hz):
     readings = started(fault).read_for(8.0, rate_hz)
@@ -44,7 +47,9 @@ def test_a_finger_behind_an_mcp2221_comes_back_though_every_scan_outlasts_the_st
     clock = VirtualClock()
     virtual = VirtualHand(clock, seed=0, faults=Bench(faults=("por:3@4",)).virtual.faults._pending)
     backend = VirtualBackend(VirtualMcp2221(virtual), clock, virtual.faults, virtual.power_off)
-    hand = Hand(lambda: Mcp2221(backend), now_ns=clock.now_ns, pause=lambda s: clock.spend(round(1e9 * s)))
+    hand = Hand(
+        lambda: Mcp2221(backend), now_ns=clock.now_ns, pause=lambda s: clock.spend(round(1e9 * s))
+    )
     hand.start()
     words = []
     while clock.now_ns() < 8e9:
@@ -100,7 +105,9 @@ def bridge(device: type[VirtualFt232h]) -> tuple[Bench, Any]:
     """A hand's bench before another bridge."""
     bench = Bench()
     emulated = device(bench.virtual)
-    bench.backend = VirtualBackend(emulated, bench.clock, bench.virtual.faults, bench.virtual.power_off)
+    bench.backend = VirtualBackend(
+        emulated, bench.clock, bench.virtual.faults, bench.virtual.power_off
+    )
     return bench, emulated
 
 
@@ -200,7 +207,9 @@ class Halting(VirtualBackend):
 @pytest.mark.parametrize("endpoint", [OUT_ENDPOINT, IN_ENDPOINT])
 def test_an_endpoint_that_stays_halted_is_cleared_and_the_next_scan_is_right(endpoint):
     bench = Bench()
-    backend = Halting(VirtualFt232h(bench.virtual), bench.clock, bench.virtual.faults, bench.virtual.power_off)
+    backend = Halting(
+        VirtualFt232h(bench.virtual), bench.clock, bench.virtual.faults, bench.virtual.power_off
+    )
     bus = Ft232h(backend)
     backend.halted.add(endpoint)
     with pytest.raises(TransferFailed, match="stall"):
@@ -223,10 +232,12 @@ def test_a_start_that_fails_gives_the_bridge_back(faults):
 
 @pytest.mark.parametrize(("value", "commands", "answers"), [(0, 0, 0), (1, 0, 1), (2, 1, 0)])
 def test_the_ft232h_s_purge_values_clear_what_the_chip_s_data_sheet_says(value, commands, answers):
-    """1 what the host sent (the chip's receive buffer), 2 what waits for the host; libftdi's SIO_TCOFLUSH, TCIFLUSH."""
+    """1 what the host sent (the chip's receive buffer), 2 what waits for the host; libftdi's
+    SIO_TCOFLUSH, TCIFLUSH."""
     device = VirtualFt232h(VirtualHand(VirtualClock()))
     device.control_out(0x40, 0x0B, 0x0200, 1, b"")
-    device.write(OUT_ENDPOINT, b"\xaa\x11\x00")  # a bad command, which answers, and the head of one that waits
+    # a bad command, which answers, and the head of one that waits
+    device.write(OUT_ENDPOINT, b"\xaa\x11\x00")
     device.control_out(0x40, 0x00, value, 1, b"")
     assert (bool(device._commands), bool(device._answers)) == (bool(commands), bool(answers))
 
@@ -236,5 +247,6 @@ def test_what_an_earlier_program_left_half_said_is_cleared_before_the_next_quest
     bus = bench.open_bus()
     assert isinstance(bus, Ft232h)
     bus._doubtful = True  # as after a failure
-    bench.backend.device.write(OUT_ENDPOINT, b"\x11\x40\x00")  # a write of 65 bytes, of which none came
+    # a write of 65 bytes, of which none came
+    bench.backend.device.write(OUT_ENDPOINT, b"\x11\x40\x00")
     assert bus.scan(ONE)[1].data == IDENTITY

@@ -1,4 +1,5 @@
-"""Field to force: the law of the map, its files and their errors; the bias and its warnings; eFlesh's real loads."""
+"""Field to force: the law of the map, its files and their errors; the bias and its warnings;
+eFlesh's real loads."""
 
 from __future__ import annotations
 
@@ -52,11 +53,14 @@ def made(n_sensors: int = 2, *, rest: bool = False, seed: int = 0) -> Calibratio
     rng = np.random.default_rng(seed)
     meta = Meta("made up", "2026-01-02", "N", 100, np.full((n_sensors, 3), 0.25))
     resting = rng.normal(0.0, 1000.0, (n_sensors, 3)) if rest else None
-    return Calibration(rng.normal(0.0, 0.01, (n_sensors, 3, 3)), resting, np.zeros(n_sensors, dtype=np.bool_), meta)
+    return Calibration(
+        rng.normal(0.0, 0.01, (n_sensors, 3, 3)), resting, np.zeros(n_sensors, dtype=np.bool_), meta
+    )
 
 
 def pressed(n_sensors: int = 2, *, seed: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(field [M, S, 3] uT, matrix [S, 3, 3], blocks [M]) of loads in every direction, each sensor in its turn."""
+    """(field [M, S, 3] uT, matrix [S, 3, 3], blocks [M]) of loads in every direction, each sensor
+    in its turn."""
     rng = np.random.default_rng(seed)
     matrix = np.diag([0.008, 0.009, 0.01]) + rng.normal(0.0, 0.001, (n_sensors, 3, 3))
     blocks = np.repeat(np.arange(4.0), 20)
@@ -71,15 +75,21 @@ def total(matrix: FloatArray, field: FloatArray) -> FloatArray:
 
 
 @given(FIELDS, FIELDS, st.floats(-100.0, 100.0))
-def test_the_force_of_a_sum_of_fields_is_the_sum_of_their_forces(a: FloatArray, b: FloatArray, factor: float) -> None:
+def test_the_force_of_a_sum_of_fields_is_the_sum_of_their_forces(
+    a: FloatArray, b: FloatArray, factor: float
+) -> None:
     c = made()
-    np.testing.assert_allclose(c.apply(a + factor * b), c.apply(a) + factor * c.apply(b), rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(
+        c.apply(a + factor * b), c.apply(a) + factor * c.apply(b), rtol=1e-9, atol=1e-6
+    )
 
 
 @given(FIELDS)
 def test_a_batch_is_its_rows_one_by_one(field: FloatArray) -> None:
     c = made(rest=True)
-    np.testing.assert_allclose(c.apply(field), [c.apply(row) for row in field], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(
+        c.apply(field), [c.apply(row) for row in field], rtol=1e-12, atol=1e-9
+    )
 
 
 def test_the_resting_field_is_no_force() -> None:
@@ -127,7 +137,9 @@ def test_noiseless_loads_give_back_the_matrix(seed: int, n_sensors: int) -> None
 def test_one_sensor_needs_no_axis_of_its_own() -> None:
     field, matrix, blocks = pressed(1)
     flat = fit(field[:, 0], total(matrix, field), blocks).calibration
-    np.testing.assert_array_equal(flat.matrix, fit(field, total(matrix, field), blocks).calibration.matrix)
+    np.testing.assert_array_equal(
+        flat.matrix, fit(field, total(matrix, field), blocks).calibration.matrix
+    )
 
 
 def test_the_normal_alone_leaves_the_shear_unsaid() -> None:
@@ -146,7 +158,9 @@ def test_a_held_out_block_is_judged_by_the_others_only() -> None:
     only = blocks < 3
     others = fit(field[only], force[only], blocks[only]).calibration
     error = others.apply(field[~only]).sum(axis=1) - force[~only]
-    np.testing.assert_allclose(fit(field, force, blocks).held_out_n[3], np.sqrt(np.mean(error**2, axis=0)))
+    np.testing.assert_allclose(
+        fit(field, force, blocks).held_out_n[3], np.sqrt(np.mean(error**2, axis=0))
+    )
 
 
 def test_the_held_out_error_is_the_noise_of_the_loads() -> None:
@@ -196,13 +210,20 @@ def test_a_fit_says_what_it_lacks() -> None:
 
 @st.composite
 def calibrations(draw: st.DrawFn) -> Calibration:
-    """Any numbers at all, as long as no matrix is singular: each leads with a diagonal of its own size."""
+    """Any numbers at all, as long as no matrix is singular: each leads with a diagonal of its own
+    size."""
     n = draw(st.integers(1, 6))
-    residual = draw(arrays(np.float64, (n, 3), elements=st.floats(0.0, 1e3) | st.just(float("nan"))))
-    meta = Meta(draw(st.text()), draw(st.text()), draw(st.text()), draw(st.integers(0, 10**9)), residual)
+    residual = draw(
+        arrays(np.float64, (n, 3), elements=st.floats(0.0, 1e3) | st.just(float("nan")))
+    )
+    meta = Meta(
+        draw(st.text()), draw(st.text()), draw(st.text()), draw(st.integers(0, 10**9)), residual
+    )
     rest = draw(st.none() | arrays(np.float64, (n, 3), elements=ANY))
     size = draw(st.floats(1e-300, 1e300))
-    matrix = size * (np.eye(3) + 0.1 * draw(arrays(np.float64, (n, 3, 3), elements=st.floats(-1.0, 1.0))))
+    matrix = size * (
+        np.eye(3) + 0.1 * draw(arrays(np.float64, (n, 3, 3), elements=st.floats(-1.0, 1.0)))
+    )
     return Calibration(matrix, rest, draw(arrays(np.bool_, n)), meta)
 
 
@@ -211,7 +232,9 @@ def same_bits(a: FloatArray, b: FloatArray) -> bool:
 
 
 @given(calibrations())
-def test_a_calibration_comes_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, c: Calibration) -> None:
+def test_a_calibration_comes_back_bit_for_bit(
+    tmp_path_factory: pytest.TempPathFactory, c: Calibration
+) -> None:
     back = read_calibration(write_calibration(tmp_path_factory.getbasetemp() / "c.json", c))
     assert same_bits(back.matrix, c.matrix)
     assert (back.rest_ut is None) == (c.rest_ut is None)
@@ -229,14 +252,26 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     ({"matrix_n_per_ut": []}, ChannelError, "shape no rectangle"),
     ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]}, ChannelError, "shape no rectangle"),
     ({"matrix_n_per_ut": 3.0}, ChannelError, "shape"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2}, NotANumber, "nan, which is not finite"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, float("-inf")]] * 3] * 2}, NotANumber, "-inf, which is not finite"),
+    (
+        {"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2},
+        NotANumber,
+        "nan, which is not finite",
+    ),
+    (
+        {"matrix_n_per_ut": [[[1.0, 2.0, float("-inf")]] * 3] * 2},
+        NotANumber,
+        "-inf, which is not finite",
+    ),
     ({"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2}, NotANumber, "not finite"),
     ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, NotANumber, "'3', which is no number"),
     ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, NotANumber, "None, which is no number"),
     ({"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2}, NotANumber, "True, which is no number"),
     ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, DataError, "sensor 1 is singular"),
-    ({"matrix_n_per_ut": [np.eye(3).tolist(), [[1.0, 2.0, 3.0], [0.0] * 3, [2.0, 4.0, 6.0]]]}, DataError, "sensor 2"),
+    (
+        {"matrix_n_per_ut": [np.eye(3).tolist(), [[1.0, 2.0, 3.0], [0.0] * 3, [2.0, 4.0, 6.0]]]},
+        DataError,
+        "sensor 2",
+    ),
     ({"rest_ut": [[0.0, 0.0, 0.0]]}, ChannelError, r"rest_ut has shape \[1, 3\], not \[2, 3\]"),
     ({"reversed": [False]}, ChannelError, "reversed is not 2 times"),
     ({"reversed": [0, 1]}, ChannelError, "reversed is not 2 times"),
@@ -247,7 +282,9 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
 
 
 @SINGULAR.mark
-@pytest.mark.parametrize(("change", "error", "says"), BROKEN, ids=[f"{k}" for k in range(len(BROKEN))])
+@pytest.mark.parametrize(
+    ("change", "error", "says"), BROKEN, ids=[f"{k}" for k in range(len(BROKEN))]
+)
 def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
     tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str
 ) -> None:
@@ -258,7 +295,9 @@ def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
     assert type(told.value) is error
 
 
-@pytest.mark.parametrize("missing", ["format", "kind", "matrix_n_per_ut", "rest_ut", "reversed", "date", "residual_n"])
+@pytest.mark.parametrize(
+    "missing", ["format", "kind", "matrix_n_per_ut", "rest_ut", "reversed", "date", "residual_n"]
+)
 def test_a_missing_entry_is_named(tmp_path: Path, missing: str) -> None:
     path = write_calibration(tmp_path / "c.json", made())
     content = json.loads(path.read_text())
@@ -268,7 +307,9 @@ def test_a_missing_entry_is_named(tmp_path: Path, missing: str) -> None:
         read_calibration(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"Time,X1\n", b"[" * 100_000], ids=range(5))
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"\xff\xfe", b"Time,X1\n", b"[" * 100_000], ids=range(5)
+)
 def test_what_is_not_json_is_called_that(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "c.json"
     path.write_bytes(content)
@@ -296,7 +337,9 @@ def test_a_calibration_that_is_not_there_names_the_command_that_makes_one(tmp_pa
 
 def resting(n: int = 300, n_sensors: int = 6) -> FloatArray:
     """[T, C] uT of an untouched hand, with the noise the chip has."""
-    noise = np.random.default_rng(7).normal(0.0, 1.0, (n, 3 * n_sensors)) * np.tile([22.0, 22.0, 11.0], n_sensors)
+    noise = np.random.default_rng(7).normal(0.0, 1.0, (n, 3 * n_sensors)) * np.tile(
+        [22.0, 22.0, 11.0], n_sensors
+    )
     return np.tile([120.0, -80.0, 2300.0], n_sensors) + noise
 
 
@@ -368,7 +411,9 @@ def test_a_reversed_magnet_is_found_and_named() -> None:
 
 
 @given(st.integers(0, 5), st.floats(-250.0, 250.0))
-def test_a_magnet_is_reversed_below_the_floor_and_never_above(sensor: int, normal_ut: float) -> None:
+def test_a_magnet_is_reversed_below_the_floor_and_never_above(
+    sensor: int, normal_ut: float
+) -> None:
     rows = np.full((30, 18), 500.0)
     rows[:, 3 * sensor + 2] = normal_ut
     assert bias_of(rows, "uT", normal_floor=100.0)[0].reversed[sensor] == (normal_ut < -100.0)
@@ -388,13 +433,25 @@ def test_counts_have_no_usual_noise_so_it_must_be_given() -> None:
 
 
 @given(st.integers(1, 6), st.data())
-def test_a_bias_comes_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, n: int, data: st.DataObject) -> None:
+def test_a_bias_comes_back_bit_for_bit(
+    tmp_path_factory: pytest.TempPathFactory, n: int, data: st.DataObject
+) -> None:
     numbers = arrays(np.float64, 3 * n, elements=ANY)
-    bias = Bias(data.draw(numbers), data.draw(numbers), data.draw(st.integers(0)), "N", data.draw(arrays(np.bool_, n)))
+    bias = Bias(
+        data.draw(numbers),
+        data.draw(numbers),
+        data.draw(st.integers(0)),
+        "N",
+        data.draw(arrays(np.bool_, n)),
+    )
     back = read_bias(write_bias(tmp_path_factory.getbasetemp() / "b.json", bias))
     assert same_bits(back.values, bias.values)
     assert same_bits(back.spread, bias.spread)
-    assert (back.n, back.unit, back.reversed.tolist()) == (bias.n, bias.unit, bias.reversed.tolist())
+    assert (back.n, back.unit, back.reversed.tolist()) == (
+        bias.n,
+        bias.unit,
+        bias.reversed.tolist(),
+    )
 
 
 @pytest.mark.parametrize(
@@ -409,7 +466,9 @@ def test_a_bias_comes_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory,
         ({"format": "1"}, DataError, "format '1' is not known"),
     ],
 )
-def test_a_broken_bias_is_refused(tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str) -> None:
+def test_a_broken_bias_is_refused(
+    tmp_path: Path, change: dict[str, Any], error: type[DataError], says: str
+) -> None:
     path = write_bias(tmp_path / "b.json", bias_of(resting(), "uT")[0])
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     with pytest.raises(error, match=f"b.json: .*{says}.*next: take the bias again"):
@@ -425,13 +484,17 @@ def calibrate_with(*words: str | Path) -> int:
     return calibrate.run(parser.parse_args([str(word) for word in words]))
 
 
-def write_loads(path: Path, *, n_probings: int = 6, reversed_sensor: int | None = None) -> FloatArray:
+def write_loads(
+    path: Path, *, n_probings: int = 6, reversed_sensor: int | None = None
+) -> FloatArray:
     """A CSV of two fingertips pressed in turn; returns their matrices."""
     rng = np.random.default_rng(3)
     matrix = pressed()[1]
     pieces = []
     for k in range(n_probings):
-        ramp = np.concatenate([np.zeros(10), np.sin(np.linspace(0.0, np.pi, 40)), np.zeros(3)])[:, None]
+        ramp = np.concatenate([np.zeros(10), np.sin(np.linspace(0.0, np.pi, 40)), np.zeros(3)])[
+            :, None
+        ]
         force = np.zeros((53, 2, 3))
         side = ramp * np.roll(ramp, 3) * rng.normal(0.0, 2.0, 3)
         force[:, k % 2] = ramp * [rng.normal(), rng.normal(), 8.0] + side
@@ -442,7 +505,9 @@ def write_loads(path: Path, *, n_probings: int = 6, reversed_sensor: int | None 
     if reversed_sensor is not None:
         sign[reversed_sensor] = -1.0
     field = sign * (field + np.array([100.0, 50.0, 2000.0]))
-    table = np.column_stack([np.arange(len(force)) / 100.0, field.reshape(len(force), 6), force.sum(axis=1)])
+    table = np.column_stack(
+        [np.arange(len(force)) / 100.0, field.reshape(len(force), 6), force.sum(axis=1)]
+    )
     header = ",".join(("Time", *channel_names(2), "Fx", "Fy", "Fz"))
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.12g")
     return matrix
@@ -467,7 +532,9 @@ def test_loads_in_a_csv_file_become_a_calibration(
     assert "6 probings, 318 rows, 2 sensors" in capsys.readouterr().out
 
 
-def test_rows_with_a_lost_value_are_left_out_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_with_a_lost_value_are_left_out_and_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_loads(tmp_path / "loads.csv")
     lines = (tmp_path / "loads.csv").read_text().splitlines()
     lines[30] = ",".join(["nan" if k == 2 else cell for k, cell in enumerate(lines[30].split(","))])
@@ -493,7 +560,9 @@ def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
         ("", ColumnError, "Time"),
     ],
 )
-def test_a_csv_file_in_another_layout_is_refused(tmp_path: Path, text: str, error: type[DataError], says: str) -> None:
+def test_a_csv_file_in_another_layout_is_refused(
+    tmp_path: Path, text: str, error: type[DataError], says: str
+) -> None:
     (tmp_path / "loads.csv").write_text(text)
     with pytest.raises(error, match=f"loads.csv: .*{says}"):
         calibrate_with(tmp_path / "loads.csv", "--out", tmp_path / "c.json")
@@ -507,23 +576,36 @@ def test_a_folder_without_probings_says_what_belongs_there(tmp_path: Path) -> No
 
 
 def write_probings(root: Path, newtons_in_a_unit: float) -> Path:
-    """A pad of one sensor that is a little off a line (0.5 N), probed 12 mm deep up to 34 N, as eFlesh's is."""
+    """A pad of one sensor that is a little off a line (0.5 N), probed 12 mm deep up to 34 N, as
+    eFlesh's is."""
     rng = np.random.default_rng(5)
     for k in range(2):
         folder = root / "normal_force" / f"probe_{k}"
         folder.mkdir(parents=True)
         depth = np.tile(np.concatenate([np.linspace(0, 12, 50), np.linspace(12, 0, 50)]), 4)
         force = 34.0 * (depth / 12.0)
-        field = np.column_stack([force * 10.0, force * 5.0, force * 60.0]) + rng.normal(0.0, 30.0, (400, 3))
+        field = np.column_stack([force * 10.0, force * 5.0, force * 60.0]) + rng.normal(
+            0.0, 30.0, (400, 3)
+        )
         load = np.where(np.arange(400) % 2, -1.0, np.round(force / newtons_in_a_unit, 2))
         zero = np.zeros(400)
-        np.savetxt(folder / "sensor_post_baselines.csv", np.column_stack([zero, field]), delimiter=",")
-        np.savetxt(folder / "states.csv", np.column_stack([zero, zero, zero, 288.0 - depth, load]), delimiter=",")
+        np.savetxt(
+            folder / "sensor_post_baselines.csv", np.column_stack([zero, field]), delimiter=","
+        )
+        np.savetxt(
+            folder / "states.csv",
+            np.column_stack([zero, zero, zero, 288.0 - depth, load]),
+            delimiter=",",
+        )
     return root
 
 
-@pytest.mark.parametrize(("unit", "newtons"), [("gram-force", 9.80665e-3), ("newton", 1.0), ("millinewton", 1e-3)])
-def test_the_unit_of_the_load_is_found_in_the_readings(tmp_path: Path, unit: str, newtons: float) -> None:
+@pytest.mark.parametrize(
+    ("unit", "newtons"), [("gram-force", 9.80665e-3), ("newton", 1.0), ("millinewton", 1e-3)]
+)
+def test_the_unit_of_the_load_is_found_in_the_readings(
+    tmp_path: Path, unit: str, newtons: float
+) -> None:
     study = calibrate.read_studies(write_probings(tmp_path, newtons))[0]
     assert study.load_unit == unit
     assert study.force_n[:, 2].max() == pytest.approx(34.0, abs=0.01)
@@ -537,7 +619,9 @@ def test_a_row_that_says_minus_one_has_no_load_and_is_left_out(tmp_path: Path) -
 
 
 def test_loads_in_no_unit_we_know_are_refused_with_the_evidence(tmp_path: Path) -> None:
-    with pytest.raises(UnitError, match=r"fits no unit we know.*as newton: largest 3.4e\+05 N.*: out"):
+    with pytest.raises(
+        UnitError, match=r"fits no unit we know.*as newton: largest 3.4e\+05 N.*: out"
+    ):
         calibrate.read_studies(write_probings(tmp_path, 1e-4))
 
 
@@ -576,9 +660,16 @@ def eflesh() -> Path:
 def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
     eflesh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    calibrate_with(eflesh, "--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2025-04-16")
+    calibrate_with(
+        eflesh, "--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2025-04-16"
+    )
     normal, shear = json.loads((tmp_path / "f.json").read_text())["studies"]
-    assert (normal["rows"], len(normal["probings"]), shear["rows"], len(shear["probings"])) == (5580, 3, 7350, 2)
+    assert (normal["rows"], len(normal["probings"]), shear["rows"], len(shear["probings"])) == (
+        5580,
+        3,
+        7350,
+        2,
+    )
     assert normal["load_unit"] == shear["load_unit"] == "gram-force"
     assert normal["models"]["one matrix"]["normal"]["rmse_n"] == pytest.approx(0.69, abs=0.01)
     assert shear["models"]["one matrix"]["shear"]["rmse_n"] == pytest.approx(0.50, abs=0.01)

@@ -1,4 +1,5 @@
-"""A camera beside the hand, through depthai itself: its own pipeline without a device, only the frames are drawn.
+"""A camera beside the hand, through depthai itself: its own pipeline without a device, only the
+frames are drawn.
 
 depthai runs in processes of its own: what crashes it fails one test, not the run.
 """
@@ -58,7 +59,10 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pull and a loaded hold, simulated with their frames."""
     folder = tmp_path_factory.mktemp("filmed")
     (folder / "card.toml").write_text(CARD, encoding="utf-8")
-    assert main(["simulate", str(folder / "card.toml"), "--out", str(folder / "set"), "--seed", "1"]) == 0
+    assert (
+        main(["simulate", str(folder / "card.toml"), "--out", str(folder / "set"), "--seed", "1"])
+        == 0
+    )
     return folder / "set"
 
 
@@ -79,7 +83,10 @@ def test_drawn_tags_of_known_motion_are_tracked_to_a_twentieth_of_a_pixel(record
 
 def test_a_covered_tag_and_one_seen_twice_are_gaps(recorded):
     tracks = read_tracks(recorded)
-    hidden = {tag: np.flatnonzero(np.isnan(tracks.of(tag)[:, 0, 0])).tolist() for tag in (OBJECT_TAG, HAND_TAG)}
+    hidden = {
+        tag: np.flatnonzero(np.isnan(tracks.of(tag)[:, 0, 0])).tolist()
+        for tag in (OBJECT_TAG, HAND_TAG)
+    }
     assert hidden == {OBJECT_TAG: list(TWICE), HAND_TAG: list(COVERED)}
 
 
@@ -166,7 +173,9 @@ print(json.dumps({"slowly": slowly}))
     assert told["slowly"] == list(range(N_FRAMES))
 
 
-def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_digit(recorded, tmp_path):
+def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_digit(
+    recorded, tmp_path
+):
     done = command("watch", "--camera", recorded, "--out", tmp_path / "again")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "again/tags.csv").read_bytes() == (recorded / "tags.csv").read_bytes()
@@ -174,8 +183,17 @@ def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_d
 
 def test_what_was_recorded_is_told_beside_it(recorded):
     about = read_about(recorded)
-    numbers = {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "quad_decimate": 2, "frames": N_FRAMES}
-    assert about.items() >= (numbers | {"in_video": N_FRAMES, "lost": 0, "void": None, "clock": "trial"}).items()
+    numbers = {
+        "fps": FPS,
+        "exposure_ms": 2.0,
+        "tag_mm": 10.0,
+        "quad_decimate": 2,
+        "frames": N_FRAMES,
+    }
+    assert (
+        about.items()
+        >= (numbers | {"in_video": N_FRAMES, "lost": 0, "void": None, "clock": "trial"}).items()
+    )
 
 
 def test_nothing_recorded_is_written_over(drawn, recorded):

@@ -1,4 +1,5 @@
-"""A camera when something fails: none there, a stream or a video that ends early, a full disk, a bad lens."""
+"""A camera when something fails: none there, a stream or a video that ends early, a full disk, a
+bad lens."""
 
 from __future__ import annotations
 
@@ -60,7 +61,11 @@ def test_what_the_user_has_set_stays_and_is_told(tmp_path):
 def test_without_depthai_the_error_names_the_extra(tmp_path):
     code = f"import sys; sys.modules['depthai'] = None; from holdfast.cli import main; sys.exit(main({WORDS!r}))"
     done = process("-c", code.replace("OUT", str(tmp_path / "out")))
-    assert (done.returncode, "LibraryMissing" in done.stderr, "holdfast[camera]" in done.stderr) == (6, True, True)
+    assert (
+        done.returncode,
+        "LibraryMissing" in done.stderr,
+        "holdfast[camera]" in done.stderr,
+    ) == (6, True, True)
 
 
 WORDS = ["watch", "--camera", "oak", "--tag-mm", "10", "--out", "OUT"]
@@ -73,7 +78,11 @@ def collector() -> Iterator[tuple[str, list[str]]]:
 
     class Collector(http.server.BaseHTTPRequestHandler):
         def do_POST(self) -> None:
-            heard.append(self.rfile.read(int(self.headers.get("content-length", 0))).decode("utf-8", "replace"))
+            heard.append(
+                self.rfile.read(int(self.headers.get("content-length", 0))).decode(
+                    "utf-8", "replace"
+                )
+            )
             self.send_response(200)
             self.end_headers()
 
@@ -155,7 +164,16 @@ watch(Stored("drawn", source.lens, killed()), Path(sys.argv[2]), say=quiet)
 
 @pytest.mark.parametrize("limit", [60_000, 4_000])
 def test_a_full_disk_is_an_error_though_depthai_says_nothing(drawn, tmp_path, limit):
-    done = process("-m", "holdfast", "watch", "--camera", str(drawn[0]), "--out", str(tmp_path), file_limit=limit)
+    done = process(
+        "-m",
+        "holdfast",
+        "watch",
+        "--camera",
+        str(drawn[0]),
+        "--out",
+        str(tmp_path),
+        file_limit=limit,
+    )
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert (done.returncode, len(errors)) == (5, 1), done.stderr
     assert "OutputError" in errors[0]
@@ -176,13 +194,19 @@ def cut(recorded: Path, folder: Path, name: str, share: float) -> None:
     """A copy of a recording, one file of it cut off."""
     for path in recorded.iterdir():
         (folder / path.name).write_bytes(path.read_bytes())
-    (folder / name).write_bytes((folder / name).read_bytes()[: int(share * (folder / name).stat().st_size)])
+    (folder / name).write_bytes(
+        (folder / name).read_bytes()[: int(share * (folder / name).stat().st_size)]
+    )
 
 
-@pytest.mark.parametrize(("name", "share"), [("camera.mkv", 0.0), ("camera.mcap", 0.0), ("tags.csv", 0.5)])
+@pytest.mark.parametrize(
+    ("name", "share"), [("camera.mkv", 0.0), ("camera.mcap", 0.0), ("tags.csv", 0.5)]
+)
 def test_a_recording_cut_off_is_refused(recorded, tmp_path, name, share):
     cut(recorded, tmp_path, name, share)
-    assert program(READ, tmp_path)["error"] == ("ColumnError" if name == "camera.mcap" else "EmptyRecording")
+    assert program(READ, tmp_path)["error"] == (
+        "ColumnError" if name == "camera.mcap" else "EmptyRecording"
+    )
 
 
 def test_half_a_video_is_refused_where_it_was_whole_once_and_read_as_far_as_it_goes_where_a_kill_ended_it(
@@ -213,7 +237,9 @@ def test_a_video_of_another_time_gives_a_trial_no_onset(tmp_path, capsys):
 
 @pytest.mark.parametrize("size", [(159, 240), (160, 239)])
 def test_frames_that_no_video_holds_without_loss_are_refused(tmp_path, size):
-    path = write_frames(tmp_path / "odd.frames.npz", np.arange(3) / FPS, np.zeros((3, *size), dtype=np.uint8))
+    path = write_frames(
+        tmp_path / "odd.frames.npz", np.arange(3) / FPS, np.zeros((3, *size), dtype=np.uint8)
+    )
     done = command("watch", "--camera", path, "--out", tmp_path / "out")
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert (done.returncode, len(errors)) == (3, 1), done.stderr
@@ -222,11 +248,17 @@ def test_frames_that_no_video_holds_without_loss_are_refused(tmp_path, size):
 
 
 @pytest.mark.parametrize(
-    ("name", "number"), [("fps", np.nan), ("fps", -60.0), ("fps", 0.3), ("tag_mm", 0.0), ("exposure_ms", -2.0)]
+    ("name", "number"),
+    [("fps", np.nan), ("fps", -60.0), ("fps", 0.3), ("tag_mm", 0.0), ("exposure_ms", -2.0)],
 )
 def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(tmp_path, name, number):
     said = {name: number}
-    path = write_frames(tmp_path / "some.frames.npz", np.arange(3) / FPS, np.zeros((3, 8, 8), dtype=np.uint8), **said)
+    path = write_frames(
+        tmp_path / "some.frames.npz",
+        np.arange(3) / FPS,
+        np.zeros((3, 8, 8), dtype=np.uint8),
+        **said,
+    )
     with pytest.raises(EmptyRecording, match=r"some\.frames\.npz"):
         read_frames(path)
     write_about(tmp_path, {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "clock": "trial"} | said)
@@ -236,7 +268,9 @@ def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(tmp_path, nam
 
 def test_stamps_may_begin_before_zero(tmp_path):
     stamps_s = np.arange(5) / FPS - 30.0
-    path = write_frames(tmp_path / "early.frames.npz", stamps_s, np.zeros((5, 64, 64), dtype=np.uint8))
+    path = write_frames(
+        tmp_path / "early.frames.npz", stamps_s, np.zeros((5, 64, 64), dtype=np.uint8)
+    )
     done = command("watch", "--camera", path, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(read_tracks(tmp_path / "out").t_s, stamps_s - 1e-3, atol=1.1e-6)

@@ -22,7 +22,14 @@ from drivers.camera import sources
 from drivers.camera.library import QUIET
 from drivers.camera.recording import TagFile, read_tracks
 from drivers.camera.sources import read_frames
-from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, HoldfastError, NotANumber, TimeError
+from edge_runtime.errors import (
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    HoldfastError,
+    NotANumber,
+    TimeError,
+)
 from holdfast.cli import main
 from simulation.camera.apriltag import cells
 from simulation.camera.frames import HAND_TAG, OBJECT_TAG
@@ -48,9 +55,14 @@ def spoil(path: Path, how: str) -> None:
 
 
 SPOILT: dict[str, type[HoldfastError]] = {
-    "absent": DataNotFound, "garbage": EmptyRecording, "a number missing": ColumnError,
-    "other lengths": EmptyRecording, "not grey": EmptyRecording, "backwards": TimeError, "cut": EmptyRecording,
-}  # fmt: skip
+    "absent": DataNotFound,
+    "garbage": EmptyRecording,
+    "a number missing": ColumnError,
+    "other lengths": EmptyRecording,
+    "not grey": EmptyRecording,
+    "backwards": TimeError,
+    "cut": EmptyRecording,
+}
 
 
 @pytest.mark.parametrize("how", SPOILT)
@@ -90,13 +102,19 @@ def test_onset_counts_from_the_first_tactile_sample_and_leaves_other_events_alon
     first, mine = map(json.loads, (tmp_path / "events.jsonl").read_text().splitlines())
     assert first == json.loads(other)
     assert mine["t0_s"] == pytest.approx(0.55, abs=0.003)
-    assert (mine["label"], mine["provenance"], mine["by"]) == ("safe_slip", "camera", "holdfast onset")
+    assert (mine["label"], mine["provenance"], mine["by"]) == (
+        "safe_slip",
+        "camera",
+        "holdfast onset",
+    )
 
 
 def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, capsys):
     hand_made(tmp_path, at_s=5000.0, slides_at_s=0.8)
     assert main(["onset", str(tmp_path), "--action", "pull"]) == 0
-    assert json.loads((tmp_path / "events.jsonl").read_text())["t0_s"] == pytest.approx(0.8, abs=0.003)
+    assert json.loads((tmp_path / "events.jsonl").read_text())["t0_s"] == pytest.approx(
+        0.8, abs=0.003
+    )
 
 
 @pytest.mark.parametrize(
@@ -126,7 +144,14 @@ def test_a_gross_distance_within_what_the_pads_give_is_refused(tmp_path, capsys)
     for name, slides_at_s in (("slid", 0.8), ("held", 1.3)):
         (tmp_path / name).mkdir()
         hand_made(tmp_path / name, at_s=0.0, slides_at_s=slides_at_s)
-    words = ("onset", str(tmp_path / "slid"), "--action", "pull", "--no-slip", str(tmp_path / "held"))
+    words = (
+        "onset",
+        str(tmp_path / "slid"),
+        "--action",
+        "pull",
+        "--no-slip",
+        str(tmp_path / "held"),
+    )
     assert main([*words, "--gross-mm", "3"]) == 2
     assert "within the elastic shear" in capsys.readouterr().err
     assert main(words) == 0
@@ -162,22 +187,44 @@ print(json.dumps({"between": between, "lacks": [name for one, name in names if n
 def test_the_printed_sheet_holds_both_tags_at_their_size():
     sheet = ElementTree.fromstring(camera_page.sheet())
     assert (sheet.get("width"), sheet.get("viewBox")) == ("120mm", "0 0 120 50")
-    black = [{key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")} for shape in sheet][1:]
+    black = [
+        {key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")} for shape in sheet
+    ][1:]
     left = [shape for shape in black if shape["width"] == 1.25]
     assert len(left) == sum(int((cells(tag) == 0).sum()) for tag in (OBJECT_TAG, HAND_TAG))
-    assert max(shape["x"] for shape in left if shape["x"] < 30) + 1.25 - min(shape["x"] for shape in left) == 10.0
+    assert (
+        max(shape["x"] for shape in left if shape["x"] < 30)
+        + 1.25
+        - min(shape["x"] for shape in left)
+        == 10.0
+    )
 
 
 def test_the_page_of_the_camera_is_made_of_what_was_measured():
     numbers = {f"{name}_p{q}_ms": 1.25 for name in ("start", "seen", "gross") for q in (5, 50, 95)}
-    row = {"fps": 60.0, "mm_per_s2": 42.0, "n": 3, "found": 2, "hidden": 1, "start_worst_ms": 7.7, "within_10_ms": 1.0}
-    page = camera_page.page({"ramps": [row | numbers], "pulls": [row | numbers], "held": [{"n": 5, "onsets": 0}]})
+    row = {
+        "fps": 60.0,
+        "mm_per_s2": 42.0,
+        "n": 3,
+        "found": 2,
+        "hidden": 1,
+        "start_worst_ms": 7.7,
+        "within_10_ms": 1.0,
+    }
+    page = camera_page.page(
+        {"ramps": [row | numbers], "pulls": [row | numbers], "held": [{"n": 5, "onsets": 0}]}
+    )
     assert "| 60 | 42 | 3 | 2 | 1 | 1.2 / 1.2 / 1.2 |" in page
     assert "simulated" in page
 
 
 def test_depthai_is_imported_in_one_file_and_by_no_help():
-    files = {file for room in MAY_IMPORT for file, names in imports_by_file(room).items() if "depthai" in names}
+    files = {
+        file
+        for room in MAY_IMPORT
+        for file, names in imports_by_file(room).items()
+        if "depthai" in names
+    }
     assert files == {"drivers/camera/library.py"}
     code = "import sys; from holdfast import onset, watch; import drivers.camera.graph; print('depthai' in sys.modules)"
     assert process("-c", code).stdout == "False\n"

@@ -1,4 +1,5 @@
-"""From frames to the label: the onset of a pull, none in a hold, and tags printed in another size."""
+"""From frames to the label: the onset of a pull, none in a hold, and tags printed in another
+size."""
 
 from __future__ import annotations
 
@@ -21,7 +22,9 @@ from training.timeline import read_truth
 def test_the_fitted_onset_of_author_pulls_is_within_ten_ms_of_the_first_sliding():
     told = program("from benchmarks.onset import pulls; print(json.dumps(pulls(6, [60.0])[0]))")
     assert told["n"] == told["found"] + told["hidden"] == 6
-    assert told["found"] >= 5, "one of them is out of the picture two frames after it begins to slide"
+    assert told["found"] >= 5, (
+        "one of them is out of the picture two frames after it begins to slide"
+    )
     assert told["start_worst_ms"] < 10.0
     assert abs(told["gross_p50_ms"]) < 3.0
 
@@ -33,7 +36,11 @@ def test_onset_writes_a_label_of_the_camera_s_beside_the_trial_and_leaves_its_tr
     assert done.returncode == 0, done.stderr
     assert trial.with_suffix(".truth.json").read_bytes() == truth
     (phase,) = json.loads(trial.with_suffix(".onset.json").read_text("utf-8"))["phases"]
-    assert (phase["label"], phase["provenance"], phase["by"]) == ("risky_slip", "camera", "holdfast onset")
+    assert (phase["label"], phase["provenance"], phase["by"]) == (
+        "risky_slip",
+        "camera",
+        "holdfast onset",
+    )
     assert phase["t0_s"] == phase["onset_s"] < phase["gross_s"] < phase["t1_s"]
     assert phase["onset_s"] == pytest.approx(json.loads(truth)["incipient_slip_s"], abs=0.025)
     t_s = np.loadtxt(trial, delimiter=",", skiprows=1, usecols=0)
@@ -62,8 +69,12 @@ def test_a_tag_printed_in_another_size_is_refused_by_its_size(tmp_path):
     assert not (tmp_path / "trial_1.onset.json").exists()
 
 
-def test_tags_of_two_sizes_are_told_as_soon_as_they_were_watched_and_what_was_watched_is_kept(tmp_path):
-    done = command("watch", "--camera", two_sizes(tmp_path / "some.frames.npz"), "--out", tmp_path / "out")
+def test_tags_of_two_sizes_are_told_as_soon_as_they_were_watched_and_what_was_watched_is_kept(
+    tmp_path,
+):
+    done = command(
+        "watch", "--camera", two_sizes(tmp_path / "some.frames.npz"), "--out", tmp_path / "out"
+    )
     assert done.returncode == 3
     assert [line for line in done.stderr.splitlines() if "TagError" in line and "12.5" in line]
     assert read_about(tmp_path / "out")["void"] is None
@@ -71,11 +82,15 @@ def test_tags_of_two_sizes_are_told_as_soon_as_they_were_watched_and_what_was_wa
     assert (tmp_path / "out/camera.mkv").stat().st_size > 0
 
 
-def test_a_measured_distance_finds_two_tags_that_a_printer_scaled_alike_and_stays_with_the_recording(drawn, tmp_path):
+def test_a_measured_distance_finds_two_tags_that_a_printer_scaled_alike_and_stays_with_the_recording(
+    drawn, tmp_path
+):
     apart_mm = 2.0 * AWAY_SIDES * 10.0
     for name, factor, code in (("right", 1.0, 0), ("wrong", 0.92, 3)):
         out = tmp_path / name
-        done = command("watch", "--camera", drawn[0], "--out", out, "--apart-mm", f"{factor * apart_mm:g}")
+        done = command(
+            "watch", "--camera", drawn[0], "--out", out, "--apart-mm", f"{factor * apart_mm:g}"
+        )
         assert done.returncode == code, done.stderr
         assert read_about(out)["apart_mm"] == pytest.approx(factor * apart_mm)
         again = command("onset", out, "--action", "pull")
@@ -85,7 +100,11 @@ def test_a_measured_distance_finds_two_tags_that_a_printer_scaled_alike_and_stay
 
 @pytest.mark.parametrize("side", ["0.00996", "0.996", "996", "0", "nan", "one"])
 def test_a_printed_side_that_is_no_millimetre_is_a_usage_error(tmp_path, capsys, side):
-    for words in (("watch", "--camera", "oak"), ("record", "--source", "x", "--person", "p01"), ("onset",)):
+    for words in (
+        ("watch", "--camera", "oak"),
+        ("record", "--source", "x", "--person", "p01"),
+        ("onset",),
+    ):
         out = ("--out", str(tmp_path / "new")) if words != ("onset",) else (str(tmp_path),)
         assert main([*words, *out, "--tag-mm", side]) == 2
         err = capsys.readouterr().err

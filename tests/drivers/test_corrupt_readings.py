@@ -1,4 +1,5 @@
-"""What the chip's own CRC is for: flipped bits and two chips at one address never make a wrong valid reading."""
+"""What the chip's own CRC is for: flipped bits and two chips at one address never make a wrong
+valid reading."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ def packets(seed: int, count: int) -> list[bytes]:
     """Packets of a chip at ADDRESS, with noise in their last bits."""
     rng = np.random.default_rng(seed)
     mean = rng.integers(-20_000, 20_000, size=3)
-    rows = [LAYOUT.pack(*(mean + rng.integers(-20, 20, size=3)), k % 8 << 5 | 1) for k in range(count)]
+    rows = [
+        LAYOUT.pack(*(mean + rng.integers(-20, 20, size=3)), k % 8 << 5 | 1) for k in range(count)
+    ]
     return [row + bytes([packet_crc(ADDRESS, row)]) for row in rows]
 
 
@@ -46,7 +49,9 @@ def wired_and(*sent: bytes) -> bytes:
 
 def trusted() -> PacketCheck:
     check = PacketCheck()
-    assert [check.believes(ADDRESS, one) for one in packets(0, TEST_PACKETS)] == [False] * TEST_PACKETS
+    assert [check.believes(ADDRESS, one) for one in packets(0, TEST_PACKETS)] == [
+        False
+    ] * TEST_PACKETS
     assert check.trusted
     return check
 
@@ -93,7 +98,9 @@ def test_after_two_that_do_not_fit_the_test_begins_anew():
     for one in packets(1, 2):
         assert not check.believes(ADDRESS, one[:-1] + b"\0")
     assert check.failures == 1
-    assert [check.believes(ADDRESS, one) for one in packets(2, 10)] == [False] * TEST_PACKETS + [True] * 2
+    assert [check.believes(ADDRESS, one) for one in packets(2, 10)] == [False] * TEST_PACKETS + [
+        True
+    ] * 2
     assert check.failures == 0
 
 
@@ -118,7 +125,11 @@ def test_two_chips_at_one_address_never_pass_the_test():
     fits = tests = 0
     for seed in range(300):
         check = PacketCheck()
-        pairs = zip(packets(2 * seed, MOST_TEST_PACKETS), packets(2 * seed + 1, MOST_TEST_PACKETS), strict=True)
+        pairs = zip(
+            packets(2 * seed, MOST_TEST_PACKETS),
+            packets(2 * seed + 1, MOST_TEST_PACKETS),
+            strict=True,
+        )
         for one in (wired_and(*pair) for pair in pairs):
             check.believes(ADDRESS, one)
             fits += one[-1] == packet_crc(ADDRESS, one[:-1])
@@ -135,9 +146,14 @@ def second_chip(bench: Bench, finger: int, version: int = 1) -> Chip:
     """Another chip of the same version at a finger's address, behind the same channel."""
     virtual, first = bench.virtual, bench.virtual.chips[finger - 1]
     other = Chip(
-        finger, first.factory_address, version, lambda now_s: [9000.0, -7000.0, 12000.0], bench.clock, virtual.faults,
+        finger,
+        first.factory_address,
+        version,
+        lambda now_s: [9000.0, -7000.0, 12000.0],
+        bench.clock,
+        virtual.faults,
         seed=99,
-    )  # fmt: skip
+    )
     next(channel for channel in virtual.mux.channels if first in channel).append(other)
     return other
 
@@ -165,7 +181,9 @@ def test_a_second_chip_that_appears_while_the_hand_is_read_makes_every_reading_o
     assert all(reading.valid[1:].all() for reading in readings)
 
 
-def test_a_chip_without_a_crc_is_read_unchecked_and_said_refused_or_not_asked_as_the_crc_option_says(monkeypatch):
+def test_a_chip_without_a_crc_is_read_unchecked_and_said_refused_or_not_asked_as_the_crc_option_says(
+    monkeypatch,
+):
     def without_crc(chip: Any, address: int) -> bytes | None:
         sent = burst(chip, address)
         return sent and sent[:PACKET_BYTES]
@@ -173,7 +191,9 @@ def test_a_chip_without_a_crc_is_read_unchecked_and_said_refused_or_not_asked_as
     burst = Chip._burst
     monkeypatch.setattr(Chip, "_burst", without_crc)
     auto, off = started(), started(crc="off")
-    assert auto.said == [f"finger {k}: sends no CRC, its readings are unchecked (crc=auto)" for k in range(1, 7)]
+    assert auto.said == [
+        f"finger {k}: sends no CRC, its readings are unchecked (crc=auto)" for k in range(1, 7)
+    ]
     assert off.said == []
     for bench in (auto, off):
         assert all(reading.valid.all() for reading in bench.read_for(0.1))
@@ -212,7 +232,8 @@ class OnTheBoard(Bench):
 
 
 def wrong_and_valid(scans: int, crc: Any = "auto") -> tuple[int, int]:
-    """Valid readings that no chip of their finger has converted, and valid readings, with one bit in 10^4 flipped."""
+    """Valid readings that no chip of their finger has converted, and valid readings, with one bit
+    in 10^4 flipped."""
     bench = OnTheBoard(track=Track(np.array([0.0]), DIFFERENT_UT), crc=crc)
     bench.virtual.wire.noise = Noise(1e-4)
     try:

@@ -20,7 +20,8 @@ from edge_runtime.errors import DeviceNotFound, WrongDevice
 from holdfast.cli import main
 
 EIGHT_BITS = 0x36
-"""DEVICE_CONFIG_1 of a chip that answers packets of 8 bits an axis, which our driver never asks for."""
+"""DEVICE_CONFIG_1 of a chip that answers packets of 8 bits an axis, which our driver never asks
+for."""
 SIX = "0:35,0:22,0:78,0:44,1:35,1:22"
 
 
@@ -82,7 +83,9 @@ def test_a_chip_with_registers_at_a_sensor_s_own_address_is_only_read(address, m
 
 @FOREIGN_CHIP.mark
 @pytest.mark.parametrize("layout", ["35,0:22", "0:35>50,0:22"])
-def test_a_layout_that_names_a_foreign_chip_s_address_starts_no_hand_and_leaves_it_as_it_was(layout):
+def test_a_layout_that_names_a_foreign_chip_s_address_starts_no_hand_and_leaves_it_as_it_was(
+    layout,
+):
     chip = eeprom(0x50 if ">" in layout else 0x35)
     bench, before = with_chips(chip, layout=layout, on_wire="mux")
     with pytest.raises(WrongDevice, match="no TMAG5273"):
@@ -104,7 +107,9 @@ def test_a_chip_that_is_no_mux_at_the_mux_s_address_is_written_to_by_no_hand():
 @pytest.mark.parametrize("layout", ["mux@71", "moved@71"])
 def test_fingers_asked_together_reset_no_foreign_chip_by_the_general_call(layout):
     chips = [Pca9685(), Ads1115(), Expander()]
-    bench, before = with_chips(*chips, layout=layout, on_wire=layout[: layout.index("@")], setup=Setup(together=True))
+    bench, before = with_chips(
+        *chips, layout=layout, on_wire=layout[: layout.index("@")], setup=Setup(together=True)
+    )
     bench.virtual.mux.address = 0x71
     bench.hand.start()
     assert bench.read_for(0.1)[-1].valid.all()
@@ -117,7 +122,9 @@ def test_fingers_asked_together_reset_no_foreign_chip_by_the_general_call(layout
     ("crc", "burst", "together"),
     [("auto", False, False), ("auto", False, True), ("off", True, False), ("off", True, True)],
 )
-def test_a_sensor_left_in_one_byte_mode_is_recognised_by_its_packets_alone(averages, crc, burst, together):
+def test_a_sensor_left_in_one_byte_mode_is_recognised_by_its_packets_alone(
+    averages, crc, burst, together
+):
     bench = started(setup=Setup(averages, burst=burst, together=together), crc=crc)
     bench.hand.close()
     assert as_layout(scan(bench)) == SIX
@@ -155,7 +162,11 @@ def test_every_mux_is_looked_behind_and_the_layout_names_it():
     assert [one.address for one in found if one.what.startswith("mux")] == [0x70, 0x77]
     assert (first.control, second.control) == (0, 0)
     bench.hand = type(bench.hand)(
-        bench.open_bus, read_layout(layout), now_ns=bench.clock.now_ns, pause=pause(bench), say=bench.said.append
+        bench.open_bus,
+        read_layout(layout),
+        now_ns=bench.clock.now_ns,
+        pause=pause(bench),
+        say=bench.said.append,
     )
     bench.hand.start()
     assert all(reading.valid.all() for reading in bench.read_for(0.1))

@@ -1,4 +1,5 @@
-"""The hand behind a bridge: what it reads, what it says when something fails, and how it comes back."""
+"""The hand behind a bridge: what it reads, what it says when something fails, and how it comes
+back."""
 
 from __future__ import annotations
 
@@ -32,14 +33,18 @@ class Faltering(VirtualClock):
         self.lost_ns = 0
 
 
-WAYS_TO_READ = pytest.mark.parametrize(("crc", "burst"), [("auto", False), ("off", False), ("off", True)])
+WAYS_TO_READ = pytest.mark.parametrize(
+    ("crc", "burst"), [("auto", False), ("off", False), ("off", True)]
+)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @WAYS_TO_READ
 def test_six_fingers_report_the_field_at_their_magnets(layout, crc, burst):
     field_ut = np.arange(18.0).reshape(1, 6, 3) * 500.0
-    bench = started(track=Track(np.array([0.0]), field_ut), layout=layout, setup=Setup(burst=burst), crc=crc)
+    bench = started(
+        track=Track(np.array([0.0]), field_ut), layout=layout, setup=Setup(burst=burst), crc=crc
+    )
     reading = bench.read_for(0.05)[-1]
     assert reading.valid.all()
     assert reading.why == ("",) * 6
@@ -73,11 +78,16 @@ def test_a_hand_that_is_still_moved_from_before_is_started_as_it_is():
 @WAYS_TO_READ
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_fingers_asked_together_convert_at_one_moment_and_only_when_asked(layout, crc, burst):
-    """A field that rises fast: fingers that convert at their own times disagree, those asked together do not."""
-    rising = Track(np.array([0.0, 1.0]), np.broadcast_to(np.array([[[0.0]], [[30000.0]]]), (2, 6, 3)).copy())
+    """A field that rises fast: fingers that convert at their own times disagree, those asked
+    together do not."""
+    rising = Track(
+        np.array([0.0, 1.0]), np.broadcast_to(np.array([[[0.0]], [[30000.0]]]), (2, 6, 3)).copy()
+    )
 
     def spread(*, together: bool) -> float:
-        bench = started(track=rising, layout=layout, setup=Setup(burst=burst, together=together), crc=crc)
+        bench = started(
+            track=rising, layout=layout, setup=Setup(burst=burst, together=together), crc=crc
+        )
         readings = bench.read_for(0.5)
         assert bad(readings) == []
         return float(np.median([np.ptp(r.field_ut[:, 2]) for r in readings]))
@@ -104,9 +114,11 @@ def test_a_finger_that_is_not_acknowledged_costs_only_itself_and_comes_back():
 
 
 @pytest.mark.hard_case(
-    "Time and schedule", "a sensor that stands still", elsewhere="equal readings are taken for a quiet hand",
+    "Time and schedule",
+    "a sensor that stands still",
+    elsewhere="equal readings are taken for a quiet hand",
     here="the chip's own counter says whether it has converted; stale within 20 ms and one sample",
-)  # fmt: skip
+)
 def test_a_chip_that_converts_no_more_is_stale_within_twenty_milliseconds_and_one_sample():
     bench = started("frozen:2@1+0.3")
     found = bad(bench.read_for(2.0), finger=2)
@@ -138,11 +150,14 @@ def test_a_chip_that_lost_itself_is_brought_up_while_the_others_are_read(fault, 
 
 
 @pytest.mark.hard_case(
-    "What comes from outside", "a bridge that stalls, falls short, is late or is pulled out",
+    "What comes from outside",
+    "a bridge that stalls, falls short, is late or is pulled out",
     elsewhere="the last values stay, and look like a hand at rest",
     here="every finger is invalid at once, the bridge is brought back",
-)  # fmt: skip
-@pytest.mark.parametrize("fault", ["stuck@1", "stall@1+0.05", "short@1+0.05", "late@1+0.05", "unplug@1+0.3"])
+)
+@pytest.mark.parametrize(
+    "fault", ["stuck@1", "stall@1+0.05", "short@1+0.05", "late@1+0.05", "unplug@1+0.3"]
+)
 def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_back(fault):
     bench = started(fault)
     found = bad(bench.read_for(2.5))
@@ -154,9 +169,11 @@ def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_b
 
 
 @pytest.mark.hard_case(
-    "What comes from outside", "a reply that comes late", elsewhere="it is taken for the answer to the next question",
+    "What comes from outside",
+    "a reply that comes late",
+    elsewhere="it is taken for the answer to the next question",
     here="marks take turns, and a bridge that failed is drained first",
-)  # fmt: skip
+)
 def test_a_late_reply_never_answers_the_next_question():
     field_ut = np.array([[[0, 0, 1000.0]] * 6, [[0, 0, 30000.0]] * 6])
     bench = started("late@1+0.02", track=Track(np.array([0.9, 1.1]), field_ut))
@@ -202,9 +219,11 @@ def test_a_hand_left_in_one_byte_mode_by_a_driver_that_died_is_read_again():
     first = started(setup=Setup(burst=True))
     first.hand.close()
     again = Hand(
-        lambda: Ft232h(first.backend), LAYOUTS["mux"], now_ns=first.clock.now_ns,
+        lambda: Ft232h(first.backend),
+        LAYOUTS["mux"],
+        now_ns=first.clock.now_ns,
         pause=lambda seconds: first.clock.spend(round(1e9 * seconds)),
-    )  # fmt: skip
+    )
     again.start()
     assert again.read().valid.all()
 
@@ -245,10 +264,15 @@ def test_a_layout_is_a_name_or_a_list_of_places():
 
 
 RECOVERIES: dict[str, Callable[[int], str]] = {
-    "nack": lambda s: f"nack:{s}", "por": lambda s: f"por:{s}", "sleep": lambda s: f"sleep:{s}",
-    "frozen": lambda s: f"frozen:{s}", "stuck": lambda s: "stuck", "stall": lambda s: "stall",
-    "short": lambda s: "short", "unplug": lambda s: "unplug",
-}  # fmt: skip
+    "nack": lambda s: f"nack:{s}",
+    "por": lambda s: f"por:{s}",
+    "sleep": lambda s: f"sleep:{s}",
+    "frozen": lambda s: f"frozen:{s}",
+    "stuck": lambda s: "stuck",
+    "stall": lambda s: "stall",
+    "short": lambda s: "short",
+    "unplug": lambda s: "unplug",
+}
 
 
 def soak(scans: int) -> None:
@@ -258,7 +282,11 @@ def soak(scans: int) -> None:
     faults = []
     for at in np.arange(1.0, seconds - 1.0, 1.0):
         kind = list(RECOVERIES)[rng.integers(len(RECOVERIES))]
-        what, begins_s, lasts_s = RECOVERIES[kind](int(rng.integers(1, 7))), at + 0.2 * rng.random(), 0.1 * rng.random()
+        what, begins_s, lasts_s = (
+            RECOVERIES[kind](int(rng.integers(1, 7))),
+            at + 0.2 * rng.random(),
+            0.1 * rng.random(),
+        )
         faults.append(f"{what}@{begins_s:.4f}+{lasts_s:.4f}")
     bench = started(*faults)
     descriptors, start_ns, words = len(os.listdir("/proc/self/fd")), bench.clock.now_ns(), set()
@@ -275,7 +303,17 @@ def soak(scans: int) -> None:
     bench.said.clear()
     assert reading.valid.all()
     assert quiet_bad == 0
-    assert words == {"", "nack", "missing", "settling", "stale", "stuck", "bridge", "lost", "garbage"}
+    assert words == {
+        "",
+        "nack",
+        "missing",
+        "settling",
+        "stale",
+        "stuck",
+        "bridge",
+        "lost",
+        "garbage",
+    }
     assert _allocated_blocks() - blocks < 5000
     assert len(os.listdir("/proc/self/fd")) == descriptors
 

@@ -1,4 +1,5 @@
-"""A real hand: `HOLDFAST_HAND=usb://ft232h python -m pytest -m hardware`. Without one these are never run."""
+"""A real hand: `HOLDFAST_HAND=usb://ft232h python -m pytest -m hardware`. Without one these are
+never run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The MCP2221A: an engine that hangs, is confused or is left in a transfer, its lengths and speeds."""
+"""The MCP2221A: an engine that hangs, is confused or is left in a transfer, its lengths and
+speeds."""
 
 from __future__ import annotations
 
@@ -62,7 +63,10 @@ def test_an_engine_that_is_confused_in_the_middle_of_a_scan_is_cancelled(make):
     bench = make("mcp2221")
     engine = bench.engine()
     write = engine._write
-    engine._write = lambda kind, *told: (write(kind, *told), engine.tick_sda() if kind == 0x90 else None)
+    engine._write = lambda kind, *told: (
+        write(kind, *told),
+        engine.tick_sda() if kind == 0x90 else None,
+    )
     assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
 
 

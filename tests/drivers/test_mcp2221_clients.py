@@ -1,4 +1,5 @@
-"""The virtual MCP2221A opened by programs that are not ours and that were not changed: EasyMCP2221 and Blinka.
+"""The virtual MCP2221A opened by programs that are not ours and that were not changed: EasyMCP2221
+and Blinka.
 
 Below them only the module `hid` and time are replaced.
 """
@@ -35,7 +36,9 @@ class Plugged:
         self.clock = VirtualClock()
         self.hand = VirtualHand(self.clock)
         self.device = VirtualMcp2221(self.hand)
-        self.backend = VirtualBackend(self.device, self.clock, self.hand.faults, self.hand.power_off)
+        self.backend = VirtualBackend(
+            self.device, self.clock, self.hand.faults, self.hand.power_off
+        )
         self.hid = HidModule(self.backend)
 
     def looked_at_s(self) -> float:
@@ -83,9 +86,15 @@ def blinka(plugged, monkeypatch) -> Iterator[Any]:
 
 def test_easymcp2221_opens_the_bridge_and_reads_its_strings(easy):
     told = easy.read_flash_info()
-    assert (told["USB_VENDOR"], told["USB_PRODUCT"]) == ("Microchip Technology Inc.", "MCP2221 USB-I2C/UART Combo")
+    assert (told["USB_VENDOR"], told["USB_PRODUCT"]) == (
+        "Microchip Technology Inc.",
+        "MCP2221 USB-I2C/UART Combo",
+    )
     assert (told["USB_SERIAL"], told["USB_FACT_SERIAL"]) == ("0000000001", "01234567")
-    assert easy.revision() == {"firmware": {"mayor": "A", "minor": "6"}, "hardware": {"mayor": "1", "minor": "2"}}
+    assert easy.revision() == {
+        "firmware": {"mayor": "A", "minor": "6"},
+        "hardware": {"mayor": "1", "minor": "2"},
+    }
 
 
 def test_easymcp2221_finds_the_bridge_by_its_serial_number(easy, plugged):
@@ -102,7 +111,9 @@ def test_easymcp2221_reads_a_sensor_through_the_mux(easy, plugged):
     for register, value in Setup().registers():
         chip.write_register(register, [value])
     plugged.clock.spend(10_000_000)
-    assert packet(chip.read_register(RESULTS, PACKET_BYTES)).raw[2] == round(REST_UT[2] / 80e3 * 32768)
+    assert packet(chip.read_register(RESULTS, PACKET_BYTES)).raw[2] == round(
+        REST_UT[2] / 80e3 * 32768
+    )
 
 
 def test_easymcp2221_says_that_no_chip_answers_and_goes_on(easy):

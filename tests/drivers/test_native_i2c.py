@@ -46,7 +46,10 @@ def test_controllers_say_in_two_ways_that_nobody_acknowledged(number):
     hand = VirtualHand(VirtualClock())
     with VirtualI2cDev(hand, 7, nack_errno=number):
         bus = NativeI2C(7)
-        assert bus.scan([FIRST, Transfer(ABSENT, b"\0", 3), WHO])[1:] == [NOT_ACKED, Reply(IDENTITY, acked=True)]
+        assert bus.scan([FIRST, Transfer(ABSENT, b"\0", 3), WHO])[1:] == [
+            NOT_ACKED,
+            Reply(IDENTITY, acked=True),
+        ]
         bus.close()
 
 
@@ -104,8 +107,13 @@ def test_a_block_is_written_with_its_length_and_a_process_call_reads_two_bytes(s
 
 
 def test_what_needs_a_length_from_the_chip_is_refused_as_by_a_controller_of_plain_i2c(smbus):
-    assert not smbus.funcs & (smbus2.I2cFunc.SMBUS_READ_BLOCK_DATA | smbus2.I2cFunc.SMBUS_BLOCK_PROC_CALL)
-    for call in (lambda: smbus.read_block_data(A, ID), lambda: smbus.block_process_call(A, ID, [1])):
+    assert not smbus.funcs & (
+        smbus2.I2cFunc.SMBUS_READ_BLOCK_DATA | smbus2.I2cFunc.SMBUS_BLOCK_PROC_CALL
+    )
+    for call in (
+        lambda: smbus.read_block_data(A, ID),
+        lambda: smbus.block_process_call(A, ID, [1]),
+    ):
         with pytest.raises(OSError, match=os.strerror(errno.EOPNOTSUPP)):
             call()
     with pytest.raises(OSError, match=os.strerror(errno.EINVAL)):
@@ -158,7 +166,10 @@ class Still(VirtualClock):
 
 
 TRANSFERS = st.builds(
-    Transfer, st.sampled_from([A, B, 0x70, ABSENT, GENERAL_CALL]), st.binary(max_size=3), st.integers(0, 9)
+    Transfer,
+    st.sampled_from([A, B, 0x70, ABSENT, GENERAL_CALL]),
+    st.binary(max_size=3),
+    st.integers(0, 9),
 )
 
 

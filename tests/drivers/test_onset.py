@@ -1,4 +1,5 @@
-"""When an object began to slip, from tag corners alone: no camera, no depthai, nothing but numbers."""
+"""When an object began to slip, from tag corners alone: no camera, no depthai, nothing but
+numbers."""
 
 from __future__ import annotations
 
@@ -26,15 +27,24 @@ SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 NOISE_MM = 0.004
 
 
-def tag(centre_px: FloatArray, side_px: FloatArray | float = 40.0, turned: FloatArray | float = 0.0) -> FloatArray:
+def tag(
+    centre_px: FloatArray, side_px: FloatArray | float = 40.0, turned: FloatArray | float = 0.0
+) -> FloatArray:
     """[K, 4, 2] corners of a square tag at centre_px [K, 2]."""
     angle, side = np.broadcast_to(turned, len(centre_px)), np.broadcast_to(side_px, len(centre_px))
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(
+        2, 0, 1
+    )
     return centre_px[:, None, :] + side[:, None, None] * (SQUARE @ turn.transpose(0, 2, 1))
 
 
 def slid(
-    acceleration_mm_s2: float, start_s: float, *, fps: float = 60.0, seed: int = 0, lasts_s: float = 1.5
+    acceleration_mm_s2: float,
+    start_s: float,
+    *,
+    fps: float = 60.0,
+    seed: int = 0,
+    lasts_s: float = 1.5,
 ) -> Motion:
     """At rest, then a constant acceleration."""
     t_s = np.arange(1, int(fps * (start_s + lasts_s))) / fps
@@ -74,7 +84,9 @@ def test_a_hand_that_moves_turns_and_comes_nearer_moves_nothing(seed, side_px):
     away_mm = rng.uniform(-30, 30, 2)
     angle, side = rng.uniform(-1, 1, 20), side_px * rng.uniform(0.8, 1.25, 20)
     hand = rng.uniform(100, 300, (20, 2))
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(
+        2, 0, 1
+    )
     thing = hand + (turn @ away_mm) * side[:, None] / TAG_MM
     moved = motion(np.arange(20.0), tag(thing, side, angle + 0.3), tag(hand, side, angle), TAG_MM)
     np.testing.assert_allclose(moved.place_mm, np.tile(away_mm, (20, 1)), atol=1e-9)
@@ -106,7 +118,9 @@ def test_tags_never_seen_together_are_an_error():
 
 def test_tags_printed_in_two_sizes_are_refused_with_the_size_the_other_has():
     places = np.tile([100.0, 100.0], (20, 1))
-    with pytest.raises(TagError, match=r"hand's tag is 10 mm, the object's is 12\.00 mm.*two sizes"):
+    with pytest.raises(
+        TagError, match=r"hand's tag is 10 mm, the object's is 12\.00 mm.*two sizes"
+    ):
         motion(np.arange(20.0), tag(places + 80.0, 48.0), tag(places, 40.0), TAG_MM)
     motion(np.arange(20.0), tag(places + 80.0, 41.0), tag(places, 40.0), TAG_MM)
 
@@ -131,7 +145,9 @@ def test_both_tags_printed_too_small_are_found_by_their_distance():
 
 @settings(max_examples=60)
 @given(st.floats(20, 8000), st.floats(1.0, 1.0 + 1 / 60), st.integers(0, 1000))
-def test_the_fitted_start_is_the_start_and_the_gross_distance_is_reached_when_it_is(acceleration, start_s, seed):
+def test_the_fitted_start_is_the_start_and_the_gross_distance_is_reached_when_it_is(
+    acceleration, start_s, seed
+):
     slip = found(slid(acceleration, start_s, seed=seed))
     assert slip.start_s == pytest.approx(start_s, abs=6e-3)
     assert abs(slip.start_s - start_s) < 3.0 * slip.uncertainty_s
@@ -223,6 +239,8 @@ def test_a_part_of_the_trial_is_looked_at_alone():
 
 def test_the_interval_ends_where_the_object_rests_again_or_is_last_seen():
     moved = slid(300.0, 1.0, lasts_s=2.5)
-    stopped = Motion(moved.t_s, np.where(moved.t_s[:, None] > 1.3, [[0.0, 13.5]], moved.place_mm), MM_PER_PX)
+    stopped = Motion(
+        moved.t_s, np.where(moved.t_s[:, None] > 1.3, [[0.0, 13.5]], moved.place_mm), MM_PER_PX
+    )
     assert found(stopped).end_s == pytest.approx(1.3, abs=0.04)
     assert found(hiding(moved, 90, len(moved.t_s))).end_s == pytest.approx(90 / 60.0)

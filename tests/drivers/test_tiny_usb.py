@@ -53,7 +53,9 @@ def test_stale_data_of_the_rp2040_firmware_are_never_a_reply(make):
         assert bench.bus.scan([WHO, transfer, WHO])[1] == NOT_ACKED
 
 
-@pytest.mark.parametrize(("kind", "answer"), [("avr", b"\0\0\0"), ("rp2040", IDENTITY), ("stm32", b"")])
+@pytest.mark.parametrize(
+    ("kind", "answer"), [("avr", b"\0\0\0"), ("rp2040", IDENTITY), ("stm32", b"")]
+)
 def test_firmwares_answer_a_missing_chip_each_in_its_own_way(make, kind, answer):
     bench = make(kind)
     bench.bus.scan([FIRST, WHO])
@@ -92,7 +94,10 @@ def test_tiny_usb_brings_out_the_stop_that_a_failure_kept_back(make, kind):
     with pytest.raises(TransferFailed):
         bench.bus.scan([WHO])
     bench.device._read = spoilt
-    assert bench.bus.scan([SECOND, Transfer(C, bytes([ID]), 3), WHO])[1:] == [NOT_ACKED, Reply(IDENTITY, acked=True)]
+    assert bench.bus.scan([SECOND, Transfer(C, bytes([ID]), 3), WHO])[1:] == [
+        NOT_ACKED,
+        Reply(IDENTITY, acked=True),
+    ]
 
 
 @every_firmware

@@ -1,4 +1,5 @@
-"""The sensor's registers and numbers, and the virtual chip behind an FT232H, driver and independent client alike."""
+"""The sensor's registers and numbers, and the virtual chip behind an FT232H, driver and independent
+client alike."""
 
 from __future__ import annotations
 
@@ -46,9 +47,12 @@ def bench() -> Iterator[Bench]:
 def test_registers_lie_side_by_side_and_reset_to_what_the_data_sheet_says():
     assert [register.address for register in REGISTERS.values()] == list(range(0x1D))
     assert {name: r.reset for name, r in REGISTERS.items() if r.reset} == {
-        "DEVICE_ID": 0x01, "MANUFACTURER_ID_LSB": 0x49, "MANUFACTURER_ID_MSB": 0x54, "CONV_STATUS": 0x10,
+        "DEVICE_ID": 0x01,
+        "MANUFACTURER_ID_LSB": 0x49,
+        "MANUFACTURER_ID_MSB": 0x54,
+        "CONV_STATUS": 0x10,
         "DEVICE_STATUS": 0x10,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(
@@ -59,7 +63,15 @@ def test_a_conversion_takes_as_long_as_table_7_4_says(averages, microseconds):
 
 
 def test_crc_has_the_vectors_of_the_data_sheet():
-    vectors = {"00": 0xF3, "ff": 0x00, "80": 0x7A, "4c": 0x10, "e0": 0x5D, "00000000": 0xD1, "ffffffff": 0x0F}
+    vectors = {
+        "00": 0xF3,
+        "ff": 0x00,
+        "80": 0x7A,
+        "4c": 0x10,
+        "e0": 0x5D,
+        "00000000": 0xD1,
+        "ffffffff": 0x0F,
+    }
     assert {data: crc8(bytes.fromhex(data)) for data in vectors} == vectors
 
 
@@ -68,7 +80,12 @@ def test_field_and_temperature_follow_their_equations():
     assert temperature_degc(17508 + 601) == pytest.approx(35.0)
 
 
-@given(st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(0, 255))
+@given(
+    st.integers(-32768, 32767),
+    st.integers(-32768, 32767),
+    st.integers(-32768, 32767),
+    st.integers(0, 255),
+)
 def test_a_packet_keeps_its_numbers(x, y, z, status):
     data = b"".join(value.to_bytes(2, "big", signed=True) for value in (x, y, z)) + bytes([status])
     read = packet(data)
@@ -77,7 +94,14 @@ def test_a_packet_keeps_its_numbers(x, y, z, status):
 
 
 def test_the_default_setup_is_what_the_fact_sheet_recommends():
-    assert Setup().registers() == [(0x08, 0x01), (0x02, 0x70), (0x03, 0x01), (0x07, 0x00), (0x00, 0x34), (0x01, 0x12)]
+    assert Setup().registers() == [
+        (0x08, 0x01),
+        (0x02, 0x70),
+        (0x03, 0x01),
+        (0x07, 0x00),
+        (0x00, 0x34),
+        (0x01, 0x12),
+    ]
     assert Setup(burst=True).registers()[4] == (0x00, 0x35)
 
 
@@ -85,7 +109,9 @@ def test_the_default_setup_is_what_the_fact_sheet_recommends():
 
 
 def test_a_chip_says_who_it_is_and_another_address_is_not_acknowledged(bench):
-    told = bench.bus.scan([FIRST, Transfer(A, b"\x0d", 3), Transfer(0x36, b"\x0d", 3), Transfer(D, b"\x0c", 2)])
+    told = bench.bus.scan(
+        [FIRST, Transfer(A, b"\x0d", 3), Transfer(0x36, b"\x0d", 3), Transfer(D, b"\x0c", 2)]
+    )
     assert told[1].data == bytes([0x01, 0x49, 0x54])
     assert (told[2].acked, told[2].data) == (False, b"")
     assert told[3].data == bytes([D << 1, 0x01])
@@ -101,9 +127,9 @@ def test_results_are_the_field_in_the_chosen_ranges(bench):
     bench.wait_s(0.01)
     read = packet(bench.bus.scan([Transfer(A, bytes([RESULTS]), PACKET_BYTES)])[0].data)
     ranges = Setup().range_mt(1)
-    assert [field_ut(raw, mt).item() for raw, mt in zip(read.raw, ranges, strict=True)] == pytest.approx(
-        REST_UT, abs=1.3
-    )
+    assert [
+        field_ut(raw, mt).item() for raw, mt in zip(read.raw, ranges, strict=True)
+    ] == pytest.approx(REST_UT, abs=1.3)
 
 
 def test_a_field_beyond_the_range_is_clipped():
@@ -164,7 +190,9 @@ def test_a_new_address_counts_from_the_stop_on_and_is_lost_with_power(bench):
 def test_a_general_call_reaches_every_chip_on_joined_channels(bench):
     bench.bus.scan([BOTH, Transfer(0x00, bytes([0x02, 0x70]))])
     for channel, addresses in ((1, (A, B, C, D)), (2, (A, B))):
-        told = bench.bus.scan([Transfer(0x70, bytes([channel])), *(Transfer(a, b"\x02", 1) for a in addresses)])
+        told = bench.bus.scan(
+            [Transfer(0x70, bytes([channel])), *(Transfer(a, b"\x02", 1) for a in addresses)]
+        )
         assert [reply.data for reply in told[1:]] == [b"\x70"] * len(addresses)
 
 
@@ -173,7 +201,10 @@ def test_a_triggered_conversion_comes_once(bench):
     bench.wait_s(0.01)
     first = packet(bench.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data)
     bench.wait_s(0.01)
-    assert packet(bench.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data).set_count == first.set_count
+    assert (
+        packet(bench.bus.scan([Transfer(A, bytes([RESULTS]), 7)])[0].data).set_count
+        == first.set_count
+    )
     assert first.raw[2] > 0
 
 
@@ -196,8 +227,12 @@ def test_two_chips_at_one_address_answer_together_and_zeros_win(bench):
 
 
 def test_six_fingers_are_one_transfer_out_and_one_in_and_leave_400_scans_a_second(bench):
-    scan = [FIRST, *(Transfer(a, bytes([RESULTS]), 7) for a in (A, B, C, D)), Transfer(0x70, b"\x02"),
-            *(Transfer(a, bytes([RESULTS]), 7) for a in (A, B))]  # fmt: skip
+    scan = [
+        FIRST,
+        *(Transfer(a, bytes([RESULTS]), 7) for a in (A, B, C, D)),
+        Transfer(0x70, b"\x02"),
+        *(Transfer(a, bytes([RESULTS]), 7) for a in (A, B)),
+    ]
     bench.backend.traffic.transfers = 0
     before_ns = bench.clock.now_ns()
     assert all(reply.acked for reply in bench.bus.scan(scan))

@@ -61,7 +61,9 @@ def test_a_second_claim_fails_as_with_libusb_and_another_interface_is_free(make)
 def test_a_handle_that_is_closed_or_unplugged_claims_nothing_any_more(make):
     bench = make("stm32", faults=[Fault("unplug", 1, 1)])
     bench.bus.close()
-    first, second = (bench.backend.open_device(next(bench.backend.enumerate_devices())) for _ in range(2))
+    first, second = (
+        bench.backend.open_device(next(bench.backend.enumerate_devices())) for _ in range(2)
+    )
     bench.backend.detach_kernel_driver(first, 0)
     bench.backend.claim_interface(first, 0)
     bench.backend.close_device(first)
@@ -92,15 +94,24 @@ def test_descriptors_by_request_are_those_that_libusb_shows(make, kind):
     found = usb.core.find(backend=bench.backend)
     device = bytes(found.ctrl_transfer(0x80, 6, 0x0100, 0, 64))
     assert (len(device), device[0]) == (18, 18)
-    assert struct.unpack_from("<HHH", device, 8) == (found.idVendor, found.idProduct, found.bcdDevice)
+    assert struct.unpack_from("<HHH", device, 8) == (
+        found.idVendor,
+        found.idProduct,
+        found.bcdDevice,
+    )
     configuration = bytes(found.ctrl_transfer(0x80, 6, 0x0200, 0, 255))
-    assert len(configuration) == struct.unpack_from("<H", configuration, 2)[0] == found[0].wTotalLength
+    assert (
+        len(configuration) == struct.unpack_from("<H", configuration, 2)[0] == found[0].wTotalLength
+    )
     kinds, at = [], 0
     while at < len(configuration):
         kinds.append(configuration[at + 1])
         at += configuration[at]
     assert at == len(configuration)
-    assert (kinds.count(4), kinds.count(5)) == (found[0].bNumInterfaces, sum(i.bNumEndpoints for i in found[0]))
+    assert (kinds.count(4), kinds.count(5)) == (
+        found[0].bNumInterfaces,
+        sum(i.bNumEndpoints for i in found[0]),
+    )
     with pytest.raises(usb.core.USBError):
         found.ctrl_transfer(0x80, 6, 0x03FF, 0, 64)
 
@@ -112,7 +123,9 @@ def test_the_mcp2221_announces_a_hid_interface_of_64_bytes_each_way(make):
     found.detach_kernel_driver(2)
     interface = found[0][(2, 0)]
     assert (interface.bInterfaceClass, [e.wMaxPacketSize for e in interface]) == (3, [64, 64])
-    length, kind, _, _, _, report_kind, report_length = struct.unpack("<BBHBBBH", bytes(interface.extra_descriptors))
+    length, kind, _, _, _, report_kind, report_length = struct.unpack(
+        "<BBHBBBH", bytes(interface.extra_descriptors)
+    )
     assert (length, kind, report_kind) == (9, 0x21, 0x22)
     report = bytes(found.ctrl_transfer(0x80 | 1, 6, 0x2200, 2, 255))
     assert len(report) == report_length

@@ -1,4 +1,5 @@
-"""The virtual TMAG5273 against the numbers printed in its data sheet, read over the virtual wire."""
+"""The virtual TMAG5273 against the numbers printed in its data sheet, read over the virtual
+wire."""
 
 from __future__ import annotations
 
@@ -7,7 +8,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.tmag5273 import CONTINUOUS, FACTORY_ADDRESSES, RANGES_MT, REGISTERS, XYZ, crc8, temperature_degc
+from drivers.tmag5273 import (
+    CONTINUOUS,
+    FACTORY_ADDRESSES,
+    RANGES_MT,
+    REGISTERS,
+    XYZ,
+    crc8,
+    temperature_degc,
+)
 from drivers.virtual.chip import Chip
 from drivers.virtual.clock import VirtualClock
 from drivers.virtual.faults import Faults
@@ -24,14 +33,19 @@ WAKE_AND_SLEEP = 3
 
 
 class ChipOnWire:
-    """One chip of version 1 at 0x35, alone on a wire, without noise. field_ut: x, y, z at a time in s."""
+    """One chip of version 1 at 0x35, alone on a wire, without noise. field_ut: x, y, z at a time in
+    s."""
 
     def __init__(
-        self, field_ut: Callable[[float], list[float]] = lambda now_s: [0.0, 0.0, 0.0], degc: float = 25.0,
+        self,
+        field_ut: Callable[[float], list[float]] = lambda now_s: [0.0, 0.0, 0.0],
+        degc: float = 25.0,
         seed: int | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.clock = VirtualClock()
-        self.chip = Chip(1, A, 1, field_ut, self.clock, Faults(), degc=lambda now_s: degc, seed=seed)
+        self.chip = Chip(
+            1, A, 1, field_ut, self.clock, Faults(), degc=lambda now_s: degc, seed=seed
+        )
         self.wire = Wire([self.chip])
 
     def write(self, *data: int) -> bool:
@@ -58,7 +72,8 @@ class ChipOnWire:
             assert self.write(REGISTERS[name].address, value)
 
     def convert(self, conversions: int, config: int = 0) -> None:
-        """Convert x, y, z continuously without averaging, until this many conversions are complete."""
+        """Convert x, y, z continuously without averaging, until this many conversions are
+        complete."""
         self.configure(SENSOR_CONFIG_1=XYZ << 4, DEVICE_CONFIG_1=config, DEVICE_CONFIG_2=CONTINUOUS)
         self.wait_us(conversions * 100 + 10)
 
@@ -86,7 +101,9 @@ def raw_field(*raw: int) -> Callable[[float], list[float]]:
 
 
 @pytest.mark.parametrize(("registers", "check"), [("00000000", 0xD1), ("ffffffff", 0x0F)])
-def test_a_register_read_with_crc_has_the_data_sheet_s_check_byte_after_four_registers(registers, check):
+def test_a_register_read_with_crc_has_the_data_sheet_s_check_byte_after_four_registers(
+    registers, check
+):
     on = ChipOnWire()
     on.write(X_THRESHOLD, *bytes.fromhex(registers))
     on.write(0x00, CRC_ON)
@@ -154,7 +171,9 @@ def test_three_channels_of_16_bits_have_a_check_byte_and_four_have_none():
 # -- temperature (section 7.5.2.2)
 
 
-@pytest.mark.parametrize(("degc", "raw"), [(25.0, 17508), (35.0, 18109), (-40.0, 13602), (125.0, 23518)])
+@pytest.mark.parametrize(
+    ("degc", "raw"), [(25.0, 17508), (35.0, 18109), (-40.0, 13602), (125.0, 23518)]
+)
 def test_the_temperature_channel_follows_its_equation(degc, raw):
     on = ChipOnWire(degc=degc)
     on.configure(T_CONFIG=1)
@@ -191,9 +210,22 @@ def test_the_magnet_s_loss_with_temperature_is_made_up_for(tempco, gain):
 
 @pytest.mark.parametrize(
     ("mask", "axes", "conversions"),
-    [(0, "", 0), (1, "x", 1), (2, "y", 1), (3, "xy", 2), (4, "z", 1), (5, "xz", 2), (6, "yz", 2), (7, "xyz", 3),
-     (8, "xy", 3), (9, "xy", 3), (10, "yz", 3), (11, "xz", 3), (12, "", 0)],
-)  # fmt: skip
+    [
+        (0, "", 0),
+        (1, "x", 1),
+        (2, "y", 1),
+        (3, "xy", 2),
+        (4, "z", 1),
+        (5, "xz", 2),
+        (6, "yz", 2),
+        (7, "xyz", 3),
+        (8, "xy", 3),
+        (9, "xy", 3),
+        (10, "yz", 3),
+        (11, "xz", 3),
+        (12, "", 0),
+    ],
+)
 def test_only_the_channels_of_the_mask_are_converted_and_sent(mask, axes, conversions):
     on = ChipOnWire(raw_field(100, 200, 300))
     on.configure(SENSOR_CONFIG_1=mask << 4, DEVICE_CONFIG_2=CONTINUOUS)
@@ -211,9 +243,12 @@ def test_only_the_channels_of_the_mask_are_converted_and_sent(mask, axes, conver
 
 
 @pytest.mark.parametrize(
-    ("averages", "temperature", "duration_us"), [(1, 0, 100), (1, 1, 100), (32, 0, 2425), (32, 1, 3225)]
+    ("averages", "temperature", "duration_us"),
+    [(1, 0, 100), (1, 1, 100), (32, 0, 2425), (32, 1, 3225)],
 )
-def test_a_temperature_costs_the_time_of_a_channel_where_it_is_averaged(averages, temperature, duration_us):
+def test_a_temperature_costs_the_time_of_a_channel_where_it_is_averaged(
+    averages, temperature, duration_us
+):
     on = ChipOnWire()
     on.configure(SENSOR_CONFIG_1=XYZ << 4, T_CONFIG=temperature)
     on.configure(DEVICE_CONFIG_1=(averages.bit_length() - 1) << 2, DEVICE_CONFIG_2=CONTINUOUS)
@@ -239,7 +274,9 @@ def test_a_channel_that_is_converted_twice_has_less_noise():
 # -- angle and magnitude (section 7.5.2.3), offset and gain (7.5.2.4)
 
 
-@pytest.mark.parametrize(("degrees", "register"), [(354.5, "1628"), (17.25, "0114"), (0.0, "0000"), (180.0, "0b40")])
+@pytest.mark.parametrize(
+    ("degrees", "register"), [(354.5, "1628"), (17.25, "0114"), (0.0, "0000"), (180.0, "0b40")]
+)
 def test_an_angle_is_stored_as_in_the_data_sheet_s_examples(degrees, register):
     first, second = 20_000 * np.cos(np.radians(degrees)), 20_000 * np.sin(np.radians(degrees))
     on = ChipOnWire(raw_field(round(first), round(second), 0))
@@ -250,7 +287,9 @@ def test_an_angle_is_stored_as_in_the_data_sheet_s_examples(degrees, register):
 
 @pytest.mark.parametrize(("pair", "angle"), [(1, 45), (2, 90), (3, 90)])
 def test_the_angle_is_that_of_the_chosen_pair(pair, angle):
-    on = ChipOnWire(raw_field(*{1: (5_000, 5_000, 9_000), 2: (5_000, 0, 9_000), 3: (0, 5_000, 9_000)}[pair]))
+    on = ChipOnWire(
+        raw_field(*{1: (5_000, 5_000, 9_000), 2: (5_000, 0, 9_000), 3: (0, 5_000, 9_000)}[pair])
+    )
     on.configure(SENSOR_CONFIG_2=pair << 2)
     on.convert(1)
     assert int.from_bytes(on.read(2, ANGLE), "big") == angle << 4
@@ -267,14 +306,21 @@ def test_the_magnitude_is_the_one_that_a_real_chip_showed():
 def test_no_angle_is_made_where_it_is_off_or_one_of_its_axes_is():
     for pair, mask in ((0, XYZ), (1, 1)):
         on = ChipOnWire(raw_field(5_000, 5_000, 0))
-        on.configure(SENSOR_CONFIG_2=pair << 2, SENSOR_CONFIG_1=mask << 4, DEVICE_CONFIG_2=CONTINUOUS)
+        on.configure(
+            SENSOR_CONFIG_2=pair << 2, SENSOR_CONFIG_1=mask << 4, DEVICE_CONFIG_2=CONTINUOUS
+        )
         on.wait_us(200)
         assert on.read(3, ANGLE) == bytes(3)
 
 
 def test_offset_and_gain_correct_the_axes_of_the_angle_and_no_others():
     on = ChipOnWire(raw_field(1_000, 2_000, 3_000))
-    on.configure(MAG_GAIN_CONFIG=128, MAG_OFFSET_CONFIG_1=0xFF, MAG_OFFSET_CONFIG_2=2, SENSOR_CONFIG_2=1 << 2 | 1 << 4)
+    on.configure(
+        MAG_GAIN_CONFIG=128,
+        MAG_OFFSET_CONFIG_1=0xFF,
+        MAG_OFFSET_CONFIG_2=2,
+        SENSOR_CONFIG_2=1 << 2 | 1 << 4,
+    )
     on.convert(1)
     assert on.results()[1:] == [1_000 - 16, (2_000 + 32) // 2, 3_000]
     on.configure(SENSOR_CONFIG_2=0)

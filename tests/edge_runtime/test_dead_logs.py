@@ -1,4 +1,5 @@
-"""A log that takes nothing any more costs its lines and nothing else: terminals, pipes, files, disks."""
+"""A log that takes nothing any more costs its lines and nothing else: terminals, pipes, files,
+disks."""
 
 from __future__ import annotations
 
@@ -119,7 +120,9 @@ class Heard(list[str]):
 
 
 @DEAD_LOG.mark
-def test_a_terminal_that_is_not_drained_costs_lines_and_its_reader_gets_whole_ones_afterwards(terminal):
+def test_a_terminal_that_is_not_drained_costs_lines_and_its_reader_gets_whole_ones_afterwards(
+    terminal,
+):
     sink = sink_on(terminal[1])
     taken = [sink(f"{k}{LINE}") for k in range(1000)]
     assert not all(taken)
@@ -139,7 +142,10 @@ def test_a_stopped_terminal_goes_on_with_the_newest_lines(terminal):
     for k in range(2 * STREAM_LINES):
         sink(str(k))
     termios.tcflow(terminal[1], termios.TCOON)
-    numbers = [int(line) for line in read_until(terminal[0], f"\n{2 * STREAM_LINES - 1}\r\n".encode()).split()]
+    numbers = [
+        int(line)
+        for line in read_until(terminal[0], f"\n{2 * STREAM_LINES - 1}\r\n".encode()).split()
+    ]
     sink.close(LONG_S)
     assert numbers[-STREAM_LINES:] == list(range(STREAM_LINES, 2 * STREAM_LINES))
     assert sink.dropped == 2 * STREAM_LINES - len(numbers)
@@ -157,8 +163,13 @@ def _all_there(handle: int) -> bytes:
 
 @DEAD_LOG.mark
 @settings(max_examples=25)
-@given(st.lists(st.one_of(st.text(alphabet="abcä", max_size=9000), st.just(None)), max_size=12), st.booleans())
-def test_whatever_is_written_and_read_in_whatever_order_lines_arrive_whole_or_not_at_all(steps, blocking):
+@given(
+    st.lists(st.one_of(st.text(alphabet="abcä", max_size=9000), st.just(None)), max_size=12),
+    st.booleans(),
+)
+def test_whatever_is_written_and_read_in_whatever_order_lines_arrive_whole_or_not_at_all(
+    steps, blocking
+):
     read, write = os.pipe()
     fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
     os.set_blocking(write, blocking)  # a shell may hand down a descriptor that does not block
@@ -215,8 +226,12 @@ def failing(name: str) -> tuple[Sink, str]:
 
 
 @DEAD_LOG.mark
-@pytest.mark.parametrize("name", ["full disk", "closed descriptor", "closed terminal", "closed pipe"])
-def test_a_log_that_fails_is_dropped_once_and_told_while_the_others_get_every_line(name, prediction):
+@pytest.mark.parametrize(
+    "name", ["full disk", "closed descriptor", "closed terminal", "closed pipe"]
+)
+def test_a_log_that_fails_is_dropped_once_and_told_while_the_others_get_every_line(
+    name, prediction
+):
     log, why = failing(name)
     told: list[str] = []
     outlets = Outlets([log, heard := Heard()], told.append)
@@ -238,9 +253,13 @@ def test_a_loop_whose_logs_are_all_dead_answers_on(model):
     outlets = Outlets([log], lambda line: None)
     clock = VirtualClock()
     summary = run_live(
-        Steady(clock, 200), GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
-        lambda prediction, sample, measured: outlets.emit(prediction), stopped=outlets.none_acts,
-    )  # fmt: skip
+        Steady(clock, 200),
+        GripMonitor(model, clock.now_ns),
+        Tare(model.card.preparation, 18),
+        clock,
+        lambda prediction, sample, measured: outlets.emit(prediction),
+        stopped=outlets.none_acts,
+    )
     outlets.close()
     assert summary.samples == 200
     assert list(outlets.lost()) == ["stdout"]
@@ -257,7 +276,9 @@ def test_only_the_loss_of_every_sink_that_can_act_ends_a_loop():
     assert not outlets.none_acts()
     other.failure = OSError(errno.ENODEV, "gone")
     assert outlets.none_acts()
-    assert not Outlets([log], lambda line: None).none_acts(), "where nothing acts from the start, nothing is lost"
+    assert not Outlets([log], lambda line: None).none_acts(), (
+        "where nothing acts from the start, nothing is lost"
+    )
 
 
 @contextmanager
@@ -296,7 +317,9 @@ def test_a_line_that_another_program_wrote_behind_ours_is_not_cut_off(tmp_path):
     assert path.stat().st_size == 5 + 9_990
 
 
-def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_refused_are_dropped(tmp_path, model):
+def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_refused_are_dropped(
+    tmp_path, model
+):
     clock = VirtualClock()
     _, _, samples = go(model, Steady(clock, 50), clock)
     with largest_file(5000), sample_file(tmp_path / "kept.csv", 18) as file:
@@ -315,19 +338,39 @@ def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_r
 
 @contextmanager
 def running(words: Sequence[str] = (), redirect: str = "", **told: Any) -> Iterator[Running]:
-    """holdfast run as a process of its own, and what waits for its n-th answer at the controller's port."""
+    """holdfast run as a process of its own, and what waits for its n-th answer at the controller's
+    port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
         controller.bind(("127.0.0.1", 0))
         controller.settimeout(LONG_S)
         port = controller.getsockname()[1]
-        run = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h"]
+        run = [
+            sys.executable,
+            "-m",
+            "holdfast",
+            "run",
+            str(DEFAULT),
+            "--source",
+            "virtual://ft232h",
+        ]
 
         def answered(n: int) -> None:
             while json.loads(controller.recv(65536))["sequence"] < n:
                 pass
 
-        command = ["sh", "-c", f'exec "$@" {redirect}', "sh", *run, "--udp", f"127.0.0.1:{port}", *words]
-        with subprocess.Popen(command, cwd=ROOT, text=True, env=os.environ | {"TERM": "xterm"}, **told) as process:
+        command = [
+            "sh",
+            "-c",
+            f'exec "$@" {redirect}',
+            "sh",
+            *run,
+            "--udp",
+            f"127.0.0.1:{port}",
+            *words,
+        ]
+        with subprocess.Popen(
+            command, cwd=ROOT, text=True, env=os.environ | {"TERM": "xterm"}, **told
+        ) as process:
             try:
                 yield process, answered
             finally:
@@ -335,12 +378,17 @@ def running(words: Sequence[str] = (), redirect: str = "", **told: Any) -> Itera
 
 
 @DEAD_LOG.mark
-def test_a_run_with_lines_and_view_on_a_terminal_that_is_not_drained_controls_on_and_ends_at_sigterm(terminal):
+def test_a_run_with_lines_and_view_on_a_terminal_that_is_not_drained_controls_on_and_ends_at_sigterm(
+    terminal,
+):
     os.set_blocking(terminal[1], False)
     while _fills(terminal[1]):
         pass
     os.set_blocking(terminal[1], True)
-    with running(["--view"], stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]) as (process, answered):
+    with running(["--view"], stdin=terminal[1], stdout=terminal[1], stderr=terminal[1]) as (
+        process,
+        answered,
+    ):
         answered(30)
         process.send_signal(signal.SIGTERM)
         assert process.wait(LONG_S) == 0
@@ -363,11 +411,25 @@ def test_a_run_in_the_background_of_a_terminal_that_stops_such_output_is_not_sto
         os.setsid()
         fcntl.ioctl(terminal[1], termios.TIOCSCTTY, 0)
 
-    run = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h", "--seconds", "0.2"]
+    run = [
+        sys.executable,
+        "-m",
+        "holdfast",
+        "run",
+        str(DEFAULT),
+        "--source",
+        "virtual://ft232h",
+        "--seconds",
+        "0.2",
+    ]
     with subprocess.Popen(
-        ["sh", "-c", 'set -m; "$@" & wait $!', "sh", *run], cwd=ROOT, preexec_fn=with_a_terminal_of_its_own,
-        stdin=terminal[1], stdout=terminal[1], stderr=terminal[1],
-    ) as shell:  # fmt: skip
+        ["sh", "-c", 'set -m; "$@" & wait $!', "sh", *run],
+        cwd=ROOT,
+        preexec_fn=with_a_terminal_of_its_own,
+        stdin=terminal[1],
+        stdout=terminal[1],
+        stderr=terminal[1],
+    ) as shell:
         try:
             assert b"read to emit" in read_until(terminal[0], b"read to emit")
             assert shell.wait(LONG_S) == 0
@@ -381,19 +443,30 @@ def limit_files() -> None:
 
 
 @DEAD_LOG.mark
-def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_says_what_it_lost(tmp_path):
+def test_a_run_whose_stdout_is_closed_and_whose_disk_is_full_controls_on_and_says_what_it_lost(
+    tmp_path,
+):
     words = ["--out", str(tmp_path / "out.jsonl"), "--samples", str(tmp_path / "kept.csv")]
     read, write = os.pipe()
     os.close(read)
-    with running(words, stdout=write, stderr=subprocess.PIPE, preexec_fn=limit_files) as (process, answered):
+    with running(words, stdout=write, stderr=subprocess.PIPE, preexec_fn=limit_files) as (
+        process,
+        answered,
+    ):
         os.close(write)
         answered(150)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=LONG_S)
-    for name, why in (("stdout", "Broken pipe"), ("--out", "File too large"), ("--samples", "File too large")):
+    for name, why in (
+        ("stdout", "Broken pipe"),
+        ("--out", "File too large"),
+        ("--samples", "File too large"),
+    ):
         assert [why in line for line in err.splitlines() if line.startswith(f"{name}")] == [True]
         assert len([line for line in err.splitlines() if line.startswith(f"lost: {name}")]) == 1
-    assert all(json.loads(line)["state"] for line in (tmp_path / "out.jsonl").read_text().splitlines())
+    assert all(
+        json.loads(line)["state"] for line in (tmp_path / "out.jsonl").read_text().splitlines()
+    )
     assert (tmp_path / "kept.csv").read_text().endswith("\n")
     assert process.returncode == 5, "the files are not whole"
 
@@ -409,8 +482,12 @@ def test_a_run_whose_stdout_is_closed_from_the_start_and_whose_stderr_is_full_co
 @pytest.mark.parametrize("dead", ["2>&-", "2>/dev/full", "2>&1 >/dev/full"])
 def test_an_error_that_no_stderr_takes_leaves_the_exit_code_as_it_is(dead):
     done = subprocess.run(
-        ["sh", "-c", f"exec {sys.executable} -m holdfast nonsense {dead}"], cwd=ROOT, capture_output=True, text=True,
-        check=False, timeout=LONG_S,
-    )  # fmt: skip
+        ["sh", "-c", f"exec {sys.executable} -m holdfast nonsense {dead}"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LONG_S,
+    )
     assert done.returncode == 2
     assert "Traceback" not in done.stdout + done.stderr

@@ -1,4 +1,5 @@
-"""The decision: integers in, one request out; it tightens early, lets go late, and never on a guess."""
+"""The decision: integers in, one request out; it tightens early, lets go late, and never on a
+guess."""
 
 from __future__ import annotations
 
@@ -27,16 +28,23 @@ class Told(NamedTuple):
     override: bool = False
 
 
-def fed(told: list[Told], rules: DecisionRules = RULES, start: DecisionState | None = None) -> list[DecisionState]:
+def fed(
+    told: list[Told], rules: DecisionRules = RULES, start: DecisionState | None = None
+) -> list[DecisionState]:
     """The state after every sample."""
     states = [start or DecisionState()]
     for now in told:
         states.append(
             decide(
-                rules, states[-1], now.situation, now.permille,
-                period_us=PERIOD_US, opening=now.opening, override=now.override,
+                rules,
+                states[-1],
+                now.situation,
+                now.permille,
+                period_us=PERIOD_US,
+                opening=now.opening,
+                override=now.override,
             )
-        )  # fmt: skip
+        )
     return states[1:]
 
 
@@ -50,16 +58,25 @@ def times(count: int, situation: int, permille: int = 1000) -> list[Told]:
 
 told_anything = st.lists(
     st.builds(
-        Told, st.sampled_from(LABELS), st.integers(0, 1000), st.booleans(), st.integers(0, 9).map(lambda n: n == 0)
+        Told,
+        st.sampled_from(LABELS),
+        st.integers(0, 1000),
+        st.booleans(),
+        st.integers(0, 9).map(lambda n: n == 0),
     ),
     min_size=1,
     max_size=40,
 )
 milliseconds = st.integers(1, 200)
 any_rules = st.builds(
-    DecisionRules, st.integers(1, 4), st.integers(1, 6), st.integers(1, 6), st.integers(0, 1000), milliseconds,
+    DecisionRules,
+    st.integers(1, 4),
+    st.integers(1, 6),
+    st.integers(1, 6),
+    st.integers(0, 1000),
     milliseconds,
-)  # fmt: skip
+    milliseconds,
+)
 
 
 def test_it_arms_at_the_first_risky_sample_and_acts_at_the_second() -> None:
@@ -69,7 +86,9 @@ def test_it_arms_at_the_first_risky_sample_and_acts_at_the_second() -> None:
 
 @given(rules=any_rules)
 @settings(max_examples=50)
-def test_it_arms_and_acts_after_as_many_risky_samples_in_a_row_as_the_rules_say(rules: DecisionRules) -> None:
+def test_it_arms_and_acts_after_as_many_risky_samples_in_a_row_as_the_rules_say(
+    rules: DecisionRules,
+) -> None:
     states = fed(times(12, RISKY_SLIP), rules)
     assert [s.act for s in states].index(True) == rules.act_samples - 1
     assert [s.arm for s in states].index(True) == min(rules.arm_samples, rules.act_samples) - 1
@@ -94,7 +113,9 @@ def test_an_act_without_fresh_evidence_times_out_and_says_so(later: int) -> None
 
 
 @NO_EVIDENCE.mark
-def test_one_risky_sample_is_fresh_evidence_and_after_a_time_out_a_new_act_needs_a_full_run() -> None:
+def test_one_risky_sample_is_fresh_evidence_and_after_a_time_out_a_new_act_needs_a_full_run() -> (
+    None
+):
     nearly = times(RULES.evidence_ms * 150 // 1000 - 2, GRASP)
     assert after(times(2, RISKY_SLIP) + (nearly + times(1, RISKY_SLIP)) * 4 + nearly).act
     timed_out = times(2, RISKY_SLIP) + times(500, GRASP)
@@ -133,16 +154,24 @@ def test_while_unknown_nothing_is_counted_and_nothing_is_released(
 
 @given(told=told_anything, rules=any_rules)
 @settings(max_examples=50)
-def test_unknown_samples_without_a_command_might_as_well_not_have_been(told: list[Told], rules: DecisionRules) -> None:
+def test_unknown_samples_without_a_command_might_as_well_not_have_been(
+    told: list[Told], rules: DecisionRules
+) -> None:
     told = [now._replace(override=False) for now in told]
     known = [now for now in told if now.situation != UNKNOWN or now.opening]
     assert after([Told(GRASP), *told], rules) == after([Told(GRASP), *known], rules)
 
 
 @OVERRIDE.mark
-@given(told=told_anything, rules=any_rules, last=st.builds(Told, st.sampled_from(LABELS), opening=st.booleans()))
+@given(
+    told=told_anything,
+    rules=any_rules,
+    last=st.builds(Told, st.sampled_from(LABELS), opening=st.booleans()),
+)
 @settings(max_examples=50)
-def test_the_users_override_always_wins_and_ends_what_runs(told: list[Told], rules: DecisionRules, last: Told) -> None:
+def test_the_users_override_always_wins_and_ends_what_runs(
+    told: list[Told], rules: DecisionRules, last: Told
+) -> None:
     state = after([*told, last._replace(override=True)], rules)
     assert not (state.arm)
     assert not (state.act)
@@ -157,7 +186,12 @@ def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_see
     assert not any(state.arm for state in fed(override + times(two_seconds, RISKY_SLIP))[2:])
     assert after(override).ended == "overridden"
     assert after(override + times(two_seconds + 2, RISKY_SLIP)).act
-    renewed = override + times(200, RISKY_SLIP) + [Told(RISKY_SLIP, override=True)] + times(two_seconds, RISKY_SLIP)
+    renewed = (
+        override
+        + times(200, RISKY_SLIP)
+        + [Told(RISKY_SLIP, override=True)]
+        + times(two_seconds, RISKY_SLIP)
+    )
     assert not any(state.arm for state in fed(renewed)[2:])
 
 
@@ -194,7 +228,9 @@ def test_opening_the_hand_ends_a_running_act_while_the_state_is_unknown_too() ->
 
 @given(rules=any_rules, permille=st.integers(0, 1000))
 @settings(max_examples=50)
-def test_a_risky_label_with_too_few_votes_does_not_count(rules: DecisionRules, permille: int) -> None:
+def test_a_risky_label_with_too_few_votes_does_not_count(
+    rules: DecisionRules, permille: int
+) -> None:
     convinced = permille >= rules.min_risky_permille
     state = after(times(10, RISKY_SLIP, permille=permille), rules)
     assert (state.arm, state.act) == (convinced, convinced)
@@ -222,9 +258,13 @@ def test_it_is_pure_the_same_words_from_the_same_state_give_the_same_state(
 
 @given(told=told_anything, rules=any_rules, factor=st.integers(2, 50))
 @settings(max_examples=50)
-def test_times_are_of_the_clock_and_not_of_samples(told: list[Told], rules: DecisionRules, factor: int) -> None:
+def test_times_are_of_the_clock_and_not_of_samples(
+    told: list[Told], rules: DecisionRules, factor: int
+) -> None:
     """With every time and the period made longer alike, the same is requested."""
-    longer = replace(rules, override_ms=factor * rules.override_ms, evidence_ms=factor * rules.evidence_ms)
+    longer = replace(
+        rules, override_ms=factor * rules.override_ms, evidence_ms=factor * rules.evidence_ms
+    )
     a = b = DecisionState()
     for now in told * 3:
         words = {"opening": now.opening, "override": now.override}

@@ -1,4 +1,5 @@
-"""Every state that the decision can reach, and every input in each of them: what can never happen, does not.
+"""Every state that the decision can reach, and every input in each of them: what can never happen,
+does not.
 
 docs/safety.md has the same invariants as a table.
 """
@@ -33,7 +34,12 @@ class Input(NamedTuple):
 
 INPUTS = [
     Input(*one)
-    for one in product((UNKNOWN, NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP), (False, True), (False, True), (False, True))
+    for one in product(
+        (UNKNOWN, NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP),
+        (False, True),
+        (False, True),
+        (False, True),
+    )
 ]
 
 
@@ -49,7 +55,13 @@ class Step(NamedTuple):
 def stepped(rules: DecisionRules, state: DecisionState, given: Input) -> DecisionState:
     permille = 500 if given.sure else 499
     return decide(
-        rules, state, given.situation, permille, period_us=PERIOD_US, opening=given.opening, override=given.override
+        rules,
+        state,
+        given.situation,
+        permille,
+        period_us=PERIOD_US,
+        opening=given.opening,
+        override=given.override,
     )
 
 
@@ -84,7 +96,11 @@ def test_no_act_without_arm(steps: list[Step]) -> None:
 
 @INVARIANTS.mark
 def test_no_arm_and_no_act_while_an_override_lasts(steps: list[Step]) -> None:
-    assert not any(step.after.arm or step.after.act for step in steps if step.given.override or step.after.overridden)
+    assert not any(
+        step.after.arm or step.after.act
+        for step in steps
+        if step.given.override or step.after.overridden
+    )
     assert all(step.after.overridden for step in steps if step.given.override)
 
 
@@ -104,7 +120,9 @@ def test_an_act_begins_only_with_a_full_run_of_counted_risky_samples(steps: list
 
 
 @INVARIANTS.mark
-def test_a_run_grows_by_counted_risky_samples_only_and_every_other_known_sample_ends_it(steps: list[Step]) -> None:
+def test_a_run_grows_by_counted_risky_samples_only_and_every_other_known_sample_ends_it(
+    steps: list[Step],
+) -> None:
     for step in steps:
         counted = step.given.situation == RISKY_SLIP and step.given.sure
         if step.after.risky_run > step.before.risky_run:
@@ -123,7 +141,8 @@ def test_what_is_unknown_begins_and_releases_nothing(steps: list[Step]) -> None:
 
 @INVARIANTS.mark
 def test_an_act_without_evidence_lasts_a_bounded_time(steps: list[Step]) -> None:
-    """Every known sample without evidence brings its end closer, and there is always an end ahead."""
+    """Every known sample without evidence brings its end closer, and there is always an end
+    ahead."""
     for step in steps:
         if step.before.act and step.after.act and step.given.situation != UNKNOWN:
             fresh = step.given.situation == RISKY_SLIP and step.given.sure

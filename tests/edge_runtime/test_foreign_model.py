@@ -1,4 +1,5 @@
-"""Model files that were altered and sealed again: refused when they are opened, before onnxruntime sees them."""
+"""Model files that were altered and sealed again: refused when they are opened, before onnxruntime
+sees them."""
 
 from __future__ import annotations
 
@@ -15,7 +16,16 @@ from hazard_marks import FOREIGN_MODEL, HUGE_INPUT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
-from small_model import EXTRA_HEAD, artifact, card_of, graph_of, resealed, sealed_again, sealed_bytes, spec
+from small_model import (
+    EXTRA_HEAD,
+    artifact,
+    card_of,
+    graph_of,
+    resealed,
+    sealed_again,
+    sealed_bytes,
+    spec,
+)
 
 from edge_runtime.contract import Sample, Unit
 from edge_runtime.errors import HoldfastError, ModelError, NotAModel
@@ -113,7 +123,9 @@ def other_type(model: onnx.ModelProto) -> None:
 
 
 def one_output_more(model: onnx.ModelProto) -> None:
-    model.graph.output.append(helper.make_tensor_value_info("state_before", TensorProto.DOUBLE, ["B", 1, 6]))
+    model.graph.output.append(
+        helper.make_tensor_value_info("state_before", TensorProto.DOUBLE, ["B", 1, 6])
+    )
 
 
 def one_output_less(model: onnx.ModelProto) -> None:
@@ -121,11 +133,15 @@ def one_output_less(model: onnx.ModelProto) -> None:
 
 
 def sequence_output(model: onnx.ModelProto) -> None:
-    output(model, "detectors").type.CopyFrom(helper.make_sequence_type_proto(output(model, "settled").type))
+    output(model, "detectors").type.CopyFrom(
+        helper.make_sequence_type_proto(output(model, "settled").type)
+    )
 
 
 def optional_output(model: onnx.ModelProto) -> None:
-    output(model, "detectors").type.CopyFrom(helper.make_optional_type_proto(output(model, "settled").type))
+    output(model, "detectors").type.CopyFrom(
+        helper.make_optional_type_proto(output(model, "settled").type)
+    )
 
 
 def map_output(model: onnx.ModelProto) -> None:
@@ -137,26 +153,37 @@ def map_output(model: onnx.ModelProto) -> None:
 
 def endless_loop(model: onnx.ModelProto) -> None:
     body = helper.make_graph(
-        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Identity", ["x"], ["y"])], "body",
-        [helper.make_tensor_value_info("k", TensorProto.INT64, []),
-         helper.make_tensor_value_info("go", TensorProto.BOOL, []),
-         helper.make_tensor_value_info("x", TensorProto.FLOAT, ["B", 4])],
-        [helper.make_tensor_value_info("on", TensorProto.BOOL, []),
-         helper.make_tensor_value_info("y", TensorProto.FLOAT, ["B", 4])],
-    )  # fmt: skip
+        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Identity", ["x"], ["y"])],
+        "body",
+        [
+            helper.make_tensor_value_info("k", TensorProto.INT64, []),
+            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("x", TensorProto.FLOAT, ["B", 4]),
+        ],
+        [
+            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("y", TensorProto.FLOAT, ["B", 4]),
+        ],
+    )
     yes = constant(model, "yes", np.bool_(True))
     after(model, "p_situation", "Loop", body=body)
     maker(model, "p_situation").input[:] = ["", yes, "p_situation_before"]
 
 
 def one_branch(model: onnx.ModelProto) -> None:
-    branch = helper.make_graph([], "branch", [], [helper.make_tensor_value_info("settled", TensorProto.BOOL, ["B"])])
-    model.graph.node.append(helper.make_node("If", ["unknown"], ["if"], then_branch=branch, else_branch=branch))
+    branch = helper.make_graph(
+        [], "branch", [], [helper.make_tensor_value_info("settled", TensorProto.BOOL, ["B"])]
+    )
+    model.graph.node.append(
+        helper.make_node("If", ["unknown"], ["if"], then_branch=branch, else_branch=branch)
+    )
 
 
 def scan(model: onnx.ModelProto) -> None:
     body = helper.make_graph([], "body", [], [])
-    model.graph.node.append(helper.make_node("Scan", ["sample"], ["s"], body=body, num_scan_inputs=1))
+    model.graph.node.append(
+        helper.make_node("Scan", ["sample"], ["s"], body=body, num_scan_inputs=1)
+    )
 
 
 def hidden_subgraph(model: onnx.ModelProto) -> None:
@@ -166,11 +193,15 @@ def hidden_subgraph(model: onnx.ModelProto) -> None:
 
 
 def tensor_attribute(model: onnx.ModelProto) -> None:
-    maker(model, "settled").attribute.append(helper.make_attribute("value", numpy_helper.from_array(np.zeros(3))))
+    maker(model, "settled").attribute.append(
+        helper.make_attribute("value", numpy_helper.from_array(np.zeros(3)))
+    )
 
 
 def local_function(model: onnx.ModelProto) -> None:
-    made = helper.make_function("", "Abs", ["x"], ["y"], [helper.make_node("Neg", ["x"], ["y"])], model.opset_import)
+    made = helper.make_function(
+        "", "Abs", ["x"], ["y"], [helper.make_node("Neg", ["x"], ["y"])], model.opset_import
+    )
     model.functions.append(made)
 
 
@@ -238,7 +269,10 @@ def doubled_forty_times(model: onnx.ModelProto) -> None:
 
 
 def outer_product(model: onnx.ModelProto) -> None:
-    high, wide = constant(model, "high", np.zeros((9000, 1))), constant(model, "wide", np.zeros((1, 9000)))
+    high, wide = (
+        constant(model, "high", np.zeros((9000, 1))),
+        constant(model, "wide", np.zeros((1, 9000))),
+    )
     model.graph.node.append(helper.make_node("Add", [high, wide], ["outer"]))
 
 
@@ -268,7 +302,10 @@ def half_votes(model: onnx.ModelProto) -> None:
 
 def negative_votes(model: onnx.ModelProto) -> None:
     node = trees(model)
-    weights, places = attribute(node, "target_weights").floats, attribute(node, "target_nodeids").ints
+    weights, places = (
+        attribute(node, "target_weights").floats,
+        attribute(node, "target_nodeids").ints,
+    )
     k = next(k for k in range(len(places) - 1) if places[k] == places[k + 1])
     weights[k], weights[k + 1] = weights[k] + weights[k + 1] + 5.0, -5.0
 
@@ -323,20 +360,26 @@ def a_column_short(model: onnx.ModelProto) -> None:
 
 
 def deep_tree(model: onnx.ModelProto) -> None:
-    """A chain of 3000 branches, each of which has a leaf and the next; and a tree that is a leaf."""
+    """A chain of 3000 branches, each of which has a leaf and the next; and a tree that is a
+    leaf."""
     node, depth = trees(model), 3000
     at = np.append(np.arange(2 * depth + 1), 0)
     tree = np.append(np.zeros(2 * depth + 1, int), 1)
     branch = (at % 2 == 0) & (at < 2 * depth) & (tree == 0)
     columns = {
-        "nodes_treeids": tree, "nodes_nodeids": at, "nodes_featureids": 0 * at,
-        "nodes_truenodeids": np.where(branch, at + 1, 0), "nodes_falsenodeids": np.where(branch, at + 2, 0),
-    }  # fmt: skip
+        "nodes_treeids": tree,
+        "nodes_nodeids": at,
+        "nodes_featureids": 0 * at,
+        "nodes_truenodeids": np.where(branch, at + 1, 0),
+        "nodes_falsenodeids": np.where(branch, at + 2, 0),
+    }
     leaves = at[~branch]
     columns |= {"target_treeids": tree[~branch], "target_nodeids": leaves, "target_ids": 0 * leaves}
     for name, values in columns.items():
         attribute(node, name).ints[:] = values.tolist()
-    attribute(node, "nodes_modes").strings[:] = [b"BRANCH_LEQ" if one else b"LEAF" for one in branch]
+    attribute(node, "nodes_modes").strings[:] = [
+        b"BRANCH_LEQ" if one else b"LEAF" for one in branch
+    ]
     attribute(node, "nodes_values").floats[:] = [0.0] * len(at)
     attribute(node, "target_weights").floats[:] = [65536.0] * len(leaves)
 
@@ -346,7 +389,11 @@ def deep_tree(model: onnx.ModelProto) -> None:
 
 def place_outside_of_its_table(model: onnx.ModelProto) -> None:
     """A table whose last entry, which a settled hand reaches, leads outside of it."""
-    (guard,) = [node for node in model.graph.node if node.op_type == "Gather" and node.input[1].startswith("cast")]
+    (guard,) = [
+        node
+        for node in model.graph.node
+        if node.op_type == "Gather" and node.input[1].startswith("cast")
+    ]
     (table,) = [one for one in model.graph.initializer if one.name == guard.input[0]]
     values = numpy_helper.to_array(table).copy()
     values[-1] = 1e6
@@ -375,16 +422,64 @@ def other_state(model: onnx.ModelProto) -> None:
 
 
 ALTERED: tuple[Callable[[onnx.ModelProto], None], ...] = (
-    situation_plus_seven, eight_situations, symbolic_shape, symbolic_channels, missing_shape, missing_dimension,
-    negative_dimension, string_output, other_type, one_output_more, one_output_less, sequence_output, optional_output,
-    map_output, endless_loop, one_branch, scan, hidden_subgraph, tensor_attribute, local_function, custom_domain,
-    custom_operator, other_operator_set, newer_operator_set, overload, external_data, float_data, sparse_constant,
-    training_graph, huge_constant, overflowing_constant, negative_constant, doubled_forty_times, outer_product,
-    dear_product, zero_leaves, half_votes, negative_votes, votes_that_are_no_number, tree_that_loops, tree_that_joins,
-    child_of_another_tree, feature_outside, negative_feature, vote_for_no_node, vote_for_no_tree, vote_for_no_class,
-    another_mode, averaged, a_column_short, deep_tree, place_outside_of_its_table, divided_by_zero,
-    divided_by_what_may_be_zero, not_a_number, input_from_nowhere, other_state,
-)  # fmt: skip
+    situation_plus_seven,
+    eight_situations,
+    symbolic_shape,
+    symbolic_channels,
+    missing_shape,
+    missing_dimension,
+    negative_dimension,
+    string_output,
+    other_type,
+    one_output_more,
+    one_output_less,
+    sequence_output,
+    optional_output,
+    map_output,
+    endless_loop,
+    one_branch,
+    scan,
+    hidden_subgraph,
+    tensor_attribute,
+    local_function,
+    custom_domain,
+    custom_operator,
+    other_operator_set,
+    newer_operator_set,
+    overload,
+    external_data,
+    float_data,
+    sparse_constant,
+    training_graph,
+    huge_constant,
+    overflowing_constant,
+    negative_constant,
+    doubled_forty_times,
+    outer_product,
+    dear_product,
+    zero_leaves,
+    half_votes,
+    negative_votes,
+    votes_that_are_no_number,
+    tree_that_loops,
+    tree_that_joins,
+    child_of_another_tree,
+    feature_outside,
+    negative_feature,
+    vote_for_no_node,
+    vote_for_no_tree,
+    vote_for_no_class,
+    another_mode,
+    averaged,
+    a_column_short,
+    deep_tree,
+    place_outside_of_its_table,
+    divided_by_zero,
+    divided_by_what_may_be_zero,
+    not_a_number,
+    input_from_nowhere,
+    other_state,
+)
 
 
 def refused_unopened(data: bytes) -> NotAModel:
@@ -399,15 +494,21 @@ def refused_unopened(data: bytes) -> NotAModel:
 
 @FOREIGN_MODEL.mark
 @pytest.mark.parametrize("alter", ALTERED, ids=lambda alter: alter.__name__)
-def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(alter: Callable[[onnx.ModelProto], None]) -> None:
+def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(
+    alter: Callable[[onnx.ModelProto], None],
+) -> None:
     model = opened()
     alter(model)
     assert refused_unopened(resealed(model)).next_step
 
 
 @FOREIGN_MODEL.mark
-@pytest.mark.parametrize("alter", [situation_plus_seven, zero_leaves, endless_loop, tree_that_loops, deep_tree])
-def test_so_it_is_when_it_is_opened_for_use(alter: Callable[[onnx.ModelProto], None], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "alter", [situation_plus_seven, zero_leaves, endless_loop, tree_that_loops, deep_tree]
+)
+def test_so_it_is_when_it_is_opened_for_use(
+    alter: Callable[[onnx.ModelProto], None], tmp_path: Path
+) -> None:
     model = opened()
     alter(model)
     (tmp_path / "m.onnx").write_bytes(resealed(model))
@@ -418,7 +519,18 @@ def test_so_it_is_when_it_is_opened_for_use(alter: Callable[[onnx.ModelProto], N
 @FOREIGN_MODEL.mark
 @pytest.mark.parametrize(
     "name",
-    ["settled", "features", "votes", "situation_", "p_class", "sample", "state_out", "votes_p_x", "", "p\x1b[2J"],
+    [
+        "settled",
+        "features",
+        "votes",
+        "situation_",
+        "p_class",
+        "sample",
+        "state_out",
+        "votes_p_x",
+        "",
+        "p\x1b[2J",
+    ],
 )
 def test_a_further_head_may_not_be_named_like_anything_else(name: str) -> None:
     card = card_of(sealed_bytes())
@@ -429,10 +541,23 @@ def test_a_further_head_may_not_be_named_like_anything_else(name: str) -> None:
 
 @FOREIGN_MODEL.mark
 @pytest.mark.parametrize(
-    ("key", "value"), [("trees", 3), ("trees", 0), ("trees", "2"), ("trees", True), ("trees", 10**30), ("vote_bits", 4),
-                       ("vote_bits", 10**9), ("vote_bits", -1), ("classes", []), ("classes", None)],
-)  # fmt: skip
-def test_a_card_that_names_other_votes_than_its_trees_give_is_refused(key: str, value: object) -> None:
+    ("key", "value"),
+    [
+        ("trees", 3),
+        ("trees", 0),
+        ("trees", "2"),
+        ("trees", True),
+        ("trees", 10**30),
+        ("vote_bits", 4),
+        ("vote_bits", 10**9),
+        ("vote_bits", -1),
+        ("classes", []),
+        ("classes", None),
+    ],
+)
+def test_a_card_that_names_other_votes_than_its_trees_give_is_refused(
+    key: str, value: object
+) -> None:
     for head in ("situation", EXTRA_HEAD):
         card = card_of(sealed_bytes())
         card["heads"][head][key] = value
@@ -463,7 +588,8 @@ def field(number: int, data: bytes) -> bytes:
 
 
 def a_second_graph(data: bytes) -> bytes:
-    """protobuf joins two fields where one belongs: a parser that takes one of them sees another graph."""
+    """protobuf joins two fields where one belongs: a parser that takes one of them sees another
+    graph."""
     loop = helper.make_node("Loop", ["", ""], ["x"]).SerializeToString()
     return field(7, field(1, loop)) + data
 
@@ -495,7 +621,8 @@ def test_bytes_that_two_parsers_could_read_differently_are_refused(kind: str) ->
 
 @FOREIGN_MODEL.mark
 def test_a_seal_that_is_not_in_the_metadata_is_refused() -> None:
-    """The digits that are checked stand in the card, and the metadata name a model of their own choice."""
+    """The digits that are checked stand in the card, and the metadata name a model of their own
+    choice."""
     model = opened()
     model.metadata_props[2].value = "f" * 64
     hidden = field(14, field(1, b"note") + field(2, b"holdfast.sha256\x12\x40" + b"0" * 64))
@@ -519,7 +646,9 @@ def test_reading_the_bytes_of_a_bomb_takes_little_memory() -> None:
 def test_the_fields_that_are_read_are_counted_and_limited() -> None:
     reader = Reader()
     with pytest.raises(ValueError, match="more than"):
-        reader.message(memoryview(b"\x08\x01" * (2 * MOST_FIELDS)), {1: Field("x", 0, repeated=True)})
+        reader.message(
+            memoryview(b"\x08\x01" * (2 * MOST_FIELDS)), {1: Field("x", 0, repeated=True)}
+        )
     assert reader.fields == MOST_FIELDS + 1
 
 
@@ -554,7 +683,8 @@ def test_more_sensors_than_there_are_are_refused_at_load(tmp_path: Path) -> None
 def test_no_altered_graph_that_opens_ever_raises_in_the_monitor(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
-    """Numbers and names are exchanged at random, the golden sequences made anew: it is refused, or it answers."""
+    """Numbers and names are exchanged at random, the golden sequences made anew: it is refused, or
+    it answers."""
     model = opened(data.draw(st.booleans()))
     for _ in range(data.draw(st.integers(1, 3))):
         _exchange(model, data)
@@ -565,7 +695,11 @@ def test_no_altered_graph_that_opens_ever_raises_in_the_monitor(
     except ModelError:
         return
     for k in range(80):
-        values = np.array(data.draw(st.lists(st.floats(), min_size=6, max_size=6))) if k % 20 == 3 else np.full(6, k)
+        values = (
+            np.array(data.draw(st.lists(st.floats(), min_size=6, max_size=6)))
+            if k % 20 == 3
+            else np.full(6, k)
+        )
         monitor.feed(Sample(20_000_000 * k, values, np.array([k % 31 > 0, True]), k))
 
 
@@ -581,10 +715,15 @@ def _with_its_own_golden(model: onnx.ModelProto) -> bytes:
 
 def _exchange(model: onnx.ModelProto, data: st.DataObject) -> None:
     node = data.draw(st.sampled_from(list(model.graph.node)))
-    names = [*(one.name for one in model.graph.initializer), *(name for n in model.graph.node for name in n.output)]
+    names = [
+        *(one.name for one in model.graph.initializer),
+        *(name for n in model.graph.node for name in n.output),
+    ]
     kind = data.draw(st.sampled_from(["input", "attribute", "constant", "operator"]))
     if kind == "input" and node.input:
-        node.input[data.draw(st.integers(0, len(node.input) - 1))] = data.draw(st.sampled_from(names))
+        node.input[data.draw(st.integers(0, len(node.input) - 1))] = data.draw(
+            st.sampled_from(names)
+        )
     if kind == "attribute" and node.attribute:
         _alter_attribute(data.draw(st.sampled_from(list(node.attribute))), data)
     if kind == "constant":
@@ -611,12 +750,15 @@ def _alter_attribute(attribute: onnx.AttributeProto, data: st.DataObject) -> Non
 
 @pytest.fixture(scope="module")
 def artifacts() -> list[Artifact]:
-    """Every feature group alone and all together, every unit, every size of forest, with every option and without."""
+    """Every feature group alone and all together, every unit, every size of forest, with every
+    option and without."""
     plans = [plan.situation for plan in SIZES.values()] + [RAW_BASELINE.situation]
     assert {type(plan.build(0, n_jobs=1)) for plan in plans} == set(FOREST_KINDS)
     alone = [artifact(spec([group])) for group in GROUPS]
     whole = [
-        artifact(spec([*GROUPS], unit, n_sensors, rate_hz), eight, extra, replace(plan, n_estimators=2))
+        artifact(
+            spec([*GROUPS], unit, n_sensors, rate_hz), eight, extra, replace(plan, n_estimators=2)
+        )
         for (unit, n_sensors, rate_hz, eight, extra), plan in zip(OPTIONS, plans, strict=True)
     ]
     return alone + whole
@@ -632,7 +774,9 @@ OPTIONS: tuple[tuple[Unit, int, float, bool, bool], ...] = (
 
 
 @FOREIGN_MODEL.mark
-def test_the_allowed_operators_are_those_that_the_exporter_writes_over_all_its_options(artifacts) -> None:
+def test_the_allowed_operators_are_those_that_the_exporter_writes_over_all_its_options(
+    artifacts,
+) -> None:
     written: dict[tuple[str, str], set[str]] = {}
     for one in artifacts:
         for node in read_onnx(graph_of(one).SerializeToString()).nodes:
@@ -662,8 +806,14 @@ def test_the_bytes_are_read_as_onnx_reads_them(eight: bool) -> None:
     for node, other in zip(told.nodes, model.graph.node, strict=True):
         for one in other.attribute:
             expected = helper.get_attribute_value(one)
-            expected = [word == b"BRANCH_LEQ" for word in expected] if one.name == "nodes_modes" else expected
+            expected = (
+                [word == b"BRANCH_LEQ" for word in expected]
+                if one.name == "nodes_modes"
+                else expected
+            )
             np.testing.assert_array_equal(node.attributes[one.name], expected)
     for tensor in model.graph.initializer:
-        np.testing.assert_array_equal(told.constants[tensor.name], numpy_helper.to_array(tensor), strict=True)
+        np.testing.assert_array_equal(
+            told.constants[tensor.name], numpy_helper.to_array(tensor), strict=True
+        )
     assert told.metadata == {entry.key: entry.value for entry in model.metadata_props}

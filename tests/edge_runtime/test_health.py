@@ -1,4 +1,5 @@
-"""What makes samples unbelievable although each of them looks good: repeats, another rate, a start under load."""
+"""What makes samples unbelievable although each of them looks good: repeats, another rate, a start
+under load."""
 
 from __future__ import annotations
 
@@ -31,18 +32,24 @@ Trial = tuple[np.ndarray, float | None, float | None]
 
 @pytest.fixture(scope="module")
 def pulls_and_falls(model: Model) -> list[Trial]:
-    """Ten pulls and ten falls of the thesis' card: prepared forces [T, 18] at 150 Hz, load onset, contact lost (s)."""
+    """Ten pulls and ten falls of the thesis' card: prepared forces [T, 18] at 150 Hz, load onset,
+    contact lost (s)."""
     from simulation.card import read_card
     from simulation.scene import Scene
 
     scene = Scene(read_card("thesis"), 4000)
     trials = scene.trials()
-    chosen = [[one for one in trials if one.action == action][::16][:10] for action in ("pull", "fall")]
+    chosen = [
+        [one for one in trials if one.action == action][::16][:10] for action in ("pull", "fall")
+    ]
     return [
-        (model.card.preparation.apply(one.signal.values.reshape(len(one.signal.t_s), -1)),
-         one.truth.load_onset_s, one.truth.contact_lost_s)
+        (
+            model.card.preparation.apply(one.signal.values.reshape(len(one.signal.t_s), -1)),
+            one.truth.load_onset_s,
+            one.truth.contact_lost_s,
+        )
         for one in scene.run_together([*chosen[0], *chosen[1]])
-    ]  # fmt: skip
+    ]
 
 
 def noise(count: int, seed: int = 1) -> np.ndarray:
@@ -51,13 +58,19 @@ def noise(count: int, seed: int = 1) -> np.ndarray:
 
 
 def fed(
-    model: Model, values: np.ndarray, valid: np.ndarray | None = None, *, period_ns: float = PERIOD_NS,
+    model: Model,
+    values: np.ndarray,
+    valid: np.ndarray | None = None,
+    *,
+    period_ns: float = PERIOD_NS,
     bias_known: bool = False,
-) -> list[Prediction]:  # fmt: skip
+) -> list[Prediction]:
     """The answers of a fresh monitor to samples whose stamps are period_ns apart."""
     monitor = GripMonitor(model, None, bias_known=bias_known)
     flags = np.ones((len(values), 6), dtype=np.bool_) if valid is None else valid
-    return [monitor.feed(Sample(round(k * period_ns), row, flags[k], k)) for k, row in enumerate(values)]
+    return [
+        monitor.feed(Sample(round(k * period_ns), row, flags[k], k)) for k, row in enumerate(values)
+    ]
 
 
 # -- a hand that repeats itself
@@ -75,13 +88,16 @@ def test_a_hand_that_is_held_still_is_not_stuck(model: Model) -> None:
 
 @DEAD_HAND.mark
 @pytest.mark.parametrize("period", [1, 2, 3, 5, 7, RING])
-def test_a_hand_that_is_stuck_in_a_short_ring_of_readings_is_unknown(model: Model, period: int) -> None:
+def test_a_hand_that_is_stuck_in_a_short_ring_of_readings_is_unknown(
+    model: Model, period: int
+) -> None:
     answers = fed(model, stuck_hand(period))[200 + model.card.settle_samples + RING :]
     assert {(answer.state, answer.why) for answer in answers} == {("unknown", "repeats")}
 
 
 def spoilt(kind: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Every 70th reading of each sensor in turn lost, not a number, or out of range; or zeros of both signs."""
+    """Every 70th reading of each sensor in turn lost, not a number, or out of range; or zeros of
+    both signs."""
     values, valid = values.copy(), np.ones((len(values), 6), dtype=np.bool_)
     if kind == "signed zeros":
         values[200:, 0] = np.where(np.arange(len(values) - 200) % 2, 0.0, -0.0)
@@ -119,7 +135,9 @@ def test_no_usable_sensor_is_not_called_stuck() -> None:
 
 
 @given(st.integers(1, RING), st.lists(st.booleans(), min_size=60, max_size=60))
-def test_losses_only_put_off_the_moment_at_which_a_ring_is_found(period: int, there: list[bool]) -> None:
+def test_losses_only_put_off_the_moment_at_which_a_ring_is_found(
+    period: int, there: list[bool]
+) -> None:
     """Readings are counted where they came: a ring with losses is a ring of what came."""
     ring, watch, came = noise(period), RepeatWatch(6, 20), 0
     for here in there:
@@ -133,7 +151,9 @@ def test_losses_only_put_off_the_moment_at_which_a_ring_is_found(period: int, th
 
 @WRONG_RATE.mark
 @pytest.mark.parametrize("factor", [10.0, 1.15, 0.7, 0.3])
-def test_a_source_at_another_rate_is_noticed_by_the_monitor_itself(model: Model, factor: float) -> None:
+def test_a_source_at_another_rate_is_noticed_by_the_monitor_itself(
+    model: Model, factor: float
+) -> None:
     answers = fed(model, noise(400), period_ns=PERIOD_NS / factor)
     assert {answer.state for answer in answers} == {"unknown"}
     assert answers[-1].why == "rate"
@@ -150,28 +170,41 @@ def test_a_standing_clock_is_noticed_by_the_monitor_itself(model: Model) -> None
 def test_a_clock_that_stands_still_later_is_noticed_within_the_history(model: Model) -> None:
     monitor = GripMonitor(model, None)
     stamps = [round(min(k, 300) * PERIOD_NS) for k in range(400)]
-    answers = [monitor.feed(Sample(t, row, ALL, k)) for k, (t, row) in enumerate(zip(stamps, noise(400), strict=True))]
+    answers = [
+        monitor.feed(Sample(t, row, ALL, k))
+        for k, (t, row) in enumerate(zip(stamps, noise(400), strict=True))
+    ]
     assert answers[299].state == "grasp"
-    assert {answer.why for answer in answers[300 + model.card.settle_samples // 2 + 2 :]} == {"rate"}
+    assert {answer.why for answer in answers[300 + model.card.settle_samples // 2 + 2 :]} == {
+        "rate"
+    }
 
 
 @pytest.mark.parametrize("factor", [0.92, 1.08])
 def test_a_rate_within_tolerance_is_good(model: Model, factor: float) -> None:
-    assert "unknown" not in {answer.state for answer in fed(model, noise(400), period_ns=PERIOD_NS / factor)[100:]}
+    assert "unknown" not in {
+        answer.state for answer in fed(model, noise(400), period_ns=PERIOD_NS / factor)[100:]
+    }
 
 
-@pytest.mark.parametrize("lost", [lambda k: k % 5 == 0, lambda k: 300 <= k < 330, lambda k: k % 50 == 0])
+@pytest.mark.parametrize(
+    "lost", [lambda k: k % 5 == 0, lambda k: 300 <= k < 330, lambda k: k % 50 == 0]
+)
 @pytest.mark.parametrize("counted", [True, False])
 def test_losses_are_no_other_rate(lost: Callable[[int], bool], counted: bool) -> None:
     watch = RateWatch(150.0, 76)
     kept = [k for k in range(600) if not lost(k)]
-    assert all(watch.fits(round(k * PERIOD_NS), k if counted else turn) for turn, k in enumerate(kept))
+    assert all(
+        watch.fits(round(k * PERIOD_NS), k if counted else turn) for turn, k in enumerate(kept)
+    )
 
 
 @given(st.lists(st.floats(-0.45, 0.45), min_size=300, max_size=300))
 def test_jitter_is_no_other_rate(late: list[float]) -> None:
     watch = RateWatch(150.0, 76)
-    assert all(watch.fits(round((k + one) * PERIOD_NS), k) for k, one in enumerate(late[: LEAST_SPAN * 20]))
+    assert all(
+        watch.fits(round((k + one) * PERIOD_NS), k) for k, one in enumerate(late[: LEAST_SPAN * 20])
+    )
 
 
 # -- late answers
@@ -188,7 +221,9 @@ class Clock:
 
 
 @LATE_ANSWER.mark
-@pytest.mark.parametrize(("age_periods", "late"), [(0.0, False), (1.99, False), (2.01, True), (22.5, True)])
+@pytest.mark.parametrize(
+    ("age_periods", "late"), [(0.0, False), (1.99, False), (2.01, True), (22.5, True)]
+)
 def test_an_answer_older_than_two_periods_says_late_and_is_unknown(
     model: Model, age_periods: float, late: bool
 ) -> None:
@@ -206,7 +241,10 @@ def test_an_answer_older_than_two_periods_says_late_and_is_unknown(
 def test_a_stamp_from_the_future_is_another_clocks_and_the_state_unknown(model: Model) -> None:
     clock = Clock()
     monitor = GripMonitor(model, clock)
-    answers = [monitor.feed(Sample(round((k + 3) * PERIOD_NS), row, ALL, k)) for k, row in enumerate(noise(200))]
+    answers = [
+        monitor.feed(Sample(round((k + 3) * PERIOD_NS), row, ALL, k))
+        for k, row in enumerate(noise(200))
+    ]
     assert (answers[-1].state, answers[-1].why, answers[-1].late) == ("unknown", "clock", False)
 
 
@@ -273,7 +311,8 @@ def test_samples_with_too_few_sensors_do_not_make_a_hand_empty() -> None:
 def test_ten_unseen_pulls_and_ten_falls_with_a_restart_two_seconds_before_are_acted_on_as_without(
     model: Model, pulls_and_falls: list[Trial], record_property
 ) -> None:
-    """Simulated, seed 4000: a seed no model was trained on. The bias was stored before; without one, see below."""
+    """Simulated, seed 4000: a seed no model was trained on. The bias was stored before; without
+    one, see below."""
     trials = pulls_and_falls
     whole = [acted_in_time(model, trial, restart=False) for trial in trials]
     again = [acted_in_time(model, trial, restart=True) for trial in trials]
@@ -290,7 +329,10 @@ def acted_in_time(model: Model, trial: Trial, *, restart: bool) -> bool:
     assert lost_s is not None
     monitor = GripMonitor(model, None, bias_known=True)
     first = round(150 * (onset_s - (2.0 if restart else 4.5)))
-    acts = [monitor.feed(Sample(round(k * PERIOD_NS), values[k], ALL, k)).act for k in range(first, len(values))]
+    acts = [
+        monitor.feed(Sample(round(k * PERIOD_NS), values[k], ALL, k)).act
+        for k in range(first, len(values))
+    ]
     begun = [k for k in range(1, len(acts)) if acts[k] and not acts[k - 1]]
     return any(onset_s <= (first + k) / 150 <= lost_s for k in begun)
 
@@ -303,4 +345,9 @@ def test_every_answer_is_a_line_of_json_with_the_reason(model: Model, valid: np.
 
     answer = GripMonitor(model, None).feed(Sample(0, noise(1)[0], valid, 0))
     told = json.loads(to_json_line(replace(answer, commands="expired")))
-    assert (told["state"], told["why"], told["commands"], told["late"]) == ("unknown", "settling", "expired", False)
+    assert (told["state"], told["why"], told["commands"], told["late"]) == (
+        "unknown",
+        "settling",
+        "expired",
+        False,
+    )

@@ -1,4 +1,5 @@
-"""The live loop: on time or counted, unknown at once, the same again in a replay, and a clean end."""
+"""The live loop: on time or counted, unknown at once, the same again in a replay, and a clean
+end."""
 
 from __future__ import annotations
 
@@ -27,7 +28,14 @@ from drivers.replay import Replay, open_replay
 from drivers.virtual.clock import VirtualClock
 from edge_runtime.commands import command_port
 from edge_runtime.contract import Prediction, Sample
-from edge_runtime.errors import ChannelError, DeviceError, OutputError, RateError, UnitError, UsageError
+from edge_runtime.errors import (
+    ChannelError,
+    DeviceError,
+    OutputError,
+    RateError,
+    UnitError,
+    UsageError,
+)
 from edge_runtime.live import STAGES, Command, Measured, Summary
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.notify import service_watchdog
@@ -62,9 +70,11 @@ def test_samples_are_due_at_whole_periods_from_the_start(model):
 
 
 @pytest.mark.hard_case(
-    AREA, "a late sample", elsewhere="a sleep of a period after every sample: each delay moves all that come after",
+    AREA,
+    "a late sample",
+    elsewhere="a sleep of a period after every sample: each delay moves all that come after",
     here="the k-th sample is due at start + k periods",
-)  # fmt: skip
+)
 def test_a_late_sample_delays_no_other(model):
     clock = VirtualClock()
     source = Steady(clock, 20, {5: 0.005})
@@ -74,10 +84,14 @@ def test_a_late_sample_delays_no_other(model):
 
 
 @pytest.mark.hard_case(
-    AREA, "a machine that sleeps for a second", elsewhere="the missed samples are caught up with, all of them late",
+    AREA,
+    "a machine that sleeps for a second",
+    elsewhere="the missed samples are caught up with, all of them late",
     here="they are lost, counted as overruns; unknown until the history is whole again",
-)  # fmt: skip
-def test_a_machine_that_sleeps_for_a_second_loses_samples_counted_and_is_unknown_until_it_has_settled(model):
+)
+def test_a_machine_that_sleeps_for_a_second_loses_samples_counted_and_is_unknown_until_it_has_settled(
+    model,
+):
     clock = VirtualClock()
     source = Steady(clock, 400, {200: 1.003})
     summary, predictions, samples = go(model, source, clock)
@@ -112,7 +126,11 @@ def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(mode
 
     asked = []
     real = watched.decide
-    monkeypatch.setattr(watched, "decide", lambda *a, **k: asked.append((k["opening"], k["override"])) or real(*a, **k))
+    monkeypatch.setattr(
+        watched,
+        "decide",
+        lambda *a, **k: asked.append((k["opening"], k["override"])) or real(*a, **k),
+    )
     clock = VirtualClock()
     told = iter([Command(), Command(opening=True), Command(override=True)])
     go(model, Steady(clock, 3), clock, command=lambda: next(told))
@@ -121,7 +139,9 @@ def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(mode
 
 # -- taking the bias off
 
-rows = hnp.arrays(np.float64, st.tuples(st.integers(5, 12), st.just(6)), elements=st.floats(-50, 50))
+rows = hnp.arrays(
+    np.float64, st.tuples(st.integers(5, 12), st.just(6)), elements=st.floats(-50, 50)
+)
 
 
 @given(rows, st.sampled_from([0, 1, 5]), st.sampled_from(["mean", "median"]), st.booleans())
@@ -162,7 +182,9 @@ def test_a_finger_that_is_called_valid_and_reads_nothing_is_not_tared_with_nothi
 # -- a virtual hand, end to end
 
 
-def kept(answers: list[Prediction], samples: list[Sample]) -> Callable[[Prediction, Sample, Measured], None]:
+def kept(
+    answers: list[Prediction], samples: list[Sample]
+) -> Callable[[Prediction, Sample, Measured], None]:
     def emit(prediction: Prediction, sample: Sample, measured: Measured) -> None:
         answers.append(prediction)
         samples.append(sample)
@@ -170,7 +192,9 @@ def kept(answers: list[Prediction], samples: list[Sample]) -> Callable[[Predicti
     return emit
 
 
-def live(model: Model, url: str, seconds: float) -> tuple[Summary, list[Prediction], list[Sample], list[str]]:
+def live(
+    model: Model, url: str, seconds: float
+) -> tuple[Summary, list[Prediction], list[Sample], list[str]]:
     clock = VirtualClock()
     said: list[str] = []
     answers: list[Prediction] = []
@@ -196,10 +220,14 @@ def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on
     assert 0.0 < acts[0] - truth.load_onset_s < 0.15
 
 
-@pytest.mark.parametrize("fault", ["nack:3@3+0.3", "frozen:2@3+0.3", "por:4@3", "unplug@3+0.3", "late@3+0.1"])
+@pytest.mark.parametrize(
+    "fault", ["nack:3@3+0.3", "frozen:2@3+0.3", "por:4@3", "unplug@3+0.3", "late@3+0.1"]
+)
 def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(model, fault):
     _, answers, _, said = live(model, f"virtual://ft232h?fault={fault.replace('+', '%2B')}", 5.0)
-    unknown = [a.t_acquired_ns * 1e-9 for a in answers if a.state == "unknown" and a.t_acquired_ns > 2e9]
+    unknown = [
+        a.t_acquired_ns * 1e-9 for a in answers if a.state == "unknown" and a.t_acquired_ns > 2e9
+    ]
     assert 3.0 - 1 / 150 < unknown[0] < 3.0 + 0.020 + 3 / 150
     assert answers[-1].state == "nothing"
     assert answers[-1].settled
@@ -213,8 +241,12 @@ def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, t
         for sample in samples:
             file.write(sample)
     monitor = GripMonitor(model, None)
-    replayed = {a.t_acquired_ns: a for a in (monitor.feed(sample) for sample in open_replay(tmp_path / "kept.csv"))}
-    again = [replayed[sample.t_ns - samples[0].t_ns] for sample in samples]  # rows that never came are filled in there
+    replayed = {
+        a.t_acquired_ns: a
+        for a in (monitor.feed(sample) for sample in open_replay(tmp_path / "kept.csv"))
+    }
+    # rows that never came are filled in there
+    again = [replayed[sample.t_ns - samples[0].t_ns] for sample in samples]
     told = [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in answers]
     assert [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in again] == told
     assert any(a.act for a in again)
@@ -228,16 +260,19 @@ def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Bui
     answers: list[Prediction] = []
     answer(source, model, clock, kept(answers, []), lambda: False)
     monitor = GripMonitor(model, None)
-    offline = [monitor.feed(sample) for sample in open_replay(trial).prepared(model.card.preparation)]
+    offline = [
+        monitor.feed(sample) for sample in open_replay(trial).prepared(model.card.preparation)
+    ]
     settle = model.card.preparation.bias_rows + model.card.settle_samples
     assert [a.state for a in answers[settle:]] == [a.state for a in offline[settle:]]
 
 
 @pytest.mark.hard_case(
-    AREA, "a step slower than the source",
+    AREA,
+    "a step slower than the source",
     elsewhere="samples queue, and every answer is later than the one before",
     here="the newest reading is taken, those that would be past are not read, counted as overruns",
-)  # fmt: skip
+)
 def test_a_reader_that_comes_late_finds_the_newest_row():
     clock = VirtualClock()
     values = np.arange(30.0).reshape(10, 3)
@@ -264,10 +299,18 @@ def test_a_model_for_another_unit_or_hand_is_refused_before_the_first_sample(mod
 
 @pytest.mark.parametrize(
     "url",
-    ["virtual://usb5", "virtual://ft232h?colour=red", "virtual://ft232h?averages=3", "virtual://ft232h?layout=nine",
-     "virtual://ft232h?fault=melt@1", "usb://ft232h?scene=thesis", "virtual://ft232h?scene=thesis&trial=5000",
-     "virtual://ft232h?seed=x", "foo://bar"],
-)  # fmt: skip
+    [
+        "virtual://usb5",
+        "virtual://ft232h?colour=red",
+        "virtual://ft232h?averages=3",
+        "virtual://ft232h?layout=nine",
+        "virtual://ft232h?fault=melt@1",
+        "usb://ft232h?scene=thesis",
+        "virtual://ft232h?scene=thesis&trial=5000",
+        "virtual://ft232h?seed=x",
+        "foo://bar",
+    ],
+)
 def test_a_url_that_cannot_be_is_a_usage_error(url):
     with pytest.raises(UsageError):
         open_live(url, clock=VirtualClock(), say=lambda line: None)
@@ -313,9 +356,24 @@ def test_an_address_that_cannot_be_is_a_usage_error(address):
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
-    command = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h", "--seconds", "60"]
+    command = [
+        sys.executable,
+        "-m",
+        "holdfast",
+        "run",
+        str(DEFAULT),
+        "--source",
+        "virtual://ft232h",
+        "--seconds",
+        "60",
+    ]
     with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+        command,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
     ) as run:
         assert run.stdout is not None
         lines = [run.stdout.readline() for _ in range(20)]
@@ -350,7 +408,9 @@ def test_a_view_draws_over_its_last_picture_below_what_is_told_and_goes_away_at_
     _, answers, samples, _ = live(model, "virtual://ft232h", 0.1)
     read, write = os.pipe()
     with open(read, "rb") as seen, open(write, "w", encoding="utf-8") as terminal:
-        with viewed("N", console=Console(file=terminal, width=80, height=30, force_terminal=True)) as view:
+        with viewed(
+            "N", console=Console(file=terminal, width=80, height=30, force_terminal=True)
+        ) as view:
             view.tell("finger 3 is lost")
             view.show(answers[-1], samples[-1], Measured(0, np.zeros(18), samples[-1].valid))
             shown = b""
@@ -369,7 +429,10 @@ def test_a_view_on_what_is_no_terminal_draws_nothing(tmp_path):
 
     from holdfast.view import viewed
 
-    with open(tmp_path / "err", "w", encoding="utf-8") as file, viewed("N", console=Console(file=file)) as view:
+    with (
+        open(tmp_path / "err", "w", encoding="utf-8") as file,
+        viewed("N", console=Console(file=file)) as view,
+    ):
         assert not view.drawing
     assert (tmp_path / "err").read_text() == ""
 
@@ -443,13 +506,27 @@ def commanded(log: list[str], clock: VirtualClock) -> Iterator[Callable[[str], C
 def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged():
     log: list[str] = []
     with commanded(log, VirtualClock()) as after:
-        asked = [after(one) for one in ("", '{"opening": true}', '{"opening": true}', '{"override": true}', "rubbish",
-                                        '{"opening": false}', '{"opening": 1}')]  # fmt: skip
+        asked = [
+            after(one)
+            for one in (
+                "",
+                '{"opening": true}',
+                '{"opening": true}',
+                '{"override": true}',
+                "rubbish",
+                '{"opening": false}',
+                '{"opening": 1}',
+            )
+        ]
     assert asked == [
-        Command(), Command(opening=True, link="live"), Command(opening=True, link="live"),
-        Command(opening=True, override=True, link="live"), Command(opening=True, link="live"),
-        Command(link="live"), Command(link="live"),
-    ]  # fmt: skip
+        Command(),
+        Command(opening=True, link="live"),
+        Command(opening=True, link="live"),
+        Command(opening=True, override=True, link="live"),
+        Command(opening=True, link="live"),
+        Command(link="live"),
+        Command(link="live"),
+    ]
     assert [line.endswith("(not understood)") for line in log] == [False, False, True, False, True]
 
 
@@ -493,7 +570,9 @@ def test_every_answer_says_whether_commands_still_come(model):
 # -- the service
 
 
-def test_the_service_manager_is_told_ready_at_the_first_answer_then_signs_of_life_then_the_end(tmp_path):
+def test_the_service_manager_is_told_ready_at_the_first_answer_then_signs_of_life_then_the_end(
+    tmp_path,
+):
     path = str(tmp_path / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(path)
@@ -522,8 +601,15 @@ def test_a_service_manager_that_does_not_listen_or_is_not_there_delays_nothing(t
 @RESTART.mark
 def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_up_and_is_watched():
     unit = (ROOT / "drivers" / "board" / "holdfast.service").read_text()
-    for word in ("--bias ", "--calibration ", "--commands ", "Type=notify", "WatchdogSec=1\n", "Restart=always",
-                 "StartLimitIntervalSec=0"):  # fmt: skip
+    for word in (
+        "--bias ",
+        "--calibration ",
+        "--commands ",
+        "Type=notify",
+        "WatchdogSec=1\n",
+        "Restart=always",
+        "StartLimitIntervalSec=0",
+    ):
         assert word in unit
     assert unit.index("StartLimitIntervalSec") < unit.index("[Service]")
 
@@ -545,15 +631,41 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     assert (told.bias.name, told.commands, told.quiet) == ("bias.json", "127.0.0.1:9001", True)
 
 
-def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(model, tmp_path, capsys):
+def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(
+    model, tmp_path, capsys
+):
     from holdfast.cli import main
 
-    assert main(["bias", "--source", "virtual://ft232h", "--out", str(tmp_path / "bias.json"), "--seconds", "0.5"]) == 0
+    assert (
+        main(
+            [
+                "bias",
+                "--source",
+                "virtual://ft232h",
+                "--out",
+                str(tmp_path / "bias.json"),
+                "--seconds",
+                "0.5",
+            ]
+        )
+        == 0
+    )
     resting = read_bias(tmp_path / "bias.json").values
     tare = Tare(model.card.preparation, 18, resting)
     values, good = tare.prepare(resting + 3.0, np.ones(6, dtype=np.bool_))
     assert good.all()
     assert values == pytest.approx(np.full(18, 3.0), abs=0.2)
-    assert main(["bias", "--source", "virtual://ft232h?fault=nack:2@0%2B99", "--out", str(tmp_path / "b.json")]) == 3
+    assert (
+        main(
+            [
+                "bias",
+                "--source",
+                "virtual://ft232h?fault=nack:2@0%2B99",
+                "--out",
+                str(tmp_path / "b.json"),
+            ]
+        )
+        == 3
+    )
     assert not (tmp_path / "b.json").exists()
     assert "error:" in capsys.readouterr().err

@@ -1,4 +1,5 @@
-"""The one file: its seal, its card, its golden sequences, and everything that is not such a file."""
+"""The one file: its seal, its card, its golden sequences, and everything that is not such a
+file."""
 
 from __future__ import annotations
 
@@ -35,7 +36,14 @@ from edge_runtime.errors import (
     RuntimeRefused,
 )
 from edge_runtime.golden import golden_input
-from edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY, WRONG_RUNTIMES, check_runtime, read_sealed
+from edge_runtime.model_file import (
+    CARD_KEY,
+    GOLDEN_KEY,
+    SEAL_KEY,
+    WRONG_RUNTIMES,
+    check_runtime,
+    read_sealed,
+)
 from edge_runtime.monitor import GripMonitor, Model
 from export.artifact import read_artifact, write_artifact
 from export.exporting import export_artifact
@@ -54,7 +62,8 @@ def content(path: Path) -> bytes:
 
 
 def refused(path: Path, data: bytes) -> ModelError:
-    """The error a model file with this content ends in; always one line that names the file and a next step."""
+    """The error a model file with this content ends in; always one line that names the file and a
+    next step."""
     path.write_bytes(data)
     with pytest.raises(ModelError) as caught:
         Model(path)
@@ -63,16 +72,21 @@ def refused(path: Path, data: bytes) -> ModelError:
     return caught.value
 
 
-def test_a_sealed_file_opens_and_says_who_it_is(eight_classes: Built, four_situations: Built) -> None:
+def test_a_sealed_file_opens_and_says_who_it_is(
+    eight_classes: Built, four_situations: Built
+) -> None:
     for built, classes, heads in (
-        (eight_classes, CLASSES, ()), (four_situations, SITUATIONS, ("p_risky_250ms",)),
-    ):  # fmt: skip
+        (eight_classes, CLASSES, ()),
+        (four_situations, SITUATIONS, ("p_risky_250ms",)),
+    ):
         card = Model(built.model).card
         assert (card.classes, card.heads, card.has_weight) == (classes, heads, classes == CLASSES)
         assert metadata_of(content(built.model))[SEAL_KEY].startswith(card.model_id)
 
 
-def test_the_seal_is_the_sha256_of_the_file_with_its_own_digits_zeroed(eight_classes: Built) -> None:
+def test_the_seal_is_the_sha256_of_the_file_with_its_own_digits_zeroed(
+    eight_classes: Built,
+) -> None:
     data = content(eight_classes.model)
     digits = metadata_of(data)[SEAL_KEY].encode()
     assert re.fullmatch(rb"[0-9a-f]{64}", digits)
@@ -97,7 +111,11 @@ def test_one_altered_digit_of_the_seal_is_refused(
 ) -> None:
     data = content(eight_classes.model)
     digits = metadata_of(data)[SEAL_KEY].encode()
-    other = character if character != b"upper" else digits[digit : digit + 1].translate(bytes(range(1, 256)) + b"\0")
+    other = (
+        character
+        if character != b"upper"
+        else digits[digit : digit + 1].translate(bytes(range(1, 256)) + b"\0")
+    )
     altered = digits[:digit] + other + digits[digit + 1 :]
     assert isinstance(refused(tmp_path / "m.onnx", data.replace(digits, altered)), BrokenSeal)
 
@@ -111,15 +129,21 @@ def test_a_file_cut_short_anywhere_is_refused(
     assert_refused_unread(tmp_path_factory, data[: int(share * len(data))])
 
 
-def test_so_is_one_cut_short_within_its_first_or_last_bytes(eight_classes: Built, tmp_path: Path) -> None:
+def test_so_is_one_cut_short_within_its_first_or_last_bytes(
+    eight_classes: Built, tmp_path: Path
+) -> None:
     data = content(eight_classes.model)
     for length in [*range(70), *range(len(data) - 100, len(data))]:
         assert isinstance(refused(tmp_path / "m.onnx", data[:length]), BrokenSeal | NotAModel)
     assert isinstance(refused(tmp_path / "m.onnx", data[: len(data) // 2]), BrokenSeal)
 
 
-@pytest.mark.parametrize("more", [b"\n", b"\0", b"0" * 64, SEAL_KEY.encode() + b"\x12\x40" + b"0" * 64])
-def test_so_is_one_with_something_after_its_end(eight_classes: Built, tmp_path: Path, more: bytes) -> None:
+@pytest.mark.parametrize(
+    "more", [b"\n", b"\0", b"0" * 64, SEAL_KEY.encode() + b"\x12\x40" + b"0" * 64]
+)
+def test_so_is_one_with_something_after_its_end(
+    eight_classes: Built, tmp_path: Path, more: bytes
+) -> None:
     assert isinstance(refused(tmp_path / "m.onnx", content(eight_classes.model) + more), BrokenSeal)
 
 
@@ -152,10 +176,12 @@ FOREIGN: dict[str, tuple[Callable[[Path], bytes], str]] = {
     "an empty file": (lambda _: b"", "empty file"),
     "noise": (lambda _: np.random.default_rng(0).bytes(5000), "not a sealed Holdfast model"),
     "another tool's ONNX file": (
-        lambda _: onnx.helper.make_model(onnx.helper.make_graph([], "g", [], [])).SerializeToString(),
+        lambda _: onnx.helper.make_model(
+            onnx.helper.make_graph([], "g", [], [])
+        ).SerializeToString(),
         "not a sealed Holdfast model",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", FOREIGN)
@@ -202,8 +228,11 @@ def test_a_file_sealed_by_the_rule_alone_is_accepted(eight_classes: Built, tmp_p
 
 @GOLDEN.mark
 @pytest.mark.parametrize("built", ["eight_classes", "four_situations"])
-def test_every_golden_answer_is_compared(built: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
-    """One stored number of one output is altered: by one, by a flag, or by ten times its tolerance."""
+def test_every_golden_answer_is_compared(
+    built: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """One stored number of one output is altered: by one, by a flag, or by ten times its
+    tolerance."""
     data = content(request.getfixturevalue(built).model)
     golden = json.loads(metadata_of(data)[GOLDEN_KEY])
     published = {output.name for output in onnx.load_from_string(data).graph.output}
@@ -224,7 +253,9 @@ def moved(number: Any) -> Any:
     return number + 1 if number.dtype.kind == "i" else number + 3e-5 * max(1.0, abs(number))
 
 
-def test_a_golden_answer_within_its_tolerance_is_accepted(eight_classes: Built, tmp_path: Path) -> None:
+def test_a_golden_answer_within_its_tolerance_is_accepted(
+    eight_classes: Built, tmp_path: Path
+) -> None:
     data = content(eight_classes.model)
     golden = json.loads(metadata_of(data)[GOLDEN_KEY])
     numbers = np.frombuffer(base64.b64decode(golden["p_class"]["data"]), dtype=np.float32)
@@ -246,7 +277,7 @@ GARBLED: dict[str, dict[str, str | None]] = {
     "has golden sequences that are a list": {GOLDEN_KEY: "[]"},
     "has golden sequences without shapes": {GOLDEN_KEY: '{"votes": {}}'},
     "has golden sequences of no output": {GOLDEN_KEY: "{}"},
-}  # fmt: skip
+}
 
 
 def spoken_of(**changed: object) -> Callable[[bytes], dict[str, str | None]]:
@@ -282,20 +313,27 @@ CONTRADICTED = {
 
 
 @pytest.mark.hard_case(
-    "What comes from outside", "a sealed file whose card lies about its graph",
+    "What comes from outside",
+    "a sealed file whose card lies about its graph",
     elsewhere="the seal holds, for anybody can make one, and the process ends in the first sample",
     here="card and graph are compared when the file is opened, and every value of the card has its range",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("fault", CONTRADICTED)
-def test_a_card_is_refused_that_speaks_of(four_situations: Built, tmp_path: Path, fault: str) -> None:
+def test_a_card_is_refused_that_speaks_of(
+    four_situations: Built, tmp_path: Path, fault: str
+) -> None:
     data = content(four_situations.model)
     error = refused(tmp_path / "m.onnx", with_metadata(data, **CONTRADICTED[fault](data)))
     assert isinstance(error, NotAModel)
 
 
 @pytest.mark.parametrize("fault", GARBLED)
-def test_a_file_whose_seal_holds_is_still_no_model_if_it(eight_classes: Built, tmp_path: Path, fault: str) -> None:
-    error = refused(tmp_path / "m.onnx", with_metadata(content(eight_classes.model), **GARBLED[fault]))
+def test_a_file_whose_seal_holds_is_still_no_model_if_it(
+    eight_classes: Built, tmp_path: Path, fault: str
+) -> None:
+    error = refused(
+        tmp_path / "m.onnx", with_metadata(content(eight_classes.model), **GARBLED[fault])
+    )
     assert isinstance(error, NotAModel | GoldenMismatch)
 
 
@@ -333,7 +371,13 @@ def test_the_card_lists_everything_a_consumer_needs(eight_classes: Built) -> Non
     assert card["bands_left_out_hz"] == [25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0]
     assert card["decision"] == DecisionRules().to_json()
     assert card["detectors"] == ["band_pass", "band_pass_point", "friction_cone"]
-    assert set(spec["detectors"]) >= {"band_ratio", "floor_tau_s", "quiet_s", "friction", "min_normal_n"}
+    assert set(spec["detectors"]) >= {
+        "band_ratio",
+        "floor_tau_s",
+        "quiet_s",
+        "friction",
+        "min_normal_n",
+    }
     assert card["heads"]["situation"]["classes"] == list(CLASSES)
     assert card["preparation"] == eight_classes.data.preparation.to_json()
     assert card["tie_rule"]
@@ -344,26 +388,39 @@ def test_the_card_lists_everything_a_consumer_needs(eight_classes: Built) -> Non
     assert training["caveat"] == eight_classes.data.caveat
 
 
-def test_two_exports_of_one_artifact_are_the_same_bytes(eight_classes: Built, tmp_path: Path) -> None:
+def test_two_exports_of_one_artifact_are_the_same_bytes(
+    eight_classes: Built, tmp_path: Path
+) -> None:
     once, _ = export_artifact(eight_classes.artifact, tmp_path / "once.onnx")
     assert once.read_bytes() == content(eight_classes.model)
 
 
-def test_an_artifact_read_and_written_again_exports_to_the_same_bytes(eight_classes: Built, tmp_path: Path) -> None:
+def test_an_artifact_read_and_written_again_exports_to_the_same_bytes(
+    eight_classes: Built, tmp_path: Path
+) -> None:
     write_artifact(tmp_path, read_artifact(eight_classes.artifact))
     assert export_artifact(tmp_path)[0].read_bytes() == content(eight_classes.model)
 
 
-def test_the_decision_rules_of_the_card_are_the_ones_that_decide(eight_classes: Built, tmp_path: Path) -> None:
+def test_the_decision_rules_of_the_card_are_the_ones_that_decide(
+    eight_classes: Built, tmp_path: Path
+) -> None:
     artifact = read_artifact(eight_classes.artifact)
-    never = replace(artifact, decision={**artifact.decision, "arm_samples": 10**4, "act_samples": 10**4})
+    never = replace(
+        artifact, decision={**artifact.decision, "arm_samples": 10**4, "act_samples": 10**4}
+    )
     path = tmp_path / "m.onnx"
-    path.write_bytes(seal(onnx.load_from_string(content(eight_classes.model)), model_card(never), artifact.spec))
+    path.write_bytes(
+        seal(onnx.load_from_string(content(eight_classes.model)), model_card(never), artifact.spec)
+    )
     pulled = next(r for r in eight_classes.data.recordings if r.action == "pull")
     armed = {}
     for model in (eight_classes.model, path):
         monitor = GripMonitor(Model(model), None)
         samples = zip(pulled.samples, pulled.valid, strict=True)
-        armed[model] = sum(monitor.feed(Sample(k * 20_000_000, row, ok, k)).arm for k, (row, ok) in enumerate(samples))
+        armed[model] = sum(
+            monitor.feed(Sample(k * 20_000_000, row, ok, k)).arm
+            for k, (row, ok) in enumerate(samples)
+        )
     assert armed[eight_classes.model] > 0
     assert armed[path] == 0

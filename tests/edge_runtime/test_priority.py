@@ -57,7 +57,9 @@ def test_where_it_is_not_allowed_everything_goes_on_as_before(monkeypatch):
         assert os.sched_getscheduler(0) == before
 
 
-def test_who_may_not_clear_the_mark_of_the_children_still_gives_the_priority_back(monkeypatch, allowed):
+def test_who_may_not_clear_the_mark_of_the_children_still_gives_the_priority_back(
+    monkeypatch, allowed
+):
     """As for a user with `ulimit -r` and no more."""
     really = os.sched_setscheduler
 
@@ -76,14 +78,17 @@ def test_who_may_not_clear_the_mark_of_the_children_still_gives_the_priority_bac
 
 
 def test_a_user_without_the_right_reads_on_and_is_told_once():
-    """A real process that may not: root that gave its rights up, or whoever runs the tests without them."""
+    """A real process that may not: root that gave its rights up, or whoever runs the tests without
+    them."""
     script = (
         "import os\n"
         "from holdfast.real_time import first_in_line\n"
         "if os.geteuid() == 0:\n    os.setgid(65534); os.setuid(65534)\n"
         "with first_in_line(print) as yes:\n    print(yes)\n"
     )
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    told = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout
     if told == "True\n":
         pytest.skip("this user has real-time priority without root")
     line, allowed = told.splitlines()

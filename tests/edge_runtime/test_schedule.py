@@ -60,21 +60,28 @@ def lines_of(read_end: int) -> list[str]:
 # -- consumers that stall
 
 stalled_consumer = pytest.mark.hard_case(
-    AREA, "a stalled consumer",
+    AREA,
+    "a stalled consumer",
     elsewhere="a log that nobody reads fills its pipe, the next print waits, and the hand waits with it",
     here="a thread of its own waits; a line without room in its queue is dropped whole and counted; no answer is late",
-)  # fmt: skip
+)
 
 
 @stalled_consumer
-def test_a_pipe_that_nobody_reads_loses_whole_lines_counted_and_delays_no_sample(model, stalled, record_property):
+def test_a_pipe_that_nobody_reads_loses_whole_lines_counted_and_delays_no_sample(
+    model, stalled, record_property
+):
     clock, heard = VirtualClock(), io.StringIO()
     with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
         outlets = Outlets([stream_sink(stream), stream_sink(heard)], print)
     summary = run_live(
-        Steady(clock, 400), GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
-        lambda prediction, sample, measured: outlets.emit(prediction), stopped=lambda: False,
-    )  # fmt: skip
+        Steady(clock, 400),
+        GripMonitor(model, clock.now_ns),
+        Tare(model.card.preparation, 18),
+        clock,
+        lambda prediction, sample, measured: outlets.emit(prediction),
+        stopped=lambda: False,
+    )
     outlets.close()
     summary.dropped = outlets.dropped
     taken = lines_of(stalled[0])
@@ -82,7 +89,9 @@ def test_a_pipe_that_nobody_reads_loses_whole_lines_counted_and_delays_no_sample
     assert summary.overruns == 0
     lines = heard.getvalue().splitlines()
     assert len(lines) == 400
-    assert summary.dropped - (400 - len(taken)) in (0, 1), "the line under way goes out once there is room"
+    assert summary.dropped - (400 - len(taken)) in (0, 1), (
+        "the line under way goes out once there is room"
+    )
     assert summary.dropped > 100
     assert taken == lines[: len(taken)]
     assert f"{summary.to_json()['dropped']}" == f"{summary.dropped}"
@@ -103,15 +112,18 @@ def test_a_consumer_that_comes_back_gets_the_newest_line_whole(stalled):
 
 
 @pytest.mark.hard_case(
-    AREA, "a stalled consumer",
+    AREA,
+    "a stalled consumer",
     elsewhere="a log that nobody reads fills its pipe, the next print waits, and the hand waits with it",
     here="a thread of its own waits; a line without room in its queue is dropped whole and counted; no answer is late",
     unguarded=True,
-)  # fmt: skip
+)
 def test_a_plain_print_into_a_pipe_that_nobody_reads_would_wait_for_ever(stalled):
     os.set_blocking(stalled[1], False)  # what would wait raises instead
     with pytest.raises(BlockingIOError):
-        os.writev(stalled[1], [b"x" * 1000 + b"\n"] * 400) and os.write(stalled[1], b"x" * (1 << 16))
+        os.writev(stalled[1], [b"x" * 1000 + b"\n"] * 400) and os.write(
+            stalled[1], b"x" * (1 << 16)
+        )
 
 
 @stalled_consumer
@@ -125,11 +137,14 @@ def test_a_datagram_that_the_machine_does_not_let_out_is_a_line_not_taken():
 
 
 @pytest.mark.hard_case(
-    AREA, "a step slower than the source",
+    AREA,
+    "a step slower than the source",
     elsewhere="samples queue, and every answer is later than the one before",
     here="the newest reading is taken, those that would be past are not read, counted as overruns",
-)  # fmt: skip
-def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_lag(model, record_property):
+)
+def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_lag(
+    model, record_property
+):
     clock, late_ns = VirtualClock(), []
 
     class Slow(Steady):
@@ -143,14 +158,17 @@ def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_l
     for sample in samples:
         late_ns.append(sample.t_ns - sample.sequence * 1e9 / 150)
     record_property("latest_ms", max(late_ns) / 1e6)
-    assert summary.samples + summary.overruns == pytest.approx(2.5 * 200, abs=2)  # every period is one or the other
+    # every period is one or the other
+    assert summary.samples + summary.overruns == pytest.approx(2.5 * 200, abs=2)
     assert max(late_ns) < PERIOD_NS
 
 
 @pytest.mark.hard_case(
-    AREA, "jitter", elsewhere="a sample that comes early or late is taken for two, or for none",
+    AREA,
+    "jitter",
+    elsewhere="a sample that comes early or late is taken for two, or for none",
     here="up to half a period either way every sample is one sample",
-)  # fmt: skip
+)
 @settings(max_examples=25)
 @given(st.lists(st.floats(0.0, 0.45), min_size=120, max_size=120))
 def test_jitter_below_half_a_period_loses_nothing(late):
@@ -175,19 +193,26 @@ def still(sequence: int, t_ns: int) -> Sample:
 
 
 @pytest.mark.hard_case(
-    AREA, "a recording a few per cent off the model's rate",
+    AREA,
+    "a recording a few per cent off the model's rate",
     elsewhere="read on the model's schedule, rows are met twice or never, and nobody says so",
     here="a recording is due at its own rate, so that every row is met once",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("rate_hz", [137.0, 150.0, 164.0])
 def test_a_recording_within_the_tolerance_is_met_row_by_row(model, rate_hz):
     clock, rows = VirtualClock(), np.arange(300.0)
-    replay = Replay(np.arange(300), np.repeat(rows[:, None], 18, axis=1), np.ones((300, 6), bool), rate_hz, "N")
+    replay = Replay(
+        np.arange(300), np.repeat(rows[:, None], 18, axis=1), np.ones((300, 6), bool), rate_hz, "N"
+    )
     met: list[float] = []
     run_live(
-        Paced(replay, clock.now_ns), GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
-        lambda prediction, sample, measured: met.append(measured.values[0]), stopped=lambda: False,
-    )  # fmt: skip
+        Paced(replay, clock.now_ns),
+        GripMonitor(model, clock.now_ns),
+        Tare(model.card.preparation, 18),
+        clock,
+        lambda prediction, sample, measured: met.append(measured.values[0]),
+        stopped=lambda: False,
+    )
     assert met == rows.tolist()
 
 
@@ -211,9 +236,11 @@ def on_time(count: int, start_ns: int = 0) -> list[int]:
 
 
 @pytest.mark.hard_case(
-    AREA, "a duplicated sample", elsewhere="the same reading twice is a change of nothing: the hand looks at rest",
+    AREA,
+    "a duplicated sample",
+    elsewhere="the same reading twice is a change of nothing: the hand looks at rest",
     here="a reading is used once; the second is a lost sample, counted, and more than 20 ms of them are unknown",
-)  # fmt: skip
+)
 def test_a_source_that_repeats_itself_is_lost_and_then_unknown(model):
     stamps = on_time(200) + [on_time(200)[-1]] * 20 + on_time(120, round(220e9 / 150))
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
@@ -224,9 +251,11 @@ def test_a_source_that_repeats_itself_is_lost_and_then_unknown(model):
 
 
 @pytest.mark.hard_case(
-    AREA, "a sample that comes late", elsewhere="it is taken for a new one, and the past comes after the present",
+    AREA,
+    "a sample that comes late",
+    elsewhere="it is taken for a new one, and the past comes after the present",
     here="what is older than the newest is not used; it counts, and its place is a lost sample",
-)  # fmt: skip
+)
 def test_two_readings_in_the_wrong_order_cost_one_sample_and_no_error(model):
     stamps = on_time(300)
     stamps[200], stamps[201] = stamps[201], stamps[200]
@@ -239,12 +268,15 @@ def test_two_readings_in_the_wrong_order_cost_one_sample_and_no_error(model):
 
 
 @pytest.mark.hard_case(
-    AREA, "a clock that jumps back, and 32-bit microseconds that wrap",
+    AREA,
+    "a clock that jumps back, and 32-bit microseconds that wrap",
     elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in the middle of a grip",
     here="the stream begins anew: counted, unknown until settled; a request that runs goes on",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("back_ns", [2**32 * 1000, 3_600_000_000_000, 2_000_000_000])
-def test_stamps_that_jump_back_begin_anew_and_are_unknown_until_settled(model, back_ns, record_property):
+def test_stamps_that_jump_back_begin_anew_and_are_unknown_until_settled(
+    model, back_ns, record_property
+):
     stamps = on_time(200, back_ns) + on_time(200, round(200e9 / 150))
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)
     settle = model.card.settle_samples
@@ -263,11 +295,12 @@ def test_a_restart_forgets_the_stream_and_keeps_the_request(model):
 
 
 @pytest.mark.hard_case(
-    AREA, "a clock that jumps back, and 32-bit microseconds that wrap",
+    AREA,
+    "a clock that jumps back, and 32-bit microseconds that wrap",
     elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in the middle of a grip",
     here="the stream begins anew: counted, unknown until settled; a request that runs goes on",
     unguarded=True,
-)  # fmt: skip
+)
 def test_the_monitor_alone_refuses_time_that_runs_backwards(model):
     monitor = GripMonitor(model, None)
     monitor.feed(still(0, 2**32 * 1000))
@@ -276,9 +309,11 @@ def test_the_monitor_alone_refuses_time_that_runs_backwards(model):
 
 
 @pytest.mark.hard_case(
-    AREA, "a clock that jumps forwards", elsewhere="an hour of lost samples is filled in, one by one, before the next",
+    AREA,
+    "a clock that jumps forwards",
+    elsewhere="an hour of lost samples is filled in, one by one, before the next",
     here="one more than a gap that blinds is enough; then unknown until settled",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("ahead_s", [0.1, 3600.0, 1e9])
 def test_a_jump_ahead_takes_no_more_steps_than_a_gap(model, ahead_s, monkeypatch):
     monitor, steps = GripMonitor(model, VirtualClock().now_ns), []
@@ -294,12 +329,17 @@ def test_a_jump_ahead_takes_no_more_steps_than_a_gap(model, ahead_s, monkeypatch
 
 
 @pytest.mark.hard_case(
-    AREA, "the recorder's device clock wraps", elsewhere="32-bit microseconds run out after 71 minutes",
+    AREA,
+    "the recorder's device clock wraps",
+    elsewhere="32-bit microseconds run out after 71 minutes",
     here="time is the host's alone; the device's own column may wrap",
-)  # fmt: skip
+)
 def test_a_recording_whose_device_clock_wraps_reads_as_any_other(tmp_path: Path):
     table = ["Time,X1,Y1,Z1,host_ns,device_us,sequence,valid1"]
-    table += [f"{k / 50},1,2,3,{k * 20_000_000},{(2**32 - 40_000 + 20_000 * k) % 2**32},{k},1" for k in range(6)]
+    table += [
+        f"{k / 50},1,2,3,{k * 20_000_000},{(2**32 - 40_000 + 20_000 * k) % 2**32},{k},1"
+        for k in range(6)
+    ]
     (tmp_path / "trial_1.csv").write_text("\n".join(table) + "\n")
     trial = read_trial(tmp_path / "trial_1.csv")
     np.testing.assert_allclose(trial.t_s, np.arange(6) / 50)
@@ -310,9 +350,11 @@ def test_a_recording_whose_device_clock_wraps_reads_as_any_other(tmp_path: Path)
 
 
 @pytest.mark.hard_case(
-    AREA, "a machine that is suspended", elsewhere="CLOCK_MONOTONIC stands still: before and after seem neighbours",
+    AREA,
+    "a machine that is suspended",
+    elsewhere="CLOCK_MONOTONIC stands still: before and after seem neighbours",
     here="the schedule runs by the time since boot, which goes on; what was missed is lost samples",
-)  # fmt: skip
+)
 def test_the_schedule_s_clock_goes_on_while_the_machine_is_suspended(monkeypatch):
     asked = []
     real = time.clock_gettime_ns
@@ -329,9 +371,11 @@ def test_the_schedule_s_clock_goes_on_while_the_machine_is_suspended(monkeypatch
 
 
 @pytest.mark.hard_case(
-    AREA, "a flood of commands", elsewhere="whoever sends faster than it is read keeps the loop for himself",
+    AREA,
+    "a flood of commands",
+    elsewhere="whoever sends faster than it is read keeps the loop for himself",
     here="at most 32 datagrams are read at a sample; the others wait",
-)  # fmt: skip
+)
 def test_a_flooded_port_delays_commands_and_no_sample(record_property):
     import socket
 

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.errors import ColumnError, DataError, DataNotFound, EmptyRecording, NotANumber, TimeError
+from edge_runtime.errors import (
+    ColumnError,
+    DataError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+    TimeError,
+)
 from edge_runtime.trial_file import read_trial
 
 HEADER = "Time,X1,Y1,Z1,X2,Y2,Z2"
@@ -21,7 +28,9 @@ def rows(times_s: list[float] | None = None) -> list[str]:
 
 def written(tmp_path: Path, header: str = HEADER, lines: list[str] | None = None) -> Path:
     path = tmp_path / "trial_1.csv"
-    path.write_text("\n".join([header, *(rows() if lines is None else lines)]) + "\n", encoding="utf-8")
+    path.write_text(
+        "\n".join([header, *(rows() if lines is None else lines)]) + "\n", encoding="utf-8"
+    )
     return path
 
 
@@ -35,12 +44,16 @@ def test_a_trial_is_time_from_zero_channels_and_validity(tmp_path: Path) -> None
 
 
 def test_the_rate_is_the_median_step_so_one_late_sample_does_not_move_it(tmp_path: Path) -> None:
-    assert read_trial(written(tmp_path, lines=rows([0, 0.02, 0.04, 0.09, 0.11, 0.13]))).rate_hz == pytest.approx(50.0)
+    assert read_trial(
+        written(tmp_path, lines=rows([0, 0.02, 0.04, 0.09, 0.11, 0.13]))
+    ).rate_hz == pytest.approx(50.0)
 
 
 def test_the_recorders_own_columns_are_read_and_its_validity_is_kept(tmp_path: Path) -> None:
     lines = [f"{line},{k},{k},{k},1,{int(k != 2)}" for k, line in enumerate(rows())]
-    trial = read_trial(written(tmp_path, f"{HEADER},host_ns,device_us,sequence,valid1,valid2", lines))
+    trial = read_trial(
+        written(tmp_path, f"{HEADER},host_ns,device_us,sequence,valid1,valid2", lines)
+    )
     assert trial.raw.shape == (5, 6)
     assert np.argwhere(~trial.valid).tolist() == [[2, 1]]
 
@@ -48,7 +61,9 @@ def test_the_recorders_own_columns_are_read_and_its_validity_is_kept(tmp_path: P
 def test_a_lost_value_is_written_as_nan_and_read_as_such(tmp_path: Path) -> None:
     lines = rows()
     lines[1] = "0.020,nan,2,3,4,5,6"
-    assert np.argwhere(np.isnan(read_trial(written(tmp_path, lines=lines)).raw)).tolist() == [[1, 0]]
+    assert np.argwhere(np.isnan(read_trial(written(tmp_path, lines=lines)).raw)).tolist() == [
+        [1, 0]
+    ]
 
 
 def test_a_byte_order_mark_and_windows_line_ends_are_nobodys_fault(tmp_path: Path) -> None:
@@ -57,7 +72,11 @@ def test_a_byte_order_mark_and_windows_line_ends_are_nobodys_fault(tmp_path: Pat
     assert read_trial(path).raw.shape == (5, 6)
 
 
-@given(values=st.lists(st.lists(st.floats(allow_infinity=False, width=64), min_size=3, max_size=3), min_size=2))
+@given(
+    values=st.lists(
+        st.lists(st.floats(allow_infinity=False, width=64), min_size=3, max_size=3), min_size=2
+    )
+)
 @settings(max_examples=50)
 def test_what_is_written_is_read_back_to_the_last_bit(
     tmp_path_factory: pytest.TempPathFactory, values: list[list[float]]
@@ -74,7 +93,12 @@ def changed(line: int, text: str) -> list[str]:
 
 
 REFUSED = {
-    "a column is missing": ("Time,X1,Y1,Z1,X2,Y2", ["0,1,2,3,4,5", "1,1,2,3,4,5"], ColumnError, "Z2"),
+    "a column is missing": (
+        "Time,X1,Y1,Z1,X2,Y2",
+        ["0,1,2,3,4,5", "1,1,2,3,4,5"],
+        ColumnError,
+        "Z2",
+    ),
     "a sensor in the middle is missing": ("Time,X1,Y1,Z1,X3,Y3,Z3", None, ColumnError, "X2"),
     "there is no channel": ("Time", ["0", "1"], ColumnError, "X1"),
     "there is no time": ("X1,Y1,Z1,X2,Y2,Z2,Q", None, ColumnError, "'Time'"),
@@ -82,24 +106,51 @@ REFUSED = {
     "validity of a sensor that is not there": (f"{HEADER},valid3", None, ColumnError, "valid3"),
     "a column occurs twice": ("Time,X1,Y1,Z1,X1,Y2,Z2", None, ColumnError, "X1"),
     "channels are out of order": ("Time,Y1,X1,Z1,X2,Y2,Z2", None, ColumnError, "order"),
-    "there is text in a number": (HEADER, changed(2, "0.04,1,2,oops,4,5,6"), NotANumber, "line 4, column Z1: 'oops'"),
+    "there is text in a number": (
+        HEADER,
+        changed(2, "0.04,1,2,oops,4,5,6"),
+        NotANumber,
+        "line 4, column Z1: 'oops'",
+    ),
     "a cell is empty": (HEADER, changed(2, "0.04,1,,3,4,5,6"), NotANumber, "line 4, column Y1"),
-    "a number has underscores": (HEADER, changed(2, "0.04,1_0,2,3,4,5,6"), NotANumber, "line 4, column X1"),
+    "a number has underscores": (
+        HEADER,
+        changed(2, "0.04,1_0,2,3,4,5,6"),
+        NotANumber,
+        "line 4, column X1",
+    ),
     "a row is short": (HEADER, changed(4, "0.08,1,2"), ColumnError, "line 6 has 3 cells"),
     "a row is long": (HEADER, changed(1, "0.02,1,2,3,4,5,6,7"), ColumnError, "line 3 has 8 cells"),
-    "time runs backwards": (HEADER, rows([0, 0.02, 0.04, 0.03, 0.05]), TimeError, "line 5: time runs backwards"),
-    "time stands still": (HEADER, rows([0, 0.02, 0.02, 0.04]), TimeError, "line 4: time stands still"),
-    "time has a gap": (HEADER, rows([0, 0.02, 0.04, 0.54, 0.56]), TimeError, "line 5: a gap of 0.5 s"),
+    "time runs backwards": (
+        HEADER,
+        rows([0, 0.02, 0.04, 0.03, 0.05]),
+        TimeError,
+        "line 5: time runs backwards",
+    ),
+    "time stands still": (
+        HEADER,
+        rows([0, 0.02, 0.02, 0.04]),
+        TimeError,
+        "line 4: time stands still",
+    ),
+    "time has a gap": (
+        HEADER,
+        rows([0, 0.02, 0.04, 0.54, 0.56]),
+        TimeError,
+        "line 5: a gap of 0.5 s",
+    ),
     "time is not finite": (HEADER, changed(3, "inf,1,2,3,4,5,6"), TimeError, "line 5"),
     "there is a header only": (HEADER, [], EmptyRecording, "0 rows"),
     "there is one row": (HEADER, rows([0.0]), EmptyRecording, "1 rows"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.hard_case(
-    "What comes from outside", "a trial file that is damaged", elsewhere="rows are dropped or filled in silently",
+    "What comes from outside",
+    "a trial file that is damaged",
+    elsewhere="rows are dropped or filled in silently",
     here="refused in one line that names the file, the line and the column",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("fault", REFUSED)
 def test_a_file_is_refused_where(tmp_path: Path, fault: str) -> None:
     header, lines, error, names = REFUSED[fault]
@@ -112,7 +163,9 @@ def test_an_empty_file_is_refused(tmp_path: Path) -> None:
     refuses(path, EmptyRecording, "empty")
 
 
-@pytest.mark.parametrize("content", [bytes(range(256)) * 40, b"\x80\x04\x95pickle", b"PK\x03\x04" + b"\0" * 99])
+@pytest.mark.parametrize(
+    "content", [bytes(range(256)) * 40, b"\x80\x04\x95pickle", b"PK\x03\x04" + b"\0" * 99]
+)
 def test_a_binary_file_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "trial_1.csv"
     path.write_bytes(content)
@@ -155,11 +208,22 @@ def test_rows_lost_in_a_short_gap_come_back_as_invalid_rows(tmp_path: Path) -> N
     trial = read_trial(path)
     np.testing.assert_allclose(trial.t_s, [0.0, 0.02, 0.04, 0.06, 0.08, 0.10, 0.12], atol=1e-12)
     assert trial.valid.all(axis=1).tolist() == [True, True, True, False, False, True, True]
-    assert np.isnan(trial.raw).all(axis=1).tolist() == [False, False, False, True, True, False, False]
+    assert np.isnan(trial.raw).all(axis=1).tolist() == [
+        False,
+        False,
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
-def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded(tmp_path: Path) -> None:
-    """At 300 Hz a step written to the microsecond is off by 1e-4 of itself: 20 ms after three minutes."""
+def test_rows_are_times_to_the_end_of_a_long_trial_though_its_stamps_are_rounded(
+    tmp_path: Path,
+) -> None:
+    """At 300 Hz a step written to the microsecond is off by 1e-4 of itself: 20 ms after three
+    minutes."""
     path = tmp_path / "trial_1.csv"
     rows = [f"{k / 300:.6f},0,0,1" for k in range(300 * 180)]
     path.write_text("\n".join(["Time,X1,Y1,Z1", *rows]) + "\n", encoding="utf-8")

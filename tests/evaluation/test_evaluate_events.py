@@ -1,4 +1,5 @@
-"""Whole streams evaluated: what the file says, what rivals ask, what a closing hand makes of it, and the report."""
+"""Whole streams evaluated: what the file says, what rivals ask, what a closing hand makes of it,
+and the report."""
 
 from __future__ import annotations
 
@@ -97,11 +98,21 @@ def recording(
     return Recording("a", "a", samples, valid, RATE_HZ, "N", "soft-ball", action, phases, events)
 
 
-def answered(situation: np.ndarray, of: Recording | None = None, p: np.ndarray | None = None) -> ModelOutputs:
+def answered(
+    situation: np.ndarray, of: Recording | None = None, p: np.ndarray | None = None
+) -> ModelOutputs:
     n = len(situation)
     p = np.full((n, 4), 0.25, dtype=np.float32) if p is None else p
     none = np.full(n, NO_CLASS)
-    return ModelOutputs(of or recording(n=n), situation, np.full(n, 1000), p, none, none, np.zeros((n, 3), dtype=bool))
+    return ModelOutputs(
+        of or recording(n=n),
+        situation,
+        np.full(n, 1000),
+        p,
+        none,
+        none,
+        np.zeros((n, 3), dtype=bool),
+    )
 
 
 def at(*spans: tuple[int, int], n: int = 300) -> np.ndarray:
@@ -111,7 +122,8 @@ def at(*spans: tuple[int, int], n: int = 300) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five simulated trials of the bare core at 50 Hz: two hand-overs, a pull, a fall, a disturbed hold. Read only."""
+    """Five simulated trials of the bare core at 50 Hz: two hand-overs, a pull, a fall, a disturbed
+    hold. Read only."""
     folder = tmp_path_factory.mktemp("scenes")
     (folder / "small.toml").write_text(CARD)
     write_set(Scene(read_card(str(folder / "small.toml")), 5), folder / "set")
@@ -121,7 +133,9 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # -- what the file says
 
 
-def test_what_is_said_of_a_whole_set_is_what_the_monitor_says_of_each_sample(eight_classes: Built) -> None:
+def test_what_is_said_of_a_whole_set_is_what_the_monitor_says_of_each_sample(
+    eight_classes: Built,
+) -> None:
     model = Model(eight_classes.model)
     some = eight_classes.data.recordings[:3]
     told = said(model, some, everywhere(model.session, some, OUTPUTS))
@@ -130,7 +144,10 @@ def test_what_is_said_of_a_whole_set_is_what_the_monitor_says_of_each_sample(eig
         for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
             answer = monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, valid, t))
             state = ("unknown", "nothing", "grasp", "safe_slip", "risky_slip")[one.situation[t] + 1]
-            assert (answer.state, answer.p_situation["grasp"]) == (state, pytest.approx(one.p_situation[t, 1]))
+            assert (answer.state, answer.p_situation["grasp"]) == (
+                state,
+                pytest.approx(one.p_situation[t, 1]),
+            )
         assert set(one.eight[one.situation != UNKNOWN]) <= set(range(8))
         assert (one.eight[one.situation == UNKNOWN] == NO_CLASS).all()
 
@@ -146,8 +163,15 @@ def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) 
 # -- what the truth says
 
 
-def test_a_voluntary_act_is_one_though_the_hand_holds_again_in_it_and_none_within_a_grip_that_fails() -> None:
-    put_down = (Phase(0, 50, GRASP), Phase(50, 60, SAFE_SLIP), Phase(60, 80, GRASP), Phase(80, 90, SAFE_SLIP))
+def test_a_voluntary_act_is_one_though_the_hand_holds_again_in_it_and_none_within_a_grip_that_fails() -> (
+    None
+):
+    put_down = (
+        Phase(0, 50, GRASP),
+        Phase(50, 60, SAFE_SLIP),
+        Phase(60, 80, GRASP),
+        Phase(80, 90, SAFE_SLIP),
+    )
     assert safe_acts(recording(phases=put_down)) == [VoluntaryAction(50, 90)]
     sliding = (Phase(0, 100, GRASP), Phase(100, 104, SAFE_SLIP), Phase(104, 110, RISKY_SLIP))
     assert safe_acts(recording(EVENT, phases=sliding)) == []
@@ -155,15 +179,21 @@ def test_a_voluntary_act_is_one_though_the_hand_holds_again_in_it_and_none_withi
 
 
 def test_an_event_of_a_long_stream_is_found_in_the_grasp_that_ended_in_it() -> None:
-    grasps = (Grasp({"contact_lost_s": 0.5}), Grasp({"contact_lost_s": None}), Grasp({"contact_lost_s": 1.1}))
+    grasps = (
+        Grasp({"contact_lost_s": 0.5}),
+        Grasp({"contact_lost_s": None}),
+        Grasp({"contact_lost_s": 1.1}),
+    )
     assert grasp_of(EVENT, grasps) is grasps[2]
     assert grasp_of(EVENT, grasps[:2]) is None
 
 
 def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> None:
     data = load(scenes, windows="natural")
-    grasps = {one.action: told[0] for one, told in
-              zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)}  # fmt: skip
+    grasps = {
+        one.action: told[0]
+        for one, told in zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
+    }
     assert grasps["hold"].disturbance == "dFt"
     assert grasps["pull"].disturbance is None
     assert {one.style for one in grasps.values()} == {"author"}
@@ -175,7 +205,9 @@ def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> No
 
 def rival(*asked: np.ndarray) -> Baseline:
     """One with a setting for each way to ask."""
-    return Baseline("made up", tuple(float(k) for k in range(len(asked))), lambda _: lambda k: [asked[int(k)]])
+    return Baseline(
+        "made up", tuple(float(k) for k in range(len(asked))), lambda _: lambda k: [asked[int(k)]]
+    )
 
 
 def test_a_rival_is_matched_at_its_most_sensitive_setting_with_no_more_false_alarms() -> None:
@@ -226,7 +258,9 @@ def test_the_cone_alone_fires_where_the_step_graphs_own_does() -> None:
     of = recording()
     of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
     alone, whole = (
-        everywhere(open_session(graph(_spec()).SerializeToString()), [of], ["detectors"])[0]["detectors"]
+        everywhere(open_session(graph(_spec()).SerializeToString()), [of], ["detectors"])[0][
+            "detectors"
+        ]
         for graph in (cone_graph, detector_graph)
     )
     assert alone.any()
@@ -248,22 +282,48 @@ def _spec() -> StepSpec:
 # -- closing in time
 
 FALL = Drop(
-    gross_s=0.02, lost_s=0.09, mass_kg=0.2, grip_n=1.0, squeeze_n_per_m=900.0, skin_n_per_m=5000.0, static=0.6,
-    kinetic=0.48, vanish_s=0.02, arm_n_per_m=0.0, distance_m=0.0, move_s=1.0, cap_n=0.0,
-)  # fmt: skip
-PULL = replace(FALL, mass_kg=0.02, grip_n=4.0, vanish_s=0.0, arm_n_per_m=3000.0, distance_m=0.2, move_s=0.2, cap_n=40.0)
+    gross_s=0.02,
+    lost_s=0.09,
+    mass_kg=0.2,
+    grip_n=1.0,
+    squeeze_n_per_m=900.0,
+    skin_n_per_m=5000.0,
+    static=0.6,
+    kinetic=0.48,
+    vanish_s=0.02,
+    arm_n_per_m=0.0,
+    distance_m=0.0,
+    move_s=1.0,
+    cap_n=0.0,
+)
+PULL = replace(
+    FALL,
+    mass_kg=0.02,
+    grip_n=4.0,
+    vanish_s=0.0,
+    arm_n_per_m=3000.0,
+    distance_m=0.2,
+    move_s=0.2,
+    cap_n=40.0,
+)
 
 
 def kept(drop: Drop, asked_s: float | None, hand: Hand | None = None) -> bool:
     return bool(Droppable.of([drop], hand).figures([asked_s])["kept"])
 
 
-def test_a_hand_without_lag_closes_its_stroke_in_the_published_time_and_one_with_lag_is_that_much_later() -> None:
-    assert Hand(lag_s=0.0).travel_m(np.array([-1.0, 0.0, 0.37])).tolist() == pytest.approx([0.0, 0.0, 0.12])
+def test_a_hand_without_lag_closes_its_stroke_in_the_published_time_and_one_with_lag_is_that_much_later() -> (
+    None
+):
+    assert Hand(lag_s=0.0).travel_m(np.array([-1.0, 0.0, 0.37])).tolist() == pytest.approx(
+        [0.0, 0.0, 0.12]
+    )
     assert Hand(lag_s=0.05).travel_m(np.array([1.05])) == pytest.approx(0.12 / 0.37, rel=1e-6)
 
 
-def test_a_falling_object_is_kept_by_a_hand_that_knew_and_lost_by_one_that_is_never_or_too_late_asked() -> None:
+def test_a_falling_object_is_kept_by_a_hand_that_knew_and_lost_by_one_that_is_never_or_too_late_asked() -> (
+    None
+):
     assert kept(FALL, 0.0)
     assert not kept(FALL, None)
     assert not kept(FALL, FALL.lost_s + 0.01)
@@ -283,17 +343,27 @@ def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_sl
 
 
 def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
-    """A support that vanishes slowly: m g smooth(t / vanish) = 2 mu N, the skin far stiffer than anything moves."""
+    """A support that vanishes slowly: m g smooth(t / vanish) = 2 mu N, the skin far stiffer than
+    anything moves."""
     slow = replace(FALL, vanish_s=0.4, lost_s=0.5, skin_n_per_m=20000.0)
     u = np.linspace(0.0, 1.0, 100_001)
     load_n = 0.2 * 9.81 * u**3 * (10.0 + u * (6.0 * u - 15.0))
     expected_s = 0.4 * float(u[np.argmax(load_n > 2.0 * 0.6 * 1.0)])
-    assert slide([slow], np.array([np.inf]), Hand()).slides_from_s[0] == pytest.approx(expected_s, abs=0.004)
+    assert slide([slow], np.array([np.inf]), Hand()).slides_from_s[0] == pytest.approx(
+        expected_s, abs=0.004
+    )
 
 
 @settings(max_examples=15)
-@given(earlier_s=st.floats(0.0, 0.1), by_s=st.floats(0.0, 0.1), lag_s=st.floats(0.0, 0.1), grip_n=st.floats(0.3, 1.6))
-def test_who_is_asked_earlier_never_keeps_less(earlier_s: float, by_s: float, lag_s: float, grip_n: float) -> None:
+@given(
+    earlier_s=st.floats(0.0, 0.1),
+    by_s=st.floats(0.0, 0.1),
+    lag_s=st.floats(0.0, 0.1),
+    grip_n=st.floats(0.3, 1.6),
+)
+def test_who_is_asked_earlier_never_keeps_less(
+    earlier_s: float, by_s: float, lag_s: float, grip_n: float
+) -> None:
     drop, hand = replace(FALL, grip_n=grip_n), Hand(lag_s=lag_s)
     assert kept(drop, earlier_s, hand) >= kept(drop, earlier_s + by_s, hand)
 
@@ -359,12 +429,23 @@ def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_
         LabelledTrial(recording(EVENT), (Grasp({}),), slips[1:]),
     ]
     figures = line_figures(line(told, [at((103, 150)), at()]), told, None, 0)["camera"]
-    assert (figures["onsets"], figures["events"], figures["found"]) == (3, 2, 1), "one onset belongs to no event"
+    assert (figures["onsets"], figures["events"], figures["found"]) == (3, 2, 1), (
+        "one onset belongs to no event"
+    )
     assert figures["start_sd_ms"]["p50"] == pytest.approx(5.0)
-    assert (figures["delay_ms"]["p50"], figures["lead_ms"]["p50"]) == (pytest.approx(10.0), pytest.approx(30.0))
+    assert (figures["delay_ms"]["p50"], figures["lead_ms"]["p50"]) == (
+        pytest.approx(10.0),
+        pytest.approx(30.0),
+    )
     truth = figures["truth"]
-    assert (truth["delay_ms"]["p50"], truth["lead_ms"]["p50"]) == (pytest.approx(20.0), pytest.approx(20.0))
-    assert (truth["start_off_ms"]["p50"], truth["gross_off_ms"]["p50"]) == (pytest.approx(10.0), pytest.approx(10.0))
+    assert (truth["delay_ms"]["p50"], truth["lead_ms"]["p50"]) == (
+        pytest.approx(20.0),
+        pytest.approx(20.0),
+    )
+    assert (truth["start_off_ms"]["p50"], truth["gross_off_ms"]["p50"]) == (
+        pytest.approx(10.0),
+        pytest.approx(10.0),
+    )
 
 
 def test_without_a_camera_nothing_is_said_of_one_and_without_a_scene_nothing_of_a_truth() -> None:
@@ -376,11 +457,20 @@ def test_without_a_camera_nothing_is_said_of_one_and_without_a_scene_nothing_of_
 
 
 def camera_says(label: str, **without: None) -> dict[str, Any]:
-    told = {"t0_s": 7.05, "t1_s": 7.3, "gross_s": 7.09, "uncertainty_s": 0.005, "label": label, "provenance": "camera"}
+    told = {
+        "t0_s": 7.05,
+        "t1_s": 7.3,
+        "gross_s": 7.09,
+        "uncertainty_s": 0.005,
+        "label": label,
+        "provenance": "camera",
+    }
     return {key: value for key, value in told.items() if key not in without}
 
 
-def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(scenes: Path, tmp_path: Path) -> None:
+def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(
+    scenes: Path, tmp_path: Path
+) -> None:
     copy = shutil.copytree(scenes, tmp_path / "set")
     pull = copy / "soft-ball/pull/trial_1.csv"
     truth = json.loads(pull.with_suffix(".truth.json").read_text())
@@ -418,7 +508,12 @@ def test_probabilities_that_come_true_have_no_calibration_error_and_boasts_have_
 
 def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
     situation = np.array(
-        [UNKNOWN] * 50 + [NOTHING] * 25 + [UNKNOWN] * 5 + [NOTHING] * 20 + [GRASP] * 25 + [NOTHING] * 25
+        [UNKNOWN] * 50
+        + [NOTHING] * 25
+        + [UNKNOWN] * 5
+        + [NOTHING] * 20
+        + [GRASP] * 25
+        + [NOTHING] * 25
     )
     one = answered(situation)
     assert instability([situation], [one]) == pytest.approx(2 / (95 / RATE_HZ))
@@ -432,9 +527,14 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
 # -- the thesis' table
 
 
-def test_a_pull_is_recognised_if_found_and_nothing_else_was_and_a_pass_if_seen_and_left_alone() -> None:
+def test_a_pull_is_recognised_if_found_and_nothing_else_was_and_a_pass_if_seen_and_left_alone() -> (
+    None
+):
     grasps = (Grasp({"style": "p1"}),)
-    pull, quiet = LabelledTrial(recording(EVENT, action="pull"), grasps), answered(np.full(300, GRASP))
+    pull, quiet = (
+        LabelledTrial(recording(EVENT, action="pull"), grasps),
+        answered(np.full(300, GRASP)),
+    )
     assert recognised(pull, quiet, at((102, 120)))
     assert not recognised(pull, quiet, at((50, 60), (102, 120)))
     assert not recognised(pull, quiet, at())
@@ -450,7 +550,11 @@ def test_a_pull_is_recognised_if_found_and_nothing_else_was_and_a_pass_if_seen_a
 
 
 def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_were_asked_about() -> None:
-    found = [("soft-ball", "p1", "pass", True), ("soft-ball", "p1", "pass", False), ("apple", "author", "pass", True)]
+    found = [
+        ("soft-ball", "p1", "pass", True),
+        ("soft-ball", "p1", "pass", False),
+        ("apple", "author", "pass", True),
+    ]
     rows = {row["object"]: row for row in outcome_table(found)}
     assert len(outcome_table(found)) == 2
     assert (rows["soft-ball"]["thesis"], rows["soft-ball"]["ours"]) == ("ok", "part")
@@ -465,19 +569,38 @@ def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_were_asked_abo
 def evaluated(
     eight_classes: Built, scenes: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[dict[str, Any], str]:
-    """Figures and report of a small model on a made-up set and on scenes, its confidence chosen on another set."""
+    """Figures and report of a small model on a made-up set and on scenes, its confidence chosen on
+    another set."""
     out = tmp_path_factory.mktemp("evaluated")
     write_fixture(out / "choose", trials_per_cell=1, seed=3)
-    words = ["evaluate", eight_classes.model, "--data", scenes, eight_classes.fixture, "--choose", out / "choose",
-             "--train", out / "choose", "--false-per-min", 2, "--real", out / "nowhere",
-             "--json", out / "figures.json", "--report", out / "report.html"]  # fmt: skip
+    words = [
+        "evaluate",
+        eight_classes.model,
+        "--data",
+        scenes,
+        eight_classes.fixture,
+        "--choose",
+        out / "choose",
+        "--train",
+        out / "choose",
+        "--false-per-min",
+        2,
+        "--real",
+        out / "nowhere",
+        "--json",
+        out / "figures.json",
+        "--report",
+        out / "report.html",
+    ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BandsLeftOut)
         assert main([str(word) for word in words]) == 0
     return json.loads((out / "figures.json").read_text()), (out / "report.html").read_text()
 
 
-def test_every_set_has_every_line_and_says_where_its_threshold_is_from(evaluated: tuple[dict[str, Any], str]) -> None:
+def test_every_set_has_every_line_and_says_where_its_threshold_is_from(
+    evaluated: tuple[dict[str, Any], str],
+) -> None:
     figures, _ = evaluated
     assert len(figures["sets"]) == 2
     told = figures["thresholds"]
@@ -485,13 +608,22 @@ def test_every_set_has_every_line_and_says_where_its_threshold_is_from(evaluated
     assert told["false_per_min_there"] <= told["most_false_per_min"] == 2.0
     lines = set(told["lines"]) | set(told["rivals"])
     assert lines == {
-        "ours, confidence chosen", "ours, as deployed", "band-pass bank", "friction cone", "one line of code",
-        "raw-window forest", "perfect intent",
-    }  # fmt: skip
+        "ours, confidence chosen",
+        "ours, as deployed",
+        "band-pass bank",
+        "friction cone",
+        "one line of code",
+        "raw-window forest",
+        "perfect intent",
+    }
     for one in (*figures["sets"].values(), figures["all"]):
         assert set(one["rows"]) == lines
         assert set(one["mcnemar"]) == set(told["rivals"])
-        assert one["rows"]["perfect intent"]["missed"] == one["rows"]["perfect intent"]["false_alarms"] == 0
+        assert (
+            one["rows"]["perfect intent"]["missed"]
+            == one["rows"]["perfect intent"]["false_alarms"]
+            == 0
+        )
         assert one["rows"]["ours, as deployed"]["events"] == one["rows"]["friction cone"]["events"]
     events = [one["data"]["events"] for one in figures["sets"].values()]
     assert figures["all"]["rows"]["perfect intent"]["found"] == sum(events)
@@ -507,7 +639,9 @@ def test_scenes_have_closing_and_specificity_and_a_made_up_set_has_neither(
     assert bound[0]["kept"] <= bound[0]["preventable"] <= bound[0]["modelled"] == 2
 
 
-def test_the_report_answers_first_and_needs_no_other_file(evaluated: tuple[dict[str, Any], str]) -> None:
+def test_the_report_answers_first_and_needs_no_other_file(
+    evaluated: tuple[dict[str, Any], str],
+) -> None:
     figures, page = evaluated
     row = figures["all"]["rows"]["ours, confidence chosen"]
     assert f"Of {row['events']} grips that fail the hand is asked to act in {row['found']}" in page
@@ -517,11 +651,20 @@ def test_the_report_answers_first_and_needs_no_other_file(evaluated: tuple[dict[
     assert page.count("<svg") >= 6
     assert "make real" in page
     assert "trained on" in page  # the made-up set is the one the model learned from
-    for title in ("Trials as they went by", "What it stands beside", "How late", "closing hand", "outcomes", "limits"):
+    for title in (
+        "Trials as they went by",
+        "What it stands beside",
+        "How late",
+        "closing hand",
+        "outcomes",
+        "limits",
+    ):
         assert title in page
 
 
-def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(eight_classes: Built, scenes: Path) -> None:
+def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(
+    eight_classes: Built, scenes: Path
+) -> None:
     figures = evaluate_events(Model(eight_classes.model), EvaluationRequest((str(scenes),))).figures
     assert figures["thresholds"]["chosen_on"] is None
     assert figures["thresholds"]["headline"] == "ours, as deployed"
@@ -529,19 +672,28 @@ def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(eight
     assert "macro_f1" in figures["situations"]  # one set: its window figures stand on top, as ever
 
 
-def test_a_threshold_chosen_on_what_is_scored_is_refused(eight_classes: Built, scenes: Path) -> None:
+def test_a_threshold_chosen_on_what_is_scored_is_refused(
+    eight_classes: Built, scenes: Path
+) -> None:
     with pytest.raises(UsageError, match="to choose the confidence on and to be scored"):
-        evaluate_events(Model(eight_classes.model), EvaluationRequest((str(scenes),), choose=(f"{scenes}/../set",)))
+        evaluate_events(
+            Model(eight_classes.model),
+            EvaluationRequest((str(scenes),), choose=(f"{scenes}/../set",)),
+        )
 
 
-def test_the_figures_of_ours_are_those_of_its_own_answers(eight_classes: Built, scenes: Path) -> None:
+def test_the_figures_of_ours_are_those_of_its_own_answers(
+    eight_classes: Built, scenes: Path
+) -> None:
     model, data = Model(eight_classes.model), load(scenes, windows="natural")
     figures = evaluate_events(model, EvaluationRequest((str(scenes),))).figures
     told = []
     for of in data.recordings:
         monitor = GripMonitor(model, None)
-        acts = [monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)).act
-                for t, values in enumerate(of.samples)]  # fmt: skip
+        acts = [
+            monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)).act
+            for t, values in enumerate(of.samples)
+        ]
         told.append(match_alarms(of, np.array(acts)))
     expected, got = event_scores(told), figures["all"]["rows"]["ours, as deployed"]
     assert rules_of(model.card) == RULES

@@ -1,4 +1,5 @@
-"""Alarms against events: what counts as found, as missed, as false, and how much of the lead was left."""
+"""Alarms against events: what counts as found, as missed, as false, and how much of the lead was
+left."""
 
 from __future__ import annotations
 
@@ -37,14 +38,20 @@ def recording(*events: RiskyEvent, group: str = "a", length: int = 300) -> Recor
 def asked(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
     """The hand is asked from .. to, in s."""
     t_s = np.arange(length) / RATE_HZ
-    return np.any([(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans] or [np.zeros(length, bool)], axis=0)
+    return np.any(
+        [(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans] or [np.zeros(length, bool)], axis=0
+    )
 
 
 # -- the decision, many streams at once
 
 
 @given(
-    labels=st.lists(st.lists(st.tuples(st.integers(-1, 3), st.integers(0, 1000)), max_size=60), min_size=1, max_size=4),
+    labels=st.lists(
+        st.lists(st.tuples(st.integers(-1, 3), st.integers(0, 1000)), max_size=60),
+        min_size=1,
+        max_size=4,
+    ),
     confidences=st.lists(st.integers(0, 1000), min_size=1, max_size=3),
     debounce=st.integers(1, 4),
     release=st.integers(1, 4),
@@ -55,14 +62,17 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
 ):
     rules = DecisionRules(act_samples=debounce, release_samples=release, evidence_ms=evidence_ms)
     streams = [
-        Answers(recording(), *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1))) for one in labels
+        Answers(recording(), *(np.array([pair[k] for pair in one], dtype=np.int64) for k in (0, 1)))
+        for one in labels
     ]
     together = act_requests(streams, rules, confidences)
     for stream, acted in zip(streams, together, strict=True):
         for k, least in enumerate(confidences):
             told = replace(rules, min_risky_permille=least)
             state, alone = DecisionState(), []
-            for situation, permille in zip(stream.situation.tolist(), stream.risky_permille.tolist(), strict=True):
+            for situation, permille in zip(
+                stream.situation.tolist(), stream.risky_permille.tolist(), strict=True
+            ):
                 state = decide(told, state, situation, permille, period_us=period_us(RATE_HZ))
                 alone.append(state.act)
             assert acted[:, k].tolist() == alone
@@ -86,12 +96,20 @@ def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_fals
     assert told.false_s == ()
 
 
-@pytest.mark.parametrize(("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)])
+@pytest.mark.parametrize(
+    ("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)]
+)
 def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
     told = match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)))
-    assert (sum(one.alarm_s is not None for one in told.outcomes), len(told.false_s)) == (found, false)
+    assert (sum(one.alarm_s is not None for one in told.outcomes), len(told.false_s)) == (
+        found,
+        false,
+    )
     assert (
-        match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040).outcomes[0].alarm_s is not None
+        match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040)
+        .outcomes[0]
+        .alarm_s
+        is not None
     )
 
 
@@ -134,18 +152,25 @@ def test_two_events_inside_one_collar_share_an_alarm_that_begins_in_both():
 
 def test_an_alarm_that_is_on_from_the_first_sample_begins_there():
     assert match_alarms(recording(EVENT), asked((0.0, 3.0))).false_s == (0.0,)
-    assert match_alarms(recording(RiskyEvent(0.0, 0.05, 0.1)), asked((0.0, 3.0))).outcomes[0].delay_s == 0.0
+    assert (
+        match_alarms(recording(RiskyEvent(0.0, 0.05, 0.1)), asked((0.0, 3.0))).outcomes[0].delay_s
+        == 0.0
+    )
 
 
 # -- figures of many streams
 
 
-def stream(group: str, *alarms: tuple[float, float], events: tuple[RiskyEvent, ...] = (EVENT,)) -> EventMatch:
+def stream(
+    group: str, *alarms: tuple[float, float], events: tuple[RiskyEvent, ...] = (EVENT,)
+) -> EventMatch:
     return match_alarms(recording(*events, group=group), asked(*alarms))
 
 
 def test_figures_count_what_was_found_missed_false_and_already_on():
-    told = event_scores([stream("a", (1.02, 1.2)), stream("b", (0.5, 2.0)), stream("c"), stream("d", (2.0, 2.1))])
+    told = event_scores(
+        [stream("a", (1.02, 1.2)), stream("b", (0.5, 2.0)), stream("c"), stream("d", (2.0, 2.1))]
+    )
     assert (told["events"], told["found"], told["missed"], told["already_on"]) == (4, 1, 3, 1)
     assert told["recall"] == 0.25
     assert told["false_alarms"] == 2

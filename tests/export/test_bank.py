@@ -35,7 +35,8 @@ def spec_at(rate_hz: float, n_sensors: int = 2) -> StepSpec:
 
 
 def bank_model(spec: StepSpec) -> bytes:
-    """Guard and bank alone, with the bank's outputs [bands, C] in float64 instead of as float32 features."""
+    """Guard and bank alone, with the bank's outputs [bands, C] in float64 instead of as float32
+    features."""
     graph = GraphBuilder(spec.n_sensors)
     rectified = add_bank(graph, spec, add_guard(graph, spec))
     graph.node("Identity", rectified, out="rectified")
@@ -53,14 +54,20 @@ def bank_outputs(spec: StepSpec, values: FloatArray) -> FloatArray:
 def forces(length: int, n_channels: int, seed: int = 0) -> FloatArray:
     """A wandering force with noise and one sudden step, far from zero from the first sample on."""
     rng = np.random.default_rng(seed)
-    wander = np.cumsum(rng.normal(0.0, 0.3, (length, n_channels)), axis=0) + rng.normal(size=(length, n_channels))
+    wander = np.cumsum(rng.normal(0.0, 0.3, (length, n_channels)), axis=0) + rng.normal(
+        size=(length, n_channels)
+    )
     return 7.0 + wander + 20.0 * (np.arange(length) > length // 2)[:, None]
 
 
 def by_scipy(spec: StepSpec, values: FloatArray) -> FloatArray:
-    """[T, n, 2, bands]: every shear signal, from rest at its first value, through scipy's own filter."""
+    """[T, n, 2, bands]: every shear signal, from rest at its first value, through scipy's own
+    filter."""
     shear = values.reshape(len(values), -1, 3)[:, :, :2]
-    filtered = [sosfilt(sections(spec.rate_hz, band), shear - shear[0], axis=0) for band in spec.carried_bands()]
+    filtered = [
+        sosfilt(sections(spec.rate_hz, band), shear - shear[0], axis=0)
+        for band in spec.carried_bands()
+    ]
     return np.stack(filtered, axis=-1)
 
 
@@ -97,14 +104,16 @@ def test_the_step_matrix_by_hand_is_scipys_filter(rate_hz: float) -> None:
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_every_resonator_sits_at_the_frequency_it_is_named_after(rate_hz: float) -> None:
-    """There, and nowhere else, a second-order resonator turns the phase by a quarter; its gain is 1 / (2 z)."""
+    """There, and nowhere else, a second-order resonator turns the phase by a quarter; its gain is 1
+    / (2 z)."""
     for band in bands_for(rate_hz):
         resonator = sections(rate_hz, band)[1:2]
         _, at_name = freqz_sos(resonator, worN=[band], fs=rate_hz)
         assert at_name[0] == pytest.approx(-0.5j / DAMPING, rel=1e-9)
         around = np.linspace(0.5 * band, min(2.0 * band, 0.4999 * rate_hz), 4001)
         _, response = freqz_sos(resonator, worN=around, fs=rate_hz)
-        assert around[np.abs(response).argmax()] == pytest.approx(band, rel=0.015)  # damping pulls the peak by 1 %
+        # damping pulls the peak by 1 %
+        assert around[np.abs(response).argmax()] == pytest.approx(band, rel=0.015)
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
@@ -119,9 +128,12 @@ def test_a_tone_is_loudest_in_the_band_that_bears_its_name(rate_hz: float) -> No
 
 @RATES.mark
 @pytest.mark.parametrize(
-    ("rate_hz", "carried"), [(50.0, (10, 15, 20)), (50.1, (10, 15, 20)), (58.9, (10, 15, 20, 25)), (1000.0, BANDS_HZ)]
+    ("rate_hz", "carried"),
+    [(50.0, (10, 15, 20)), (50.1, (10, 15, 20)), (58.9, (10, 15, 20, 25)), (1000.0, BANDS_HZ)],
 )
-def test_bands_at_or_above_half_the_rate_are_left_out(rate_hz: float, carried: tuple[float, ...]) -> None:
+def test_bands_at_or_above_half_the_rate_are_left_out(
+    rate_hz: float, carried: tuple[float, ...]
+) -> None:
     spec = spec_at(rate_hz)
     assert spec.carried_bands() == carried
     assert spec.lost_bands() == tuple(band for band in BANDS_HZ if band not in carried)
@@ -167,8 +179,11 @@ def test_every_eigenvalue_of_the_step_is_inside_the_unit_circle_at_any_rate(rate
 @RATES.mark
 @given(rate_hz=st.floats(21.75, 1000.0))
 @settings(max_examples=60)
-def test_no_band_rings_for_more_than_a_second_after_it_was_named_at_any_rate(rate_hz: float) -> None:
-    """Time constant of the slowest pole; two samples' worth of it are spared to rates under 30 Hz."""
+def test_no_band_rings_for_more_than_a_second_after_it_was_named_at_any_rate(
+    rate_hz: float,
+) -> None:
+    """Time constant of the slowest pole; two samples' worth of it are spared to rates under 30
+    Hz."""
     bands = bands_for(rate_hz)
     size = 1 + 4 * len(bands)
     slowest = np.abs(np.linalg.eigvals(step_matrix(rate_hz, bands)[1:, :size])).max()
@@ -194,11 +209,15 @@ def test_silence_ends_in_exact_zeros_and_passes_no_subnormal_number(rate_hz: flo
 
 
 @OFFSET.mark
-@given(offset=st.integers(-(2**18), 2**18), numbers=st.lists(st.integers(-(2**10), 2**10), min_size=12, max_size=60))
+@given(
+    offset=st.integers(-(2**18), 2**18),
+    numbers=st.lists(st.integers(-(2**10), 2**10), min_size=12, max_size=60),
+)
 @settings(max_examples=20)
 def test_a_constant_offset_however_large_changes_nothing(offset: int, numbers: list[int]) -> None:
     spec = spec_at(150.0, n_sensors=1)
-    values = np.array(numbers[: len(numbers) // 3 * 3]).reshape(-1, 3) / 64.0  # exact with the offset on top
+    # exact with the offset on top
+    values = np.array(numbers[: len(numbers) // 3 * 3]).reshape(-1, 3) / 64.0
     np.testing.assert_array_equal(bank_outputs(spec, values), bank_outputs(spec, values + offset))
 
 

@@ -1,4 +1,5 @@
-"""The causal detectors: one setting for every noise, a cone without a division, and no alarm that stays for ever."""
+"""The causal detectors: one setting for every noise, a cone without a division, and no alarm that
+stays for ever."""
 
 from __future__ import annotations
 
@@ -25,7 +26,9 @@ BURST_HZ = 20.0
 
 @cache
 def session_of(unit: Unit, rate_hz: float = RATE_HZ) -> ort.InferenceSession:
-    return open_session(feature_graph(StepSpec(SENSORS, rate_hz, unit, ("now",))).SerializeToString())
+    return open_session(
+        feature_graph(StepSpec(SENSORS, rate_hz, unit, ("now",))).SerializeToString()
+    )
 
 
 def detect(
@@ -48,7 +51,9 @@ def at(seconds: float, rate_hz: float = RATE_HZ) -> int:
     return round(seconds * rate_hz)
 
 
-def burst(values: FloatArray, start_s: float, lasts_s: float, size: float, channel: int = 0) -> FloatArray:
+def burst(
+    values: FloatArray, start_s: float, lasts_s: float, size: float, channel: int = 0
+) -> FloatArray:
     """The same stream with vibration on one channel."""
     rows = np.arange(at(start_s), at(start_s + lasts_s))
     shaken = values.copy()
@@ -84,8 +89,12 @@ def test_the_floor_is_each_channels_own() -> None:
     values = quiet(90.0)
     values[:, 0] *= 100.0
     small = 40.0 * NOISE_RMS["N"]
-    assert detect(burst(values, 85.0, 0.5, small, channel=4))["band_pass"][at(85.0) : at(85.5)].any()
-    assert not detect(burst(values, 85.0, 0.5, small, channel=0))["band_pass"][at(85.0) : at(85.5)].any()
+    assert detect(burst(values, 85.0, 0.5, small, channel=4))["band_pass"][
+        at(85.0) : at(85.5)
+    ].any()
+    assert not detect(burst(values, 85.0, 0.5, small, channel=0))["band_pass"][
+        at(85.0) : at(85.5)
+    ].any()
 
 
 def test_vibration_along_the_normal_is_not_shear() -> None:
@@ -115,7 +124,10 @@ def test_a_burst_leaves_the_floor_almost_where_it_was() -> None:
     assert not detect(values)["band_pass"][at(12.5) :].any()
 
 
-@given(bursts=st.lists(st.tuples(st.integers(0, 900), st.integers(1, 60)), max_size=10), seed=st.integers(0, 2**16))
+@given(
+    bursts=st.lists(st.tuples(st.integers(0, 900), st.integers(1, 60)), max_size=10),
+    seed=st.integers(0, 2**16),
+)
 @settings(max_examples=15)
 def test_a_critical_point_is_the_first_sample_of_an_excursion_after_enough_quiet(
     bursts: list[tuple[int, int]], seed: int
@@ -139,13 +151,17 @@ def expect_points(values: FloatArray, rate_hz: float) -> int:
     said = detect(values, rate_hz=rate_hz)
     firing, points = said["band_pass"], said["band_pass_point"]
     needed = int(np.ceil(RULES.quiet_s * rate_hz - 1e-9))
-    expected = [firing[row] and row >= needed and not firing[row - needed : row].any() for row in range(len(firing))]
+    expected = [
+        firing[row] and row >= needed and not firing[row - needed : row].any()
+        for row in range(len(firing))
+    ]
     np.testing.assert_array_equal(points, expected)
     return int(points.sum())
 
 
 def test_quiet_that_is_exactly_long_enough_is_enough_and_one_sample_less_is_not() -> None:
-    rules = DetectorSpec(quiet_s=0.05, band_ratio=1.5)  # noise alone makes excursions close together
+    # noise alone makes excursions close together
+    rules = DetectorSpec(quiet_s=0.05, band_ratio=1.5)
     spec = StepSpec(SENSORS, RATE_HZ, "N", ("now",), detectors=rules)
     session = open_session(feature_graph(spec).SerializeToString())
     values = quiet(30.0)
@@ -174,11 +190,15 @@ def pressed(forces: FloatArray) -> FloatArray:
 
 @given(
     forces=st.lists(
-        st.lists(st.sampled_from([-3.0, -1.0, -0.4, 0.0, 0.3, 0.4, 0.5, 0.51, 0.8, 1.0, 5.0, 499.0]),
-                 min_size=6, max_size=6),
-        min_size=1, max_size=30,
+        st.lists(
+            st.sampled_from([-3.0, -1.0, -0.4, 0.0, 0.3, 0.4, 0.5, 0.51, 0.8, 1.0, 5.0, 499.0]),
+            min_size=6,
+            max_size=6,
+        ),
+        min_size=1,
+        max_size=30,
     )
-)  # fmt: skip
+)
 @settings(max_examples=20)
 def test_the_cone_is_more_shear_than_friction_holds_at_some_finger_pressed_hard_enough(
     forces: list[list[float]],
@@ -202,8 +222,12 @@ def test_a_finger_that_presses_nothing_is_never_outside_the_cone(normal: float) 
 def test_the_cone_opens_with_the_normal_force() -> None:
     forces = np.tile([0.0, 0.0, 2.0] * SENSORS, (3, 1))
     forces[:, 0] = [1.59, 1.61, -1.61]
-    np.testing.assert_array_equal(detect(pressed(forces))["friction_cone"][-3:], [False, True, True])
-    np.testing.assert_array_equal(detect(pressed(2.0 * forces))["friction_cone"][-3:], [False, True, True])
+    np.testing.assert_array_equal(
+        detect(pressed(forces))["friction_cone"][-3:], [False, True, True]
+    )
+    np.testing.assert_array_equal(
+        detect(pressed(2.0 * forces))["friction_cone"][-3:], [False, True, True]
+    )
 
 
 def test_a_finger_that_is_lost_or_not_settled_fires_nothing() -> None:

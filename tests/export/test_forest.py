@@ -48,7 +48,8 @@ def head_of(forest: Forest, classes: tuple[str, ...]) -> Head:
 def fitted(
     kind: str, present: tuple[int, ...], trees: int, depth: int | None = None, rows: int = 120
 ) -> tuple[Forest, Rows]:
-    """A forest that saw only the classes `present`, and the rows it was fitted on (values on a coarse grid)."""
+    """A forest that saw only the classes `present`, and the rows it was fitted on (values on a
+    coarse grid)."""
     rng = np.random.default_rng(trees)
     x = (rng.integers(-20, 20, (rows, N_FEATURES)) / 4.0).astype(np.float32)
     y = np.array(present)[rng.integers(len(present), size=rows)]
@@ -57,9 +58,17 @@ def fitted(
 
 def cut(model: onnx.ModelProto, rows: Rows) -> dict[str, npt.NDArray[Any]]:
     """What the forest in the whole graph answers to feature rows."""
-    names: list[str] = [n for n in ("votes", "situation", "p_situation", "p_class", "weight") if n in published(model)]
+    names: list[str] = [
+        n
+        for n in ("votes", "situation", "p_situation", "p_class", "weight")
+        if n in published(model)
+    ]
     part = Extractor(onnx.shape_inference.infer_shapes(model)).extract_model(["features"], names)
-    return dict(zip(names, open_session(part.SerializeToString()).run(None, {"features": rows}), strict=True))
+    return dict(
+        zip(
+            names, open_session(part.SerializeToString()).run(None, {"features": rows}), strict=True
+        )
+    )
 
 
 def published(model: onnx.ModelProto) -> set[str]:
@@ -67,7 +76,8 @@ def published(model: onnx.ModelProto) -> set[str]:
 
 
 def hard_rows(forest: Forest, rows: Rows) -> Rows:
-    """Rows it knows, rows on its thresholds and a float32 step beside them, and the edges of float32."""
+    """Rows it knows, rows on its thresholds and a float32 step beside them, and the edges of
+    float32."""
     return np.concatenate([rows, threshold_rows(forest, rows, 0)[:2000], edge_rows(forest)])
 
 
@@ -102,7 +112,9 @@ def test_the_exported_file_answers_what_the_reference_does(kind: str, name: str)
 def test_such_a_file_is_verified(name: str) -> None:
     classes, present, trees, depth = FORESTS[name]
     forest, rows = fitted("random", present, trees, depth)
-    report = verify(whole_graph(SPEC, [head_of(forest, classes)]), SPEC, [head_of(forest, classes)], rows)
+    report = verify(
+        whole_graph(SPEC, [head_of(forest, classes)]), SPEC, [head_of(forest, classes)], rows
+    )
     assert report["heads"]["situation"]["label_mismatches"] == 0
     assert report["heads"]["situation"]["rows"] > len(rows)
     assert report["ties_checked"] > 0
@@ -113,20 +125,29 @@ def test_the_reference_is_the_forests_own_probability_within_the_quantisation(ki
     forest, rows = fitted(kind, (0, 1, 3), 7, 3)
     votes = reference_votes(forest, rows, 4)
     full = 7 << vote_bits(7)
-    np.testing.assert_allclose(votes[:, [0, 1, 3]] / full, forest.predict_proba(rows), atol=7 / full)
+    np.testing.assert_allclose(
+        votes[:, [0, 1, 3]] / full, forest.predict_proba(rows), atol=7 / full
+    )
 
 
 @EXACT.mark
 @given(trees=st.integers(1, 5000))
 @settings(max_examples=200)
-def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would_be(trees: int) -> None:
+def test_all_votes_together_are_exact_in_float32_and_no_finer_quantisation_would_be(
+    trees: int,
+) -> None:
     k = vote_bits(trees)
     assert trees << k < 2**24
     assert k == 16 or trees << (k + 1) >= 2**24
 
 
 @EXACT.mark
-@given(seed=st.integers(0, 2**16), trees=st.integers(1, 9), depth=st.sampled_from([1, 2, 4, None]), spare=st.booleans())
+@given(
+    seed=st.integers(0, 2**16),
+    trees=st.integers(1, 9),
+    depth=st.sampled_from([1, 2, 4, None]),
+    spare=st.booleans(),
+)
 @settings(max_examples=15)
 def test_every_leaf_sums_to_its_full_vote_and_is_its_tree_within_one(
     seed: int, trees: int, depth: int | None, spare: bool
@@ -184,12 +205,15 @@ def test_a_tie_of_trees_that_disagree_goes_to_the_riskier_one_too() -> None:
         if len(ties):
             break
     labels = cut(whole_graph(SPEC, [head_of(forest, SITUATIONS)]), rows)["situation"]
-    np.testing.assert_array_equal(labels[ties], [max(np.flatnonzero(v == v.max())) for v in votes[ties]])
+    np.testing.assert_array_equal(
+        labels[ties], [max(np.flatnonzero(v == v.max())) for v in votes[ties]]
+    )
     assert (forest.predict(rows[ties]) < labels[ties]).all()
 
 
 def test_light_and_heavy_are_added_up_before_situations_are_compared() -> None:
-    """Grasp is 30 % light and 30 % heavy, risky 40 % light: no class beats risky, yet grasp has more."""
+    """Grasp is 30 % light and 30 % heavy, risky 40 % light: no class beats risky, yet grasp has
+    more."""
     x = np.zeros((10, N_FEATURES), dtype=np.float32)
     forest = ExtraTreesClassifier(1, bootstrap=False).fit(x, [2] * 3 + [3] * 3 + [6] * 4)
     got = cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])
@@ -199,9 +223,17 @@ def test_light_and_heavy_are_added_up_before_situations_are_compared() -> None:
 
 @pytest.mark.parametrize(
     ("labels", "heavy"),
-    [([2, 3], True), ([6, 6, 7], False), ([0, 0, 0, 1, 6], False), ([5], True), ([1, 1, 1, 4], False)],
+    [
+        ([2, 3], True),
+        ([6, 6, 7], False),
+        ([0, 0, 0, 1, 6], False),
+        ([5], True),
+        ([1, 1, 1, 4], False),
+    ],
 )
-def test_weight_is_voted_on_outside_of_nothing_and_a_tie_is_heavy(labels: list[int], heavy: bool) -> None:
+def test_weight_is_voted_on_outside_of_nothing_and_a_tie_is_heavy(
+    labels: list[int], heavy: bool
+) -> None:
     x = np.zeros((len(labels), N_FEATURES), dtype=np.float32)
     forest = ExtraTreesClassifier(1, bootstrap=False).fit(x, labels)
     assert bool(cut(whole_graph(SPEC, [head_of(forest, CLASSES)]), x[:1])["weight"][0]) == heavy
@@ -227,9 +259,12 @@ def one_threshold_by_an_ulp(place: int) -> Wrong:
     def spoil(model: onnx.ModelProto) -> None:
         values = attribute(model, "TreeEnsembleRegressor", "nodes_values").floats
         branches = [
-            k for k, mode in enumerate(attribute(model, "TreeEnsembleRegressor", "nodes_modes").strings)
+            k
+            for k, mode in enumerate(
+                attribute(model, "TreeEnsembleRegressor", "nodes_modes").strings
+            )
             if mode != b"LEAF"
-        ]  # fmt: skip
+        ]
         at = branches[place]
         values[at] = float(np.nextafter(np.float32(values[at]), np.float32(np.inf)))
 
@@ -258,7 +293,9 @@ WRONG: dict[str, Wrong] = {
 
 @pytest.mark.parametrize("classes", [SITUATIONS, CLASSES], ids=["four", "eight"])
 @pytest.mark.parametrize("wrong", WRONG)
-def test_a_file_that_is_wrong_in_one_place_is_not_verified(classes: tuple[str, ...], wrong: str) -> None:
+def test_a_file_that_is_wrong_in_one_place_is_not_verified(
+    classes: tuple[str, ...], wrong: str
+) -> None:
     forest, rows = fitted("extra", tuple(range(len(classes))), 5)
     heads = [head_of(forest, classes)]
     model = whole_graph(SPEC, heads)
@@ -268,9 +305,15 @@ def test_a_file_that_is_wrong_in_one_place_is_not_verified(classes: tuple[str, .
 
 
 @MILLION.mark
-@given(kind=st.sampled_from(sorted(KINDS)), place=st.integers(0, 2**16), what=st.sampled_from(["leaf", "threshold"]))
+@given(
+    kind=st.sampled_from(sorted(KINDS)),
+    place=st.integers(0, 2**16),
+    what=st.sampled_from(["leaf", "threshold"]),
+)
 @settings(max_examples=8)
-def test_it_does_not_matter_which_leaf_or_which_threshold_is_wrong(kind: str, place: int, what: str) -> None:
+def test_it_does_not_matter_which_leaf_or_which_threshold_is_wrong(
+    kind: str, place: int, what: str
+) -> None:
     forest, rows = fitted(kind, (0, 1, 2, 3), 4)
     heads = [head_of(forest, SITUATIONS)]
     model = whole_graph(SPEC, heads)
@@ -288,7 +331,10 @@ def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_
     for tree, path in zip(forest.estimators_, reached, strict=True):
         for node in np.flatnonzero(tree.tree_.feature >= 0):
             here = hard[path[:, node] == 1, tree.tree_.feature[node]]
-            left, right = here[here <= tree.tree_.threshold[node]], here[here > tree.tree_.threshold[node]]
+            left, right = (
+                here[here <= tree.tree_.threshold[node]],
+                here[here > tree.tree_.threshold[node]],
+            )
             assert right.min() == np.nextafter(left.max(), np.float32(np.inf))
             assert np.nextafter(left.max(), np.float32(-np.inf)) in left
 
@@ -296,7 +342,9 @@ def test_a_threshold_row_reaches_its_node_from_any_row_and_stands_on_every_side_
 def renamed(op: str, other: str) -> Wrong:
     def spoil(model: onnx.ModelProto) -> None:
         producers = {name: node for node in model.graph.node for name in node.output}
-        (node,) = [n for n in model.graph.node if n.op_type == op and _behind_the_forest(n, producers)]
+        (node,) = [
+            n for n in model.graph.node if n.op_type == op and _behind_the_forest(n, producers)
+        ]
         node.op_type = other
         if other == "Identity":
             del node.attribute[:]
@@ -307,7 +355,9 @@ def renamed(op: str, other: str) -> Wrong:
 def _behind_the_forest(node: onnx.NodeProto, producers: dict[str, onnx.NodeProto]) -> bool:
     if node.op_type == "TreeEnsembleRegressor":
         return True
-    return any(_behind_the_forest(producers[name], producers) for name in node.input if name in producers)
+    return any(
+        _behind_the_forest(producers[name], producers) for name in node.input if name in producers
+    )
 
 
 @pytest.mark.parametrize(
@@ -320,7 +370,9 @@ def _behind_the_forest(node: onnx.NodeProto, producers: dict[str, onnx.NodeProto
     ],
     ids=str,
 )
-def test_probabilities_and_weight_are_verified_too(classes: tuple[str, ...], op: str, other: str) -> None:
+def test_probabilities_and_weight_are_verified_too(
+    classes: tuple[str, ...], op: str, other: str
+) -> None:
     forest, rows = fitted("extra", tuple(range(len(classes))), 5)
     uneven = Calibration(np.eye(len(classes)) * 4.0, np.linspace(0.0, 1.0, len(classes)))
     heads = [Head("situation", classes, forest, uneven)]
@@ -344,7 +396,8 @@ def test_the_flags_of_the_guard_are_verified_too(flag: str) -> None:
 
 def test_the_rule_for_ties_is_verified_where_no_row_is_tied() -> None:
     x = np.arange(40.0, dtype=np.float32).reshape(-1, 1).repeat(N_FEATURES, axis=1)
-    forest = ExtraTreesClassifier(1, random_state=0).fit(x, np.arange(40) // 10)  # one tree of pure leaves
+    # one tree of pure leaves
+    forest = ExtraTreesClassifier(1, random_state=0).fit(x, np.arange(40) // 10)
     heads = [head_of(forest, SITUATIONS)]
     model = whole_graph(SPEC, heads)
     safer_wins(model)
@@ -378,7 +431,9 @@ def test_a_second_head_is_verified_as_the_first() -> None:
 def lying_converter(real: Callable[..., None]) -> Callable[..., None]:
     """skl2onnx, with the last threshold of the first tree rounded the wrong way."""
 
-    def convert(found: dict[str, Any], classifies: bool, tree: Any, number: int, **how: Any) -> None:
+    def convert(
+        found: dict[str, Any], classifies: bool, tree: Any, number: int, **how: Any
+    ) -> None:
         real(found, classifies, tree, number, **how)
         if number == 0:
             at = max(k for k, mode in enumerate(found["nodes_modes"]) if mode != "LEAF")
@@ -388,7 +443,9 @@ def lying_converter(real: Callable[..., None]) -> Callable[..., None]:
     return convert
 
 
-def lying_nodes(real: Callable[..., onnx.NodeProto], op: str, name: str, value: Any) -> Callable[..., onnx.NodeProto]:
+def lying_nodes(
+    real: Callable[..., onnx.NodeProto], op: str, name: str, value: Any
+) -> Callable[..., onnx.NodeProto]:
     """onnx' own node maker, with one attribute of one operator changed on the way."""
 
     def make(op_type: str, *args: Any, **kwargs: Any) -> onnx.NodeProto:
@@ -401,16 +458,26 @@ def lying_nodes(real: Callable[..., onnx.NodeProto], op: str, name: str, value: 
 
 LIES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "a threshold": lambda patch: patch.setattr(
-        export.forest, "add_tree_to_attribute_pairs", lying_converter(export.forest.add_tree_to_attribute_pairs)
+        export.forest,
+        "add_tree_to_attribute_pairs",
+        lying_converter(export.forest.add_tree_to_attribute_pairs),
     ),
     "a leaf": lambda patch: patch.setattr(
-        onnx.helper, "make_node",
-        lying_nodes(onnx.helper.make_node, "TreeEnsembleRegressor", "target_weights", lambda w: [w[0] + 1.0, *w[1:]]),
+        onnx.helper,
+        "make_node",
+        lying_nodes(
+            onnx.helper.make_node,
+            "TreeEnsembleRegressor",
+            "target_weights",
+            lambda w: [w[0] + 1.0, *w[1:]],
+        ),
     ),
     "ties": lambda patch: patch.setattr(
-        onnx.helper, "make_node", lying_nodes(onnx.helper.make_node, "ArgMax", "select_last_index", lambda _: 0)
+        onnx.helper,
+        "make_node",
+        lying_nodes(onnx.helper.make_node, "ArgMax", "select_last_index", lambda _: 0),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("lie", LIES)

@@ -1,4 +1,5 @@
-"""The input guard: bad readings are held, never seen, and the state says unknown for exactly as long as it must."""
+"""The input guard: bad readings are held, never seen, and the state says unknown for exactly as
+long as it must."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ def session_of(spec: StepSpec) -> ort.InferenceSession:
 
 @cache
 def bank_session(spec: StepSpec) -> ort.InferenceSession:
-    """Guard and bank alone: bank outputs [bands, C] in float64; the bank is the last of the state's rows."""
+    """Guard and bank alone: bank outputs [bands, C] in float64; the bank is the last of the state's
+    rows."""
     graph = GraphBuilder(spec.n_sensors)
     graph.node("Identity", add_bank(graph, spec, add_guard(graph, spec)), out="rectified")
     graph.output("rectified", TensorProto.DOUBLE, len(spec.carried_bands()), spec.n_channels)
@@ -71,10 +73,14 @@ def stepped(session: ort.InferenceSession, values: FloatArray, valid: BoolArray)
 
 def clean(length: int, seed: int = 0, sensors: int = SENSORS) -> tuple[FloatArray, BoolArray]:
     rng = np.random.default_rng(seed)
-    return np.cumsum(rng.normal(0.0, 0.2, (length, 3 * sensors)), axis=0), np.ones((length, sensors), dtype=np.bool_)
+    return np.cumsum(rng.normal(0.0, 0.2, (length, 3 * sensors)), axis=0), np.ones(
+        (length, sensors), dtype=np.bool_
+    )
 
 
-def spoil(values: FloatArray, valid: BoolArray, row: int, sensor: int, how: float | str, axis: int = 0) -> None:
+def spoil(
+    values: FloatArray, valid: BoolArray, row: int, sensor: int, how: float | str, axis: int = 0
+) -> None:
     if isinstance(how, str):
         valid[row, sensor] = False
     else:
@@ -105,7 +111,9 @@ def test_a_bad_reading_is_replaced_by_that_sensors_last_good_one_and_no_other_is
     np.testing.assert_array_equal(now, expected.astype(np.float32))
 
 
-@pytest.mark.parametrize("value", [0.0, -0.0, 5e-324, np.nextafter(LIMIT, 0.0), -np.nextafter(LIMIT, 0.0)])
+@pytest.mark.parametrize(
+    "value", [0.0, -0.0, 5e-324, np.nextafter(LIMIT, 0.0), -np.nextafter(LIMIT, 0.0)]
+)
 def test_a_reading_in_range_is_taken_as_it_is(value: float) -> None:
     values, valid = clean(4)
     values[3, 4] = value
@@ -135,7 +143,9 @@ def test_a_sensors_bank_is_held_bit_for_bit_while_it_is_bad(how: float | str) ->
 
 @BAD_SAMPLE.mark
 @pytest.mark.parametrize("how", BAD, ids=str)
-def test_one_sample_after_a_bad_one_the_filter_is_clean_as_if_its_clock_had_stood_still(how: float | str) -> None:
+def test_one_sample_after_a_bad_one_the_filter_is_clean_as_if_its_clock_had_stood_still(
+    how: float | str,
+) -> None:
     spec = spec_of(rate_hz=150.0)
     values, valid = clean(60)
     without = [row for row in range(60) if row != 40]
@@ -154,12 +164,15 @@ def test_it_makes_no_difference_in_what_way_a_reading_is_bad(how: float | str) -
         for row in rows:
             spoil(spoilt, flags, row, 2, way, axis=row % 3)
     one, other = (stepped(session_of(spec_of()), *stream) for stream in twice)
-    assert {name: bits(rows) for name, rows in one.items()} == {name: bits(rows) for name, rows in other.items()}
+    assert {name: bits(rows) for name, rows in one.items()} == {
+        name: bits(rows) for name, rows in other.items()
+    }
 
 
 @st.composite
 def corrupted(draw: st.DrawFn, sensors: int, length: int = 70) -> tuple[FloatArray, BoolArray]:
-    """A stream with any share of its readings spoilt in any of the ways, from any sample to any other."""
+    """A stream with any share of its readings spoilt in any of the ways, from any sample to any
+    other."""
     values, valid = clean(length, seed=draw(st.integers(0, 2**16)), sensors=sensors)
     rng = np.random.default_rng(draw(st.integers(0, 2**16)))
     first, last = sorted((draw(st.integers(0, length)), draw(st.integers(0, length))))
@@ -168,7 +181,9 @@ def corrupted(draw: st.DrawFn, sensors: int, length: int = 70) -> tuple[FloatArr
     inside[first:last] = rng.random((last - first, values.shape[1])) < share
     ways = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, unique=True))
     values[inside] = rng.choice(ways, size=int(inside.sum()))
-    valid[first:last] &= rng.random((last - first, sensors)) >= draw(st.sampled_from([0.0, 0.3, 1.0]))
+    valid[first:last] &= rng.random((last - first, sensors)) >= draw(
+        st.sampled_from([0.0, 0.3, 1.0])
+    )
     return values, valid
 
 
@@ -203,7 +218,8 @@ def opened(path: Path) -> Model:
 
 
 def by_the_stated_rule(good: BoolArray, spec: StepSpec) -> tuple[BoolArray, BoolArray]:
-    """good [T, n] -> settled [T, n] and usable [T, n], read off the whole past anew at every sample."""
+    """good [T, n] -> settled [T, n] and usable [T, n], read off the whole past anew at every
+    sample."""
     settled = np.zeros_like(good)
     longest = 0.020 * spec.rate_hz + 1e-9
     for sensor in range(good.shape[1]):
@@ -221,7 +237,9 @@ def gaps(draw: st.DrawFn, length: int = 260) -> BoolArray:
     """good [T, n]: runs of good and bad samples of any length, on every sensor for itself."""
     good = np.ones((length, SENSORS), dtype=np.bool_)
     for sensor in range(SENSORS):
-        runs = draw(st.lists(st.tuples(st.integers(1, 120), st.sampled_from([1, 2, 3, 4, 40])), max_size=6))
+        runs = draw(
+            st.lists(st.tuples(st.integers(1, 120), st.sampled_from([1, 2, 3, 4, 40])), max_size=6)
+        )
         row = draw(st.sampled_from([0, 0, 1, 5]))
         good[:row, sensor] = False
         for well, ill in runs:
@@ -248,7 +266,9 @@ def test_settled_and_unknown_follow_the_stated_rule_at_every_sample(
 
 
 @GAPS.mark
-@pytest.mark.parametrize(("rate_hz", "bridged"), [(50.0, 1), (58.9, 1), (100.0, 2), (150.0, 3), (1000.0, 20)])
+@pytest.mark.parametrize(
+    ("rate_hz", "bridged"), [(50.0, 1), (58.9, 1), (100.0, 2), (150.0, 3), (1000.0, 20)]
+)
 def test_a_gap_of_20_ms_blinds_the_hand_while_it_lasts_and_a_longer_one_until_the_history_is_its_own(
     rate_hz: float, bridged: int
 ) -> None:

@@ -1,4 +1,5 @@
-"""Hard cases of filter and features: long runs, large offsets, silence, bad samples, odd rates and degenerate hands.
+"""Hard cases of filter and features: long runs, large offsets, silence, bad samples, odd rates and
+degenerate hands.
 
 Tests marked unguarded take the guard away, in plain scipy or numpy, and watch what happens.
 """
@@ -67,7 +68,9 @@ def cascade(rate_hz: float, band_hz: float) -> FloatArray:
 
 def exact(sos: FloatArray, x: npt.NDArray[Any]) -> LongArray:
     """The filter's output [T] with 64-bit mantissas, from rest at the first value."""
-    return np.asarray(sosfilt(sos.astype(np.longdouble), x.astype(np.longdouble) - np.longdouble(x[0])))
+    return np.asarray(
+        sosfilt(sos.astype(np.longdouble), x.astype(np.longdouble) - np.longdouble(x[0]))
+    )
 
 
 def off(got: npt.NDArray[Any], expected: npt.NDArray[Any]) -> float:
@@ -88,7 +91,9 @@ def test_the_differentiator_on_its_own_answers_one_knock_for_ever(record_propert
     knock = np.zeros(10**6)
     knock[0] = 1.0
     out = sosfilt([[k, -k, 0.0, 1.0, 1.0, 0.0]], knock)
-    record_property("amplitude_after_a_million_samples_over_the_first", float(abs(out[-1]) / abs(out[1])))
+    record_property(
+        "amplitude_after_a_million_samples_over_the_first", float(abs(out[-1]) / abs(out[1]))
+    )
     assert abs(out[-1]) == abs(out[1])
     assert np.abs(sosfilt(sections(RATE_HZ, 20.0), knock)[-1000:]).max() < TINY
 
@@ -118,13 +123,19 @@ def test_the_bank_is_no_further_from_the_exact_filter_at_the_end_than_at_the_beg
             got[row] = graph.step()["rectified"][0].reshape(-1, 3).T[:2]
         rest = values[:, :2].astype(np.longdouble) - first.astype(np.longdouble)
         for band, hz in enumerate(BANDS_HZ):
-            expected, memory[band] = sosfilt(sections(RATE_HZ, hz).astype(np.longdouble), rest, axis=0, zi=memory[band])
+            expected, memory[band] = sosfilt(
+                sections(RATE_HZ, hz).astype(np.longdouble), rest, axis=0, zi=memory[band]
+            )
             errors.append(off(got[:, :, band], np.abs(expected)))
         states.append(float(np.abs(graph.state).max()))
     by_chunk = np.array(errors).reshape(-1, len(BANDS_HZ)).max(axis=1)
     record_property("samples", steps)
-    record_property("largest_error_of_the_first_tenth", float(by_chunk[: len(by_chunk) // 10].max()))
-    record_property("largest_error_of_the_last_tenth", float(by_chunk[-(len(by_chunk) // 10) :].max()))
+    record_property(
+        "largest_error_of_the_first_tenth", float(by_chunk[: len(by_chunk) // 10].max())
+    )
+    record_property(
+        "largest_error_of_the_last_tenth", float(by_chunk[-(len(by_chunk) // 10) :].max())
+    )
     assert by_chunk.max() < 1e-14
     assert max(states) < 1e5  # ten times the offset, which is part of the state as the last reading
 
@@ -138,7 +149,10 @@ def test_a_cascade_drifts_away_from_the_exact_filter(record_property: Record) ->
         got = sosfilt(sos.astype(np.float32), x - x[0])
         assert got.dtype == np.float32
         errors[name] = [off(got[part], expected[part]) for part in (np.s_[:TENTH], np.s_[-TENTH:])]
-        record_property(f"{name}_in_float32_first_and_last_tenth", " and ".join(f"{e:.2g}" for e in errors[name]))
+        record_property(
+            f"{name}_in_float32_first_and_last_tenth",
+            " and ".join(f"{e:.2g}" for e in errors[name]),
+        )
     assert errors["cascade"][1] > 3.0 * errors["cascade"][0]
     assert errors["cascade"][1] > 30.0 * errors["ours"][1]
     assert errors["ours"][1] < 2.0 * errors["ours"][0]
@@ -160,7 +174,9 @@ def test_a_slip_ten_thousand_times_smaller_than_its_offset_is_seen_as_without_it
     assert not fired[:600].any()
     assert fired[600:660].any()
     np.testing.assert_array_equal(fired, without)
-    apart = np.abs(bank_outputs(spec_at(RATE_HZ), values + offset) - bank_outputs(spec_at(RATE_HZ), values)).max()
+    apart = np.abs(
+        bank_outputs(spec_at(RATE_HZ), values + offset) - bank_outputs(spec_at(RATE_HZ), values)
+    ).max()
     largest = bank_outputs(spec_at(RATE_HZ), values).max()
     record_property("what_the_offset_changes_over_the_slip", float(apart / largest))
     assert apart < 1e-9 * largest
@@ -168,19 +184,25 @@ def test_a_slip_ten_thousand_times_smaller_than_its_offset_is_seen_as_without_it
 
 @cache
 def step_of(unit: Unit, *groups: str, n_sensors: int = 2, rate_hz: float = RATE_HZ) -> Any:
-    return open_session(feature_graph(StepSpec(n_sensors, rate_hz, unit, groups)).SerializeToString())
+    return open_session(
+        feature_graph(StepSpec(n_sensors, rate_hz, unit, groups)).SerializeToString()
+    )
 
 
 def fires(values: FloatArray, unit: Unit) -> npt.NDArray[np.bool_]:
     """[T] whether the band-pass detector fires."""
     valid = np.ones((len(values), 2), dtype=np.bool_)
     column = detector_names(StepSpec(2, RATE_HZ, unit, ("now",))).index("band_pass")
-    detectors: npt.NDArray[np.bool_] = run_recording(step_of(unit, "now"), values, valid, ["detectors"])["detectors"]
+    detectors: npt.NDArray[np.bool_] = run_recording(
+        step_of(unit, "now"), values, valid, ["detectors"]
+    )["detectors"]
     return detectors[:, column]
 
 
 @OFFSET.unguarded
-def test_started_at_zero_the_offset_rings_louder_than_the_slip_a_second_later(record_property: Record) -> None:
+def test_started_at_zero_the_offset_rings_louder_than_the_slip_a_second_later(
+    record_property: Record,
+) -> None:
     slip = np.concatenate([np.zeros(150), tone(0.4, RATE_HZ), np.zeros(90)])
     heard = np.abs(sosfilt(sections(RATE_HZ, 20.0), slip)).max()
     ringing = np.abs(sosfilt(sections(RATE_HZ, 10.0), np.full(300, 1e4))[150:]).max()
@@ -192,13 +214,18 @@ def test_started_at_zero_the_offset_rings_louder_than_the_slip_a_second_later(re
 
 
 @SILENCE.mark
-def test_ten_minutes_of_silence_leave_exact_zeros_and_no_subnormal_number(record_property: Record) -> None:
+def test_ten_minutes_of_silence_leave_exact_zeros_and_no_subnormal_number(
+    record_property: Record,
+) -> None:
     spec = spec_at(RATE_HZ, n_sensors=6)
     graph = StepGraph(open_session(bank_model(spec)))
     loud = np.random.default_rng(0).normal(0.0, 1000.0, (3000, spec.n_channels))
     with_signal = step_us(graph, loud)
     minutes = [step_us(graph, np.repeat(loud[-1:], round(60 * RATE_HZ), axis=0)) for _ in range(10)]
-    record_property("cost_on_silence_over_cost_on_signal", float(np.median(minutes[-1]) / np.median(with_signal)))
+    record_property(
+        "cost_on_silence_over_cost_on_signal",
+        float(np.median(minutes[-1]) / np.median(with_signal)),
+    )
     assert not graph.out["rectified"].any()
     assert not subnormal(graph.state).any()
 
@@ -221,7 +248,9 @@ def subnormal(numbers: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
 
 
 @SILENCE.unguarded
-def test_a_plain_filter_is_still_busy_with_subnormal_numbers_ten_minutes_later(record_property: Record) -> None:
+def test_a_plain_filter_is_still_busy_with_subnormal_numbers_ten_minutes_later(
+    record_property: Record,
+) -> None:
     sos = sections(RATE_HZ, 20.0)
     _, memory = sosfilt(sos, tone(1.0, RATE_HZ), zi=np.zeros((3, 2)))
     for _ in range(10):
@@ -244,7 +273,9 @@ def test_subnormal_readings_are_silence_to_bank_features_and_detectors(size: flo
     values = size * rng.choice([-1.0, 0.0, 1.0], size=(120, 6))
     assert not bank_outputs(spec_at(RATE_HZ), values)[1:].max() > 1e-300
     valid = np.ones((120, 2), dtype=np.bool_)
-    out = run_recording(step_of("N", "now", "bands", "activity"), values, valid, ["features", "detectors"])
+    out = run_recording(
+        step_of("N", "now", "bands", "activity"), values, valid, ["features", "detectors"]
+    )
     assert not out["features"].any()
     assert not out["detectors"].any()
 
@@ -259,7 +290,12 @@ def test_a_plain_filter_answers_subnormal_readings_with_subnormal_numbers() -> N
 # Bad samples
 
 
-BAD_READINGS: Mapping[str, float] = {"NaN": np.nan, "inf": np.inf, "1e30": 1e30, "saturated": RANGE_LIMIT["N"]}
+BAD_READINGS: Mapping[str, float] = {
+    "NaN": np.nan,
+    "inf": np.inf,
+    "1e30": 1e30,
+    "saturated": RANGE_LIMIT["N"],
+}
 
 
 @cache
@@ -274,9 +310,14 @@ def grip(length: int, seed: int = 0) -> FloatArray:
 
 
 def answers(
-    path: Path, values: FloatArray, *, invalid: tuple[tuple[int, int], ...] = (), t_s: FloatArray | None = None
+    path: Path,
+    values: FloatArray,
+    *,
+    invalid: tuple[tuple[int, int], ...] = (),
+    t_s: FloatArray | None = None,
 ) -> list[Prediction]:
-    """What the hand is told; invalid: (row, finger) that the driver calls so; t_s: time stamps, regular by default."""
+    """What the hand is told; invalid: (row, finger) that the driver calls so; t_s: time stamps,
+    regular by default."""
     model = opened(path)
     monitor = GripMonitor(model, None)
     valid = np.ones((len(values), 6), dtype=np.bool_)
@@ -290,12 +331,23 @@ def answers(
 
 def told(one: Prediction) -> tuple[Any, ...]:
     """Everything but the times."""
-    return (one.state, one.p_situation, one.p_class, one.detectors, one.arm, one.act, one.settled, one.degraded)
+    return (
+        one.state,
+        one.p_situation,
+        one.p_class,
+        one.detectors,
+        one.arm,
+        one.act,
+        one.settled,
+        one.degraded,
+    )
 
 
 @pytest.mark.parametrize("how", [*BAD_READINGS, "invalid", "stuck and found so"])
 @BAD_SAMPLE.mark
-def test_one_bad_sample_is_unknown_for_itself_alone_and_the_hand_stays_settled(eight_classes: Built, how: str) -> None:
+def test_one_bad_sample_is_unknown_for_itself_alone_and_the_hand_stays_settled(
+    eight_classes: Built, how: str
+) -> None:
     values, row, finger = grip(60), 40, 2
     invalid: tuple[tuple[int, int], ...] = ()
     if how in BAD_READINGS:
@@ -316,7 +368,10 @@ def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_clas
     once = answers(eight_classes.model, values)
     twice = np.repeat(np.arange(60), np.where(np.arange(60) == 40, 3, 1))
     monitor = GripMonitor(opened(eight_classes.model), None)
-    said = [monitor.feed(Sample(k * 20_000_000, values[k], np.ones(6, np.bool_), k)) for k in twice.tolist()]
+    said = [
+        monitor.feed(Sample(k * 20_000_000, values[k], np.ones(6, np.bool_), k))
+        for k in twice.tolist()
+    ]
     assert [told(one) for one in said] == [told(once[k]) for k in twice.tolist()]
 
 
@@ -346,7 +401,9 @@ def test_a_repeated_risky_sample_counted_twice_would_be_a_request_to_act() -> No
 
 
 @BAD_SAMPLE.unguarded
-def test_a_plain_filter_never_gets_over_a_nan_and_takes_thousands_of_samples_over_1e30(record_property: Record) -> None:
+def test_a_plain_filter_never_gets_over_a_nan_and_takes_thousands_of_samples_over_1e30(
+    record_property: Record,
+) -> None:
     sos, clean = sections(RATE_HZ, 10.0), tone(60.0, RATE_HZ)
     for bad in (np.nan, np.inf):
         spoilt = clean.copy()
@@ -354,7 +411,9 @@ def test_a_plain_filter_never_gets_over_a_nan_and_takes_thousands_of_samples_ove
         with np.errstate(invalid="ignore"):
             assert np.isnan(sosfilt(sos, spoilt)[101:]).all()
     spoilt[100] = 1e30
-    wrong = np.abs(sosfilt(sos, spoilt) - sosfilt(sos, clean)) > 0.1 * np.abs(sosfilt(sos, clean)).max()
+    wrong = (
+        np.abs(sosfilt(sos, spoilt) - sosfilt(sos, clean)) > 0.1 * np.abs(sosfilt(sos, clean)).max()
+    )
     record_property("samples_until_1e30_has_faded", int(np.flatnonzero(wrong)[-1] - 100))
     assert np.flatnonzero(wrong)[-1] > 1100
 
@@ -364,30 +423,42 @@ def test_a_plain_filter_never_gets_over_a_nan_and_takes_thousands_of_samples_ove
 
 @pytest.mark.parametrize("share", [0.1, 0.45])
 @GAPS.mark
-def test_a_late_or_early_sample_changes_no_bit_of_any_answer(eight_classes: Built, share: float) -> None:
+def test_a_late_or_early_sample_changes_no_bit_of_any_answer(
+    eight_classes: Built, share: float
+) -> None:
     values = grip(80)
     late = share * np.random.default_rng(1).uniform(-1.0, 1.0, 80) / 50.0
     late[1:] = np.where(np.diff(late) * 50.0 > 0.49, 0.0, late[1:])
     jittered = answers(eight_classes.model, values, t_s=np.arange(80) / 50.0 + 0.5 * late)
-    assert [told(one) for one in jittered] == [told(one) for one in answers(eight_classes.model, values)]
+    assert [told(one) for one in jittered] == [
+        told(one) for one in answers(eight_classes.model, values)
+    ]
 
 
 @pytest.mark.parametrize("lost", [1, 2, 9])
 @GAPS.mark
-def test_samples_that_were_dropped_are_answered_like_samples_called_invalid(eight_classes: Built, lost: int) -> None:
+def test_samples_that_were_dropped_are_answered_like_samples_called_invalid(
+    eight_classes: Built, lost: int
+) -> None:
     values, first = grip(90), 45
     gone = range(first, first + lost)
     kept = [k for k in range(90) if k not in gone]
     dropped = answers(eight_classes.model, values[kept], t_s=np.array(kept) / 50.0)
-    invalid = answers(eight_classes.model, values, invalid=tuple((k, finger) for k in gone for finger in range(6)))
+    invalid = answers(
+        eight_classes.model, values, invalid=tuple((k, finger) for k in gone for finger in range(6))
+    )
     assert [one.state for one in dropped] == [invalid[k].state for k in kept]
     known = [k for k, one in enumerate(dropped) if one.state != "unknown"]
     assert [told(dropped[k]) for k in known] == [told(invalid[kept[k]]) for k in known]
-    assert (dropped[first].state == "unknown") == (lost > opened(eight_classes.model).card.gap_samples)
+    assert (dropped[first].state == "unknown") == (
+        lost > opened(eight_classes.model).card.gap_samples
+    )
 
 
 @GAPS.unguarded
-def test_glued_together_over_a_gap_a_slow_change_of_grip_rings_like_a_slip(record_property: Record) -> None:
+def test_glued_together_over_a_gap_a_slow_change_of_grip_rings_like_a_slip(
+    record_property: Record,
+) -> None:
     t_s = np.arange(600) / RATE_HZ
     slow = 5.0 * np.sin(2.0 * np.pi * 0.25 * t_s)
     glued = np.delete(slow, np.s_[300:330])
@@ -450,7 +521,9 @@ def test_readings_that_came_as_float32_are_answered_as_the_same_numbers_in_float
 
 
 @FLOATS.unguarded
-def test_with_float32_state_the_lowest_band_is_right_at_150_hz_and_wrong_at_10_khz(record_property: Record) -> None:
+def test_with_float32_state_the_lowest_band_is_right_at_150_hz_and_wrong_at_10_khz(
+    record_property: Record,
+) -> None:
     errors = {}
     for rate_hz in (150.0, 10_000.0):
         x = forces(round(2 * rate_hz), 1)[:, 0].astype(np.float32)
@@ -468,9 +541,13 @@ def test_with_float32_state_the_lowest_band_is_right_at_150_hz_and_wrong_at_10_k
 @pytest.mark.parametrize("normal", [0.0, -0.0, 1e-300, -1.0, -50.0])
 @NORMAL.mark
 def test_without_a_normal_force_every_ratio_is_taken_over_the_floor(normal: float) -> None:
-    values = np.tile([3.0, -2.0, normal], (120, 2)) + np.outer(np.linspace(0.0, 1.0, 120), np.tile([1.0, 1.0, 0.0], 2))
+    values = np.tile([3.0, -2.0, normal], (120, 2)) + np.outer(
+        np.linspace(0.0, 1.0, 120), np.tile([1.0, 1.0, 0.0], 2)
+    )
     groups = ("scaled_now", "scaled_differences", "scaled_sums", "activity", "shear")
-    features = run_recording(step_of("N", *groups), values, np.ones((120, 2), np.bool_), ["features"])["features"]
+    features = run_recording(
+        step_of("N", *groups), values, np.ones((120, 2), np.bool_), ["features"]
+    )["features"]
     assert np.isfinite(features).all()
     assert np.abs(features[90:]).max() <= np.abs(values).max() * 2 / NORMAL_FLOOR["N"]
     np.testing.assert_array_equal(features[:, :6], (values / NORMAL_FLOOR["N"]).astype(np.float32))
@@ -505,7 +582,9 @@ def test_a_hand_that_reads_the_same_numbers_from_the_start_is_never_known(readin
 
 
 @DEAD.mark
-def test_a_hand_that_freezes_is_unknown_once_its_whole_history_is_one_reading_and_known_when_it_moves() -> None:
+def test_a_hand_that_freezes_is_unknown_once_its_whole_history_is_one_reading_and_known_when_it_moves() -> (
+    None
+):
     values, settle = noise(260), opened(DEFAULT_MODEL).card.settle_samples
     values[100:230] = values[100]
     said = answers(DEFAULT_MODEL, values)
@@ -531,9 +610,15 @@ def test_a_finger_that_is_lost_from_the_start_leaves_the_hand_unknown_and_unsett
 
 
 @DEAD.unguarded
-def test_the_forest_itself_calls_a_quieter_hand_than_it_was_trained_on_a_grasp(record_property: Record) -> None:
+def test_the_forest_itself_calls_a_quieter_hand_than_it_was_trained_on_a_grasp(
+    record_property: Record,
+) -> None:
     session, valid = opened(DEFAULT_MODEL).session, np.ones((160, 6), dtype=np.bool_)
-    for name, factor in (("exact_zeros", 0.0), ("a_tenth_of_the_noise", 0.1), ("the_usual_noise", 1.0)):
+    for name, factor in (
+        ("exact_zeros", 0.0),
+        ("a_tenth_of_the_noise", 0.1),
+        ("the_usual_noise", 1.0),
+    ):
         out = run_recording(session, factor * noise(160), valid, ["p_situation", "unknown"])
         assert not out["unknown"][-1]
         record_property(f"probability_of_nothing_for_{name}", float(out["p_situation"][-1, 0]))
@@ -544,13 +629,22 @@ def test_the_forest_itself_calls_a_quieter_hand_than_it_was_trained_on_a_grasp(r
 
 
 def recording(samples: FloatArray) -> Recording:
-    return Recording("one", "one", samples, np.ones((len(samples), samples.shape[1] // 3), np.bool_), RATE_HZ, "N")
+    return Recording(
+        "one",
+        "one",
+        samples,
+        np.ones((len(samples), samples.shape[1] // 3), np.bool_),
+        RATE_HZ,
+        "N",
+    )
 
 
 @DEGENERATE.mark
 def test_six_equal_fingers_are_found_slipping_where_one_of_them_is() -> None:
     rng = np.random.default_rng(0)
-    one = np.tile([0.0, 0.0, 2.0], (1200, 1)) * (np.arange(1200) > 300)[:, None] + rng.normal(0.0, 0.01, (1200, 3))
+    one = np.tile([0.0, 0.0, 2.0], (1200, 1)) * (np.arange(1200) > 300)[:, None] + rng.normal(
+        0.0, 0.01, (1200, 3)
+    )
     one[800:] += [1.5, 0.0, -0.5]
     rows = [point.row for point in offline_critical_points(recording(one))]
     assert rows == [800]
@@ -571,12 +665,16 @@ def test_equal_fingers_have_equal_features_and_no_number_that_is_not_finite() ->
 
 @pytest.mark.parametrize("constant", [0.0, 5.0, -5.0, 1e5])
 @DEGENERATE.mark
-def test_a_trial_in_which_nothing_varies_has_no_critical_point_and_no_warning(constant: float) -> None:
+def test_a_trial_in_which_nothing_varies_has_no_critical_point_and_no_warning(
+    constant: float,
+) -> None:
     assert offline_critical_points(recording(np.full((900, 18), constant))) == []
 
 
 @DEGENERATE.unguarded
-def test_the_first_principal_component_of_a_constant_trial_is_nan_and_of_any_trial_has_either_sign() -> None:
+def test_the_first_principal_component_of_a_constant_trial_is_nan_and_of_any_trial_has_either_sign() -> (
+    None
+):
     constant = np.full((900, 6), 5.0)
     with np.errstate(invalid="ignore"):
         scaled = (constant - constant.mean(axis=0)) / constant.std(axis=0)
@@ -590,21 +688,28 @@ def test_the_first_principal_component_of_a_constant_trial_is_nan_and_of_any_tri
 @SIGN.mark
 def test_a_shear_axis_turned_round_changes_no_bit_of_the_bank() -> None:
     values = forces(300, 6)
-    np.testing.assert_array_equal(bank_outputs(spec_at(RATE_HZ), values), bank_outputs(spec_at(RATE_HZ), -values))
+    np.testing.assert_array_equal(
+        bank_outputs(spec_at(RATE_HZ), values), bank_outputs(spec_at(RATE_HZ), -values)
+    )
 
 
 @SIGN.mark
 def test_a_sign_that_flips_in_mid_stream_is_one_jump_and_leaves_the_filter_the_exact_one() -> None:
     values = forces(300, 6)
     values[150:] *= -1.0
-    got, expected = bank_outputs(spec_at(RATE_HZ), values), np.abs(by_scipy(spec_at(RATE_HZ), values))
+    got, expected = (
+        bank_outputs(spec_at(RATE_HZ), values),
+        np.abs(by_scipy(spec_at(RATE_HZ), values)),
+    )
     assert off(got, expected) < 1e-12
 
 
 def upside_down(flip_beyond: float, seed: int) -> npt.NDArray[np.bool_]:
     """[6] which magnets of an unloaded, tared hand are turned round."""
     tared = np.random.default_rng(seed).normal(0.0, NOISE_RMS["N"], (5, 18))
-    sign, _ = Preparation(5, "mean", flip_negative_normal=True, flip_beyond=flip_beyond).learn(tared)
+    sign, _ = Preparation(5, "mean", flip_negative_normal=True, flip_beyond=flip_beyond).learn(
+        tared
+    )
     return np.asarray(sign[2::3] < 0.0)
 
 
@@ -612,12 +717,16 @@ def upside_down(flip_beyond: float, seed: int) -> npt.NDArray[np.bool_]:
 def test_noise_turns_no_magnet_round_and_a_resting_field_below_zero_does() -> None:
     assert not any(upside_down(NORMAL_FLOOR["N"], seed).any() for seed in range(200))
     resting = np.tile([0.0, 0.0, -20.0], (5, 6)) + noise(5)
-    sign, _ = Preparation(5, "mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR["N"]).learn(resting)
+    sign, _ = Preparation(
+        5, "mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR["N"]
+    ).learn(resting)
     np.testing.assert_array_equal(sign, np.tile([1.0, 1.0, -1.0], 6))
 
 
 @SIGN.unguarded
-def test_by_its_sign_alone_every_second_magnet_of_a_tared_hand_is_turned_round(record_property: Record) -> None:
+def test_by_its_sign_alone_every_second_magnet_of_a_tared_hand_is_turned_round(
+    record_property: Record,
+) -> None:
     share = float(np.mean([upside_down(0.0, seed) for seed in range(200)]))
     record_property("share_turned_round_by_noise", share)
     assert 0.4 < share < 0.6

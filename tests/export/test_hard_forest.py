@@ -1,4 +1,5 @@
-"""Hard cases of forest and file: a million rows on every edge, ties, exact votes, and what stock conversion answers.
+"""Hard cases of forest and file: a million rows on every edge, ties, exact votes, and what stock
+conversion answers.
 
 Tests marked unguarded use scikit-learn's forest and skl2onnx as they come, and watch what happens.
 """
@@ -64,32 +65,55 @@ def case(name: str) -> Case:
     counts = rng.integers(-3000, 3000, (400, N_FEATURES)).astype(np.float32)
     eight, four = rng.integers(8, size=400), rng.integers(4, size=400)
     if name == "eight classes, impure leaves":
-        return Case(ExtraTreesClassifier(12, min_samples_leaf=4, random_state=0).fit(grid, eight), grid, CLASSES)
+        return Case(
+            ExtraTreesClassifier(12, min_samples_leaf=4, random_state=0).fit(grid, eight),
+            grid,
+            CLASSES,
+        )
     if name == "four situations, pure leaves, many ties":
-        return Case(RandomForestClassifier(4, bootstrap=False, random_state=0).fit(grid, four), grid, SITUATIONS)
-    return Case(RandomForestClassifier(10, random_state=0).fit(counts, eight), counts, CLASSES, whole=True)
+        return Case(
+            RandomForestClassifier(4, bootstrap=False, random_state=0).fit(grid, four),
+            grid,
+            SITUATIONS,
+        )
+    return Case(
+        RandomForestClassifier(10, random_state=0).fit(counts, eight), counts, CLASSES, whole=True
+    )
 
 
-CASES = ("eight classes, impure leaves", "four situations, pure leaves, many ties", "integer counts")
+CASES = (
+    "eight classes, impure leaves",
+    "four situations, pure leaves, many ties",
+    "integer counts",
+)
 
 
 def beside_thresholds(forest: Forest, n: int, rng: np.random.Generator) -> Rows:
-    """[n, F]: every number is a threshold of its own feature, or a float32 step to either side of it."""
+    """[n, F]: every number is a threshold of its own feature, or a float32 step to either side of
+    it."""
     trees = [tree.tree_ for tree in forest.estimators_]
     feature = np.concatenate([tree.feature for tree in trees])
     at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
     rows = np.stack([rng.choice(at[feature == k], n) for k in range(forest.n_features_in_)], axis=1)
     side = rng.integers(-1, 2, rows.shape)
-    return np.where(side == 0, rows, np.nextafter(rows, np.copysign(np.float32(np.inf), side.astype(np.float32))))
+    return np.where(
+        side == 0,
+        rows,
+        np.nextafter(rows, np.copysign(np.float32(np.inf), side.astype(np.float32))),
+    )
 
 
 def of_edges(forest: Forest, n: int, rng: np.random.Generator) -> Rows:
-    """[n, F] of zeros of both signs, subnormals, the tiniest and the largest finite numbers, in any mixture."""
-    return np.asarray(rng.choice(edge_rows(forest)[:, 0], (n, forest.n_features_in_)), dtype=np.float32)
+    """[n, F] of zeros of both signs, subnormals, the tiniest and the largest finite numbers, in any
+    mixture."""
+    return np.asarray(
+        rng.choice(edge_rows(forest)[:, 0], (n, forest.n_features_in_)), dtype=np.float32
+    )
 
 
 def without_a_sensor(rows: Rows, rng: np.random.Generator) -> Rows:
-    """The same rows, one finger's three numbers zero in one half and another row's (held) in the other."""
+    """The same rows, one finger's three numbers zero in one half and another row's (held) in the
+    other."""
     rows = rows.copy()
     held = rows[rng.permutation(len(rows))]
     for row, finger in enumerate(rng.integers(0, rows.shape[1] // 3, len(rows)).tolist()):
@@ -102,13 +126,15 @@ def adversarial(one: Case, n: int, seed: int) -> Rows:
     """About n rows of every kind."""
     rng = np.random.default_rng(seed)
     most = 3000 if one.whole else 6
-    return np.concatenate([
-        beside_thresholds(one.forest, 7 * n // 10, rng),
-        of_edges(one.forest, n // 10, rng),
-        rng.integers(-most, most, (n // 10, N_FEATURES)).astype(np.float32),
-        without_a_sensor(beside_thresholds(one.forest, n // 10, rng), rng),
-        threshold_rows(one.forest, one.rows, seed),
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            beside_thresholds(one.forest, 7 * n // 10, rng),
+            of_edges(one.forest, n // 10, rng),
+            rng.integers(-most, most, (n // 10, N_FEATURES)).astype(np.float32),
+            without_a_sensor(beside_thresholds(one.forest, n // 10, rng), rng),
+            threshold_rows(one.forest, one.rows, seed),
+        ]
+    )
 
 
 def head_of(one: Case) -> Head:
@@ -122,9 +148,13 @@ def session_of(name: str) -> ort.InferenceSession:
     return open_session(cut_forests(whole_graph(SPEC, [head_of(case(name))])))
 
 
-def answered(session: ort.InferenceSession, rows: Rows, batch: int = CHUNK) -> dict[str, npt.NDArray[Any]]:
+def answered(
+    session: ort.InferenceSession, rows: Rows, batch: int = CHUNK
+) -> dict[str, npt.NDArray[Any]]:
     names = [output.name for output in session.get_outputs()]
-    parts = [session.run(None, {"features": rows[k : k + batch]}) for k in range(0, len(rows), batch)]
+    parts = [
+        session.run(None, {"features": rows[k : k + batch]}) for k in range(0, len(rows), batch)
+    ]
     return {name: np.concatenate([part[at] for part in parts]) for at, name in enumerate(names)}
 
 
@@ -136,7 +166,10 @@ def test_of_a_third_of_a_million_adversarial_rows_none_is_answered_otherwise_tha
 ) -> None:
     one = case(name)
     rows = adversarial(one, n, seed=3)
-    got, votes = answered(session_of(name), rows), reference_votes(one.forest, rows, len(one.classes))
+    got, votes = (
+        answered(session_of(name), rows),
+        reference_votes(one.forest, rows, len(one.classes)),
+    )
     by_situation = situation_votes(votes)
     labels = riskier_argmax(by_situation)
     top = np.sort(by_situation, axis=1)
@@ -151,7 +184,13 @@ def test_of_a_third_of_a_million_adversarial_rows_none_is_answered_otherwise_tha
 
 @pytest.mark.parametrize(
     ("batch", "n"),
-    [(1, 20_000), (2, 20_000), (7, 20_000), (63, 20_000), pytest.param(1, 350_000, marks=pytest.mark.soak)],
+    [
+        (1, 20_000),
+        (2, 20_000),
+        (7, 20_000),
+        (63, 20_000),
+        pytest.param(1, 350_000, marks=pytest.mark.soak),
+    ],
 )
 @pytest.mark.parametrize("name", CASES)
 @MILLION.mark
@@ -161,7 +200,9 @@ def test_a_row_alone_is_answered_bit_for_bit_as_in_any_batch(
     rows = adversarial(case(name), n, seed=4)[:n]
     many, few = answered(session_of(name), rows), answered(session_of(name), rows, batch)
     record_property("rows", len(rows))
-    assert {name: part.tobytes() for name, part in few.items()} == {name: part.tobytes() for name, part in many.items()}
+    assert {name: part.tobytes() for name, part in few.items()} == {
+        name: part.tobytes() for name, part in many.items()
+    }
 
 
 @MILLION.unguarded
@@ -173,7 +214,8 @@ def test_thresholds_rounded_to_the_nearest_float32_send_every_second_row_that_st
     forest = ExtraTreesClassifier(20, random_state=0).fit(x, rng.integers(4, size=400))
     trees = [tree.tree_ for tree in forest.estimators_]
     at = np.concatenate([tree.threshold[tree.feature >= 0] for tree in trees])
-    row_on_it = at.astype(np.float32)  # goes left where it is the threshold too; in scikit-learn right, where above
+    # goes left where it is the threshold too; in scikit-learn right, where above
+    row_on_it = at.astype(np.float32)
     moved = float(np.mean(row_on_it.astype(np.float64) > at))
     record_property("thresholds", len(at))
     record_property("share_that_is_moved", moved)
@@ -187,14 +229,20 @@ def test_thresholds_rounded_to_the_nearest_float32_send_every_second_row_that_st
 
 
 def stock(forest: Forest) -> Any:
-    """skl2onnx' own classifier, on two threads as it would run anywhere: rows [N, F] -> labels [N]."""
+    """skl2onnx' own classifier, on two threads as it would run anywhere: rows [N, F] -> labels
+    [N]."""
     initial = [("X", FloatTensorType([None, forest.n_features_in_]))]
     model = convert_sklearn(
-        forest, initial_types=initial, options={id(forest): {"zipmap": False}}, target_opset={"": 20, "ai.onnx.ml": 3}
+        forest,
+        initial_types=initial,
+        options={id(forest): {"zipmap": False}},
+        target_opset={"": 20, "ai.onnx.ml": 3},
     )
     options = ort.SessionOptions()
     options.intra_op_num_threads = 2
-    session = ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+    session = ort.InferenceSession(
+        model.SerializeToString(), options, providers=["CPUExecutionProvider"]
+    )
     return lambda rows: session.run(None, {"X": rows})[0]
 
 
@@ -216,13 +264,19 @@ def whole_votes(forest: Forest, rows: Rows) -> IntArray:
 
 
 @TIES.mark
-def test_of_a_hundred_trees_every_tie_is_exact_and_goes_to_the_riskier_class(record_property: Record) -> None:
+def test_of_a_hundred_trees_every_tie_is_exact_and_goes_to_the_riskier_class(
+    record_property: Record,
+) -> None:
     forest, rows = hundred_trees()
-    model = whole_graph(SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))])
+    model = whole_graph(
+        SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))]
+    )
     votes = whole_votes(forest, rows)
     tied = (votes == votes.max(axis=1, keepdims=True)).sum(axis=1) > 1
     record_property("ties", int(tied.sum()))
-    np.testing.assert_array_equal(answered(open_session(cut_forests(model)), rows)["situation"], riskier_argmax(votes))
+    np.testing.assert_array_equal(
+        answered(open_session(cut_forests(model)), rows)["situation"], riskier_argmax(votes)
+    )
     assert tied.sum() > 1000
 
 
@@ -247,8 +301,12 @@ def test_where_a_leaf_is_split_in_thirds_the_riskier_class_wins_the_rounding_too
 ) -> None:
     """Three do not divide a power of two: one vote is left over."""
     x = np.zeros((12, N_FEATURES), dtype=np.float32)
-    forest = ExtraTreesClassifier(trees, bootstrap=False, random_state=0).fit(x, np.tile(present, 4))
-    model = whole_graph(SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))])
+    forest = ExtraTreesClassifier(trees, bootstrap=False, random_state=0).fit(
+        x, np.tile(present, 4)
+    )
+    model = whole_graph(
+        SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))]
+    )
     assert answered(open_session(cut_forests(model)), x[:1])["situation"][0] == max(present)
 
 
@@ -260,11 +318,20 @@ def exact_shares(forest: Forest, rows: Rows) -> list[list[Fraction]]:
     leaves = forest.apply(rows)
     shares = []
     for tree in forest.estimators_:
-        counts = np.rint(tree.tree_.value[:, 0, :] * tree.tree_.weighted_n_node_samples[:, None]).astype(np.int64)
-        shares.append([[Fraction(int(count), int(node.sum())) for count in node] for node in counts])
+        counts = np.rint(
+            tree.tree_.value[:, 0, :] * tree.tree_.weighted_n_node_samples[:, None]
+        ).astype(np.int64)
+        shares.append(
+            [[Fraction(int(count), int(node.sum())) for count in node] for node in counts]
+        )
     n_trees = len(shares)
-    return [[sum((shares[t][leaf][k] for t, leaf in enumerate(row)), Fraction(0)) / n_trees
-             for k in range(forest.n_classes_)] for row in leaves.tolist()]  # fmt: skip
+    return [
+        [
+            sum((shares[t][leaf][k] for t, leaf in enumerate(row)), Fraction(0)) / n_trees
+            for k in range(forest.n_classes_)
+        ]
+        for row in leaves.tolist()
+    ]
 
 
 @pytest.mark.parametrize("min_samples_leaf", [1, 4])
@@ -280,7 +347,9 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
     unlike, furthest = 0, Fraction(0)
     for row, exact in zip(votes.tolist(), exact_shares(forest, rows), strict=True):
         assert sum(row) == 20 << bits
-        apart = [abs(Fraction(vote, 20 << bits) - share) for vote, share in zip(row, exact, strict=True)]
+        apart = [
+            abs(Fraction(vote, 20 << bits) - share) for vote, share in zip(row, exact, strict=True)
+        ]
         furthest = max(furthest, *apart)
         label = max(k for k in range(4) if exact[k] == max(exact))
         first, second = sorted(exact)[-1], sorted(exact)[-2]
@@ -295,13 +364,17 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
 
 
 @EXACT.mark
-def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_and_of_equal_ones_to_the_riskier() -> None:
+def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_and_of_equal_ones_to_the_riskier() -> (
+    None
+):
     rng = np.random.default_rng(6)
     x, y = rng.normal(size=(300, N_FEATURES)), rng.integers(5, size=300)
     forest = RandomForestClassifier(5, min_samples_leaf=7, random_state=0).fit(x, y)
     whole = 1 << vote_bits(5)
     for tree, votes in zip(forest.estimators_, leaf_votes(forest, 5), strict=True):
-        counts = np.rint(tree.tree_.value[:, 0, :] * tree.tree_.weighted_n_node_samples[:, None]).astype(np.int64)
+        counts = np.rint(
+            tree.tree_.value[:, 0, :] * tree.tree_.weighted_n_node_samples[:, None]
+        ).astype(np.int64)
         for count, given in zip(counts.tolist(), votes.tolist(), strict=True):
             shares = [Fraction(one * whole, sum(count)) for one in count]
             floors = [share.numerator // share.denominator for share in shares]
@@ -326,7 +399,9 @@ def test_the_order_of_the_trees_changes_no_vote() -> None:
 
 
 @EXACT.unguarded
-def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(record_property: Record) -> None:
+def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(
+    record_property: Record,
+) -> None:
     hundredth = np.float32(1.0 / 100.0)
     total = np.float32(0.0)
     for _ in range(100):
@@ -334,7 +409,9 @@ def test_a_hundred_float32_hundredths_are_not_one_and_depend_on_their_order(reco
     record_property("sum_of_a_hundred_hundredths", f"{total:.8f}")
     assert total != 1.0
     forest, rows = hundred_trees()
-    shares = [(tree.predict_proba(rows[:2000]) / 100.0).astype(np.float32) for tree in forest.estimators_]
+    shares = [
+        (tree.predict_proba(rows[:2000]) / 100.0).astype(np.float32) for tree in forest.estimators_
+    ]
     impure = [np.float32(0.3) * one + np.float32(0.7) * other for one, other in pairwise(shares)]
     forwards, backwards = np.zeros_like(impure[0]), np.zeros_like(impure[0])
     for one, other in zip(impure, reversed(impure), strict=True):
@@ -407,7 +484,9 @@ def test_without_the_golden_sequences_such_a_file_opens_and_its_answers_are_beli
 ) -> None:
     card = Model(eight_classes.model).card
     both = [
-        golden_answers(open_session(data), card.n_channels, card.unit, card.settle_samples)["situation"]
+        golden_answers(open_session(data), card.n_channels, card.unit, card.settle_samples)[
+            "situation"
+        ]
         for data in (eight_classes.model.read_bytes(), other_trees(eight_classes.model))
     ]
     record_property("share_of_answers_that_differ", float(np.mean(both[0] != both[1])))

@@ -1,4 +1,5 @@
-"""The step graph as a stream: however samples are handed in the answers are the same bits, and the past ends."""
+"""The step graph as a stream: however samples are handed in the answers are the same bits, and the
+past ends."""
 
 from __future__ import annotations
 
@@ -19,7 +20,14 @@ from scipy.signal import sosfilt
 from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import BoolArray, FloatArray, Unit
 from edge_runtime.errors import UsageError
-from edge_runtime.graph import BATCH, Outputs, StepGraph, open_session, run_recording, run_recordings
+from edge_runtime.graph import (
+    BATCH,
+    Outputs,
+    StepGraph,
+    open_session,
+    run_recording,
+    run_recordings,
+)
 from edge_runtime.monitor import Model
 from export.bank import sections
 from export.features import GROUPS, LAGS_S, SPANS_S, feature_count
@@ -53,7 +61,9 @@ def whole_step(n_sensors: int) -> ort.InferenceSession:
 def stream_of(length: int, n_sensors: int, seed: int = 0) -> Stream:
     """Forces that wander and shake, with lost sensors and readings that are no numbers."""
     rng = np.random.default_rng(seed)
-    values = np.cumsum(rng.normal(0.0, 0.2, (length, 3 * n_sensors)), axis=0) + rng.normal(size=3 * n_sensors)
+    values = np.cumsum(rng.normal(0.0, 0.2, (length, 3 * n_sensors)), axis=0) + rng.normal(
+        size=3 * n_sensors
+    )
     values[rng.random(values.shape) < 0.01] = np.nan
     return values, rng.random((length, n_sensors)) > 0.03
 
@@ -77,13 +87,21 @@ def state_shape(session: ort.InferenceSession) -> list[int]:
     return next(list(i.shape[1:]) for i in session.get_inputs() if i.name == "state")
 
 
-def inputs(values: FloatArray, valid: BoolArray, reset: list[bool], state: FloatArray) -> dict[str, np.ndarray]:
+def inputs(
+    values: FloatArray, valid: BoolArray, reset: list[bool], state: FloatArray
+) -> dict[str, np.ndarray]:
     """values [B, C], valid [B, n], reset [B] and state [B, rows, C] as the graph takes them."""
-    return {"sample": values[:, None], "valid": valid[:, None], "reset": np.array(reset)[:, None, None], "state": state}
+    return {
+        "sample": values[:, None],
+        "valid": valid[:, None],
+        "reset": np.array(reset)[:, None, None],
+        "state": state,
+    }
 
 
 def in_chunks(model: bytes, stream: Stream, cuts: list[int]) -> Outputs:
-    """Chunk by chunk, nothing but the state's bytes carried over: every chunk has a session of its own."""
+    """Chunk by chunk, nothing but the state's bytes carried over: every chunk has a session of its
+    own."""
     carried, parts = b"", []
     for first, last in pairwise([0, *sorted(cuts), len(stream[0])]):
         session = open_session(model)
@@ -95,7 +113,10 @@ def in_chunks(model: bytes, stream: Stream, cuts: list[int]) -> Outputs:
             parts.append(out)
         carried = state.tobytes()
     columns = zip(*parts, strict=True)
-    return {name: np.concatenate(column) for name, column in zip(outputs_of(session), columns, strict=True)}
+    return {
+        name: np.concatenate(column)
+        for name, column in zip(outputs_of(session), columns, strict=True)
+    }
 
 
 def bits(outputs: Outputs) -> dict[str, bytes]:
@@ -103,7 +124,10 @@ def bits(outputs: Outputs) -> dict[str, bytes]:
 
 
 @given(
-    seed=st.integers(0, 2**16), length=st.integers(1, 90), cuts=st.lists(st.integers(0, 90), max_size=4), data=st.data()
+    seed=st.integers(0, 2**16),
+    length=st.integers(1, 90),
+    cuts=st.lists(st.integers(0, 90), max_size=4),
+    data=st.data(),
 )
 @settings(max_examples=10)
 def test_a_stream_in_random_chunks_gives_the_same_bits_as_sample_by_sample(
@@ -125,19 +149,27 @@ def test_recordings_of_unequal_length_in_one_batch_give_the_bits_each_gives_alon
     batch_equals_alone(whole_step(n_sensors), n_sensors, seed, lengths)
 
 
-@given(seed=st.integers(0, 2**16), lengths=st.lists(st.integers(1, 60), min_size=2, max_size=9), eight=st.booleans())
+@given(
+    seed=st.integers(0, 2**16),
+    lengths=st.lists(st.integers(1, 60), min_size=2, max_size=9),
+    eight=st.booleans(),
+)
 @settings(max_examples=10)
 def test_so_do_whole_models_down_to_the_probabilities(
     eight_classes: Built, four_situations: Built, seed: int, lengths: list[int], eight: bool
 ) -> None:
-    batch_equals_alone(sealed((eight_classes if eight else four_situations).model), 6, seed, lengths)
+    batch_equals_alone(
+        sealed((eight_classes if eight else four_situations).model), 6, seed, lengths
+    )
 
 
 def test_more_recordings_than_one_batch_holds_come_back_in_their_own_order() -> None:
     batch_equals_alone(whole_step(2), 2, 0, [1 + (7 * k) % 13 for k in range(BATCH + 5)])
 
 
-def batch_equals_alone(session: ort.InferenceSession, n_sensors: int, seed: int, lengths: list[int]) -> None:
+def batch_equals_alone(
+    session: ort.InferenceSession, n_sensors: int, seed: int, lengths: list[int]
+) -> None:
     streams = [stream_of(length, n_sensors, seed + k) for k, length in enumerate(lengths)]
     values, valid = [stream[0] for stream in streams], [stream[1] for stream in streams]
     rows = [np.arange(length) for length in lengths]
@@ -198,7 +230,9 @@ def last_features(spec: StepSpec, values: FloatArray) -> bytes:
     """The features after the last of these samples."""
     valid = np.ones((len(values), spec.n_sensors), dtype=np.bool_)
     rows = [np.array([len(values) - 1])]
-    return run_recordings(session_of(spec), [values], [valid], ["features"], rows)[0]["features"].tobytes()
+    return run_recordings(session_of(spec), [values], [valid], ["features"], rows)[0][
+        "features"
+    ].tobytes()
 
 
 def inside(seconds: float, rate_hz: float) -> int:
@@ -210,7 +244,9 @@ def inside(seconds: float, rate_hz: float) -> int:
 @pytest.mark.parametrize("name", FINITE)
 @given(seed=st.integers(0, 2**16), longer=st.integers(0, 40))
 @settings(max_examples=3)
-def test_a_group_sees_nothing_older_than_its_stated_memory(name: str, rate_hz: float, seed: int, longer: int) -> None:
+def test_a_group_sees_nothing_older_than_its_stated_memory(
+    name: str, rate_hz: float, seed: int, longer: int
+) -> None:
     spec = StepSpec(2, rate_hz, "N", (name,))
     values = numbers(120, 2, seed)
     oldest = len(values) - 1 - inside(GROUPS[name].memory_s, rate_hz)
@@ -266,7 +302,9 @@ def test_the_clock_free_groups_exist_and_none_claims_a_longer_memory() -> None:
     assert max(GROUPS[name].memory_s for name in CLOCK_FREE_GROUPS) <= HISTORY_S
 
 
-@pytest.mark.parametrize(("rate_hz", "samples"), [(50.0, 6), (58.9, 6), (150.0, 16), (100.0, 11), (20.5, 3), (5.0, 2)])
+@pytest.mark.parametrize(
+    ("rate_hz", "samples"), [(50.0, 6), (58.9, 6), (150.0, 16), (100.0, 11), (20.5, 3), (5.0, 2)]
+)
 def test_the_window_has_its_stated_number_of_samples(rate_hz: float, samples: int) -> None:
     spec = StepSpec(6, rate_hz, "N", ("window",))
     assert spec.window_samples == samples == max(2, math.floor(0.10 * rate_hz + 1e-9) + 1)
@@ -274,7 +312,10 @@ def test_the_window_has_its_stated_number_of_samples(rate_hz: float, samples: in
 
 
 def test_a_rate_a_rounding_error_below_its_name_does_not_cost_the_window_a_sample() -> None:
-    assert StepSpec(6, 1.0 / np.median(np.diff(np.arange(50) * 0.02)), "N", ("window",)).window_samples == 6
+    assert (
+        StepSpec(6, 1.0 / np.median(np.diff(np.arange(50) * 0.02)), "N", ("window",)).window_samples
+        == 6
+    )
 
 
 def test_a_group_nobody_knows_is_refused_by_name() -> None:
@@ -296,7 +337,8 @@ class Past:
         self.scale = np.maximum(self.total[:, 2], NORMAL_FLOOR[unit])[:, None]
 
     def ago(self, signal: FloatArray, seconds: float) -> FloatArray:
-        """signal[t - l], l in samples: the nearest to so many seconds that is one at least and 0.5 s at most."""
+        """signal[t - l], l in samples: the nearest to so many seconds that is one at least and 0.5
+        s at most."""
         lag = min(max(1, round(seconds * self.rate_hz)), inside(HISTORY_S, self.rate_hz))
         return before(signal, lag)
 
@@ -354,7 +396,9 @@ def bands(past: Past) -> FloatArray:
     """Sensor by sensor, shear axis by axis, from rest at the first sample."""
     rest = past.x[:, :, :2] - past.x[0, :, :2]
     carried = [band for band in range(10, 60, 5) if band < past.rate_hz / 2]
-    return np.stack([np.abs(sosfilt(sections(past.rate_hz, band), rest, axis=0)) for band in carried], axis=3)
+    return np.stack(
+        [np.abs(sosfilt(sections(past.rate_hz, band), rest, axis=0)) for band in carried], axis=3
+    )
 
 
 ORACLES: dict[str, Callable[[Past], FloatArray]] = {
@@ -377,12 +421,17 @@ def test_every_group_has_an_oracle_here() -> None:
     assert set(GROUPS) == set(ORACLES)
 
 
-@pytest.mark.parametrize(("rate_hz", "unit", "size"), [(50.0, "N", 1.0), (58.9, "count", 700.0), (150.0, "uT", 200.0)])
+@pytest.mark.parametrize(
+    ("rate_hz", "unit", "size"), [(50.0, "N", 1.0), (58.9, "count", 700.0), (150.0, "uT", 200.0)]
+)
 @pytest.mark.parametrize("name", sorted(set(GROUPS) & set(ORACLES)))
-def test_a_group_is_the_formula_it_is_documented_with(name: str, rate_hz: float, unit: Unit, size: float) -> None:
+def test_a_group_is_the_formula_it_is_documented_with(
+    name: str, rate_hz: float, unit: Unit, size: float
+) -> None:
     spec = StepSpec(3, rate_hz, unit, (name,))
     values = size * numbers(round(1.2 * rate_hz), 3)
-    values[len(values) // 2 :, 2::3] -= 2.5 * size  # the hand opens: the floor under the ratios is used too
+    # the hand opens: the floor under the ratios is used too
+    values[len(values) // 2 :, 2::3] -= 2.5 * size
     got = alone(session_of(spec), (values, np.ones((len(values), 3), dtype=np.bool_)))["features"]
     expected = ORACLES[name](Past(values, rate_hz, unit)).reshape(len(values), -1)
     assert got.shape == (len(values), feature_count(spec))
@@ -392,6 +441,8 @@ def test_a_group_is_the_formula_it_is_documented_with(name: str, rate_hz: float,
 def test_groups_stand_in_the_order_they_are_named_in() -> None:
     names = tuple(sorted(GROUPS, reverse=True))
     stream = stream_of(20, 2)
-    parts = [alone(session_of(StepSpec(2, 100.0, "N", (name,))), stream)["features"] for name in names]
+    parts = [
+        alone(session_of(StepSpec(2, 100.0, "N", (name,))), stream)["features"] for name in names
+    ]
     whole = alone(session_of(StepSpec(2, 100.0, "N", names)), stream)["features"]
     np.testing.assert_array_equal(whole, np.concatenate(parts, axis=1))

@@ -1,8 +1,10 @@
-"""Coverage-guided fuzzing: `python tests/fuzz/fuzz_run.py --seconds 60 TARGET ..`, or `make fuzz` for all targets.
+"""Coverage-guided fuzzing: `python tests/fuzz/fuzz_run.py --seconds 60 TARGET ..`, or `make fuzz`
+for all targets.
 
-Begins with a target's seeds and its files in tests/fuzz/corpus; what breaks it is left in build/fuzz/TARGET, from
-where it goes into the corpus, whose files an ordinary test replays. A line a target on stdout; ends with 1 where
-something broke. Every target runs in a process of its own, made after the instrumented imports, which take seconds.
+Begins with a target's seeds and its files in tests/fuzz/corpus; what breaks it is left in
+build/fuzz/TARGET, from where it goes into the corpus, whose files an ordinary test replays. A line
+a target on stdout; ends with 1 where something broke. Every target runs in a process of its own,
+made after the instrumented imports, which take seconds.
 """
 
 from __future__ import annotations
@@ -22,9 +24,16 @@ ROOMS = ["edge_runtime", "drivers", "simulation", "holdfast", "training"]
 
 def main() -> int:
     """Fuzz every target until its runs or seconds are over."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("targets", nargs="*")
-    parser.add_argument("--seconds", type=int, default=0, help="for each target; without it each has its bounded runs")
+    parser.add_argument(
+        "--seconds",
+        type=int,
+        default=0,
+        help="for each target; without it each has its bounded runs",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=HERE.parents[1] / "build" / "fuzz")
     args = parser.parse_args()
@@ -60,9 +69,15 @@ def _fuzz(atheris: Any, name: str, args: argparse.Namespace) -> None:
     known = [str(CORPUS / name)] if (CORPUS / name).is_dir() else []
     runs = -1 if args.seconds else TARGETS[name].runs
     options = [
-        f"-runs={runs}", f"-max_total_time={args.seconds}", f"-seed={args.seed}", f"-timeout={LONGEST_S}",
-        f"-rss_limit_mb={MOST_MB}", f"-max_len={LONGEST_BYTES}", f"-artifact_prefix={found}/", "-print_final_stats=1",
-    ]  # fmt: skip
+        f"-runs={runs}",
+        f"-max_total_time={args.seconds}",
+        f"-seed={args.seed}",
+        f"-timeout={LONGEST_S}",
+        f"-rss_limit_mb={MOST_MB}",
+        f"-max_len={LONGEST_BYTES}",
+        f"-artifact_prefix={found}/",
+        "-print_final_stats=1",
+    ]
 
     def feed(data: bytes) -> None:
         refused(TARGETS[name], data)

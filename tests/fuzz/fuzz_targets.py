@@ -1,7 +1,8 @@
 """What comes from outside, and what takes it: a table of targets, each fed with bytes.
 
-One law for all: any input is taken, or refused with one of our errors (edge_runtime/errors.py), which is one line.
-Nothing else, no warning either, comes out; nothing hangs, nothing eats the memory.
+One law for all: any input is taken, or refused with one of our errors (edge_runtime/errors.py),
+which is one line. Nothing else, no warning either, comes out; nothing hangs, nothing eats the
+memory.
 """
 
 from __future__ import annotations
@@ -71,18 +72,33 @@ from training.timeline import read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL_MODEL = Path(__file__).resolve().parent / "small.onnx"
-"""Of two sensors and two trees: tests/small_model.py, sealed_bytes(). Written anew where the format changes."""
+"""Of two sensors and two trees: tests/small_model.py, sealed_bytes(). Written anew where the format
+changes."""
 MODEL_CARD = ROOT / "models" / "holdfast-150hz.json"
 READS = 6
 LEFT_ALONE = 580
-"""Answers: 57 bring up a hand on an FT232H and read it, 340 on an i2c-tiny-usb, 579 on an MCP2221A."""
+"""Answers: 57 bring up a hand on an FT232H and read it, 340 on an i2c-tiny-usb, 579 on an
+MCP2221A."""
 MCP2221_REPORTS = (
-    b"\x10", b"\x61", b"\x60\0\x8f\x83\x9f\x87\x9f\x80\x08\x10\x18\x03", b"\x50\0\1\1\1", b"\x51", b"\xb0\0", b"\xb0\4",
-    b"\xb1\0\xfd\x12\0\x60\xd8\x04\xdd\0\x80\x32password", b"\xb1\4\x06\3a\0b\0", b"\xb2\0password", b"\xb1\1\x08\x08",
-    b"\x94\1\0\x6a\x0d", b"\x93\3\0\x6b", b"\x40", b"\x70\xab\xcd\xef",
-)  # fmt: skip
+    b"\x10",
+    b"\x61",
+    b"\x60\0\x8f\x83\x9f\x87\x9f\x80\x08\x10\x18\x03",
+    b"\x50\0\1\1\1",
+    b"\x51",
+    b"\xb0\0",
+    b"\xb0\4",
+    b"\xb1\0\xfd\x12\0\x60\xd8\x04\xdd\0\x80\x32password",
+    b"\xb1\4\x06\3a\0b\0",
+    b"\xb2\0password",
+    b"\xb1\1\x08\x08",
+    b"\x94\1\0\x6a\x0d",
+    b"\x93\3\0\x6b",
+    b"\x40",
+    b"\x70\xab\xcd\xef",
+)
 BOARD = ("usb", "i2c")
-"""Sources on this very machine: their URLs are taken apart as the others are, but nothing of a stranger is opened."""
+"""Sources on this very machine: their URLs are taken apart as the others are, but nothing of a
+stranger is opened."""
 ERRNOS = (5, 13, 16, 19, 32, 75, 110)
 
 
@@ -90,7 +106,8 @@ ERRNOS = (5, 13, 16, 19, 32, 75, 110)
 class Target:
     """What takes bytes from outside: `feed` raises a HoldfastError or nothing.
 
-    seeds: inputs to begin with, the first of which is taken; runs: of a bounded run, a second or two.
+    seeds: inputs to begin with, the first of which is taken; runs: of a bounded run, a second or
+    two.
     """
 
     feed: Callable[[bytes], object]
@@ -99,7 +116,8 @@ class Target:
 
 
 def refused(target: Target, data: bytes) -> HoldfastError | None:
-    """Feed a target: our error where it refuses, None where it takes it; anything else comes out."""
+    """Feed a target: our error where it refuses, None where it takes it; anything else comes
+    out."""
     try:
         target.feed(data)
     except HoldfastError as error:
@@ -147,7 +165,8 @@ def meta(data: bytes) -> None:
     place.mkdir(parents=True, exist_ok=True)
     (place / "trial_1.csv").write_text("Time,X1,Y1,Z1\n0,1,2,3\n0.01,1,2,3\n", encoding="utf-8")
     (place.parent / "meta.json").write_bytes(data)
-    refused(Target(lambda _: open_replay(place / "trial_1.csv"), ()), b"")  # either may refuse what the other takes
+    # either may refuse what the other takes
+    refused(Target(lambda _: open_replay(place / "trial_1.csv"), ()), b"")
     told_mass_g(place.parent)
 
 
@@ -177,7 +196,8 @@ def events(data: bytes) -> None:
 
 
 def mended(data: bytes) -> None:
-    """A recorded file, mended: every byte is in it or beside it, and mending again changes nothing."""
+    """A recorded file, mended: every byte is in it or beside it, and mending again changes
+    nothing."""
     path = written("tactile.csv", data)
     for torn in path.parent.glob("tactile.csv.*"):
         torn.unlink()
@@ -224,7 +244,8 @@ def onnx_bytes(data: bytes) -> None:
 
 
 def resealed_model(data: bytes) -> None:
-    """A small model with some bytes exchanged, sealed again: what is accepted answers, and within its ranges.
+    """A small model with some bytes exchanged, sealed again: what is accepted answers, and within
+    its ranges.
 
     Five bytes an exchange: where (three), what to do (one), and a byte.
     """
@@ -234,13 +255,19 @@ def resealed_model(data: bytes) -> None:
         session = open_session(altered)
     except Exception as error:  # as Model does
         raise NotAModel("cannot be opened") from error
-    require_in_range(golden_answers(session, card.n_channels, card.unit, card.settle_samples), card, "m.onnx")
+    require_in_range(
+        golden_answers(session, card.n_channels, card.unit, card.settle_samples), card, "m.onnx"
+    )
     _answers(session, card)
 
 
 def _exchanged(model: bytearray, script: bytes) -> bytearray:
     for at in range(0, len(script) - 4, 5):
-        place, how, byte = int.from_bytes(script[at : at + 3], "little"), script[at + 3] % 4, script[at + 4]
+        place, how, byte = (
+            int.from_bytes(script[at : at + 3], "little"),
+            script[at + 3] % 4,
+            script[at + 4],
+        )
         place %= len(model)
         if how == 0:
             model[place] = byte
@@ -272,9 +299,9 @@ def _answers(session: Any, card: ModelCard) -> None:
         out = graph.step()
         assert 0 <= out["situation"][0] < 4
         assert out["votes"][0].sum() > 0.0
-        assert {name: out[name].shape[1:] for name in ("p_situation", "settled", "unknown", *card.heads)} == {
-            "p_situation": (4,), "settled": (), "unknown": (), **dict.fromkeys(card.heads, ())
-        }  # fmt: skip
+        assert {
+            name: out[name].shape[1:] for name in ("p_situation", "settled", "unknown", *card.heads)
+        } == {"p_situation": (4,), "settled": (), "unknown": (), **dict.fromkeys(card.heads, ())}
 
 
 def arrays(data: bytes) -> None:
@@ -301,7 +328,9 @@ def sealed_card(data: bytes) -> None:
     """The card in a model file's metadata, and the parts that are made of it alone."""
     card = read_card({CARD_KEY: data.decode(errors="replace"), SEAL_KEY: "0" * 64}, "model.onnx")
     decide(card.decision, DecisionState(), RISKY_SLIP, 1000, period_us=period_us(card.rate_hz))
-    Tare(card.preparation, card.n_channels).prepare(np.zeros(card.n_channels), np.ones(card.n_channels // 3, bool))
+    Tare(card.preparation, card.n_channels).prepare(
+        np.zeros(card.n_channels), np.ones(card.n_channels // 3, bool)
+    )
     assert card.rate_hz > 0.0
     assert 0 < card.settle_samples < 1e6
 
@@ -340,7 +369,8 @@ def source(data: bytes) -> None:
 
 
 def packets(data: bytes) -> None:
-    """What a chip answers, packet by packet: no reading counts before eight different ones have fitted their CRC."""
+    """What a chip answers, packet by packet: no reading counts before eight different ones have
+    fitted their CRC."""
     state = FingerState(Finger(0x35), Setup(crc=True))
     came = 0
     for k, at in enumerate(range(0, len(data), CHECKED_BYTES)):
@@ -373,10 +403,11 @@ def commands(data: bytes) -> None:
 
 
 class Spoilt(Device):
-    """An emulated bridge whose answers are spoilt as the bytes say; honest again when they are at an end.
+    """An emulated bridge whose answers are spoilt as the bytes say; honest again when they are at
+    an end.
 
-    Two bytes say how many answers are left alone first. Then a byte an answer: its lowest three bits say how it is
-    spoilt, with what the next bytes hold.
+    Two bytes say how many answers are left alone first. Then a byte an answer: its lowest three
+    bits say how it is spoilt, with what the next bytes hold.
     """
 
     def __init__(self, device: Any, script: bytes) -> None:
@@ -385,11 +416,17 @@ class Spoilt(Device):
         self.vendor, self.product, self.speed = device.vendor, device.product, device.speed
         self.interfaces, self.kernel_driver = device.interfaces, device.kernel_driver
 
-    def control_out(self, request_type: int, request: int, value: int, index: int, data: bytes) -> None:
+    def control_out(
+        self, request_type: int, request: int, value: int, index: int, data: bytes
+    ) -> None:
         self._device.control_out(request_type, request, value, index, data)
 
-    def control_in(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
-        return self._spoil(self._device.control_in(request_type, request, value, index, length), length)
+    def control_in(
+        self, request_type: int, request: int, value: int, index: int, length: int
+    ) -> bytes:
+        return self._spoil(
+            self._device.control_in(request_type, request, value, index, length), length
+        )
 
     def write(self, endpoint: int, data: bytes) -> None:
         self._device.write(endpoint, data)
@@ -422,15 +459,22 @@ class Spoilt(Device):
         return answer
 
 
-def bridge(device: Callable[[VirtualHand], Device], driver: Callable[[Any], Bus]) -> Callable[[bytes], None]:
-    """A driver whose bridge answers what the bytes say: a hand on it starts or does not, and then never raises."""
+def bridge(
+    device: Callable[[VirtualHand], Device], driver: Callable[[Any], Bus]
+) -> Callable[[bytes], None]:
+    """A driver whose bridge answers what the bytes say: a hand on it starts or does not, and then
+    never raises."""
 
     def feed(data: bytes) -> None:
         clock = VirtualClock()
         virtual = VirtualHand(clock)
-        backend = VirtualBackend(Spoilt(device(virtual), data), clock, virtual.faults, virtual.power_off)
+        backend = VirtualBackend(
+            Spoilt(device(virtual), data), clock, virtual.faults, virtual.power_off
+        )
         hand = Hand(
-            lambda: driver(backend), now_ns=clock.now_ns, pause=lambda seconds: clock.spend(round(1e9 * seconds))
+            lambda: driver(backend),
+            now_ns=clock.now_ns,
+            pause=lambda seconds: clock.spend(round(1e9 * seconds)),
         )
         try:
             hand.start()
@@ -444,7 +488,8 @@ def bridge(device: Callable[[VirtualHand], Device], driver: Callable[[Any], Bus]
 
 
 def _fits(hand: Hand) -> None:
-    """A reading that holds together; a hand that has started says what is wrong, and raises nothing."""
+    """A reading that holds together; a hand that has started says what is wrong, and raises
+    nothing."""
     try:
         reading = hand.read()
     except HoldfastError as error:
@@ -456,24 +501,45 @@ def _fits(hand: Hand) -> None:
 
 HEAD = b"Time,X1,Y1,Z1\n"
 ROWS = b"".join(b"%.3f,1,2.5,-3e1\n" % (0.02 * k) for k in range(4))
-RECORDED = HEAD.replace(b"\n", b",host_ns,device_us,sequence,valid1\n") + ROWS.replace(b"\n", b",1,2,3,1\n")
+RECORDED = HEAD.replace(b"\n", b",host_ns,device_us,sequence,valid1\n") + ROWS.replace(
+    b"\n", b",1,2,3,1\n"
+)
 LOADS = b"Time,X1,Y1,Z1,Fx,Fy,Fz\n" + b"".join(
     b"%d,%d,2,%d,0,0,%d\n" % (k, k % 3, 100 * (k % 20 > 9), 3 * (k % 20 > 9)) for k in range(80)
 )
 CARD = b'title="a"\n[record]\nrate_hz=150\n[physics]\nstep_s=1e-3\n[[trials]]\nobjects=["soft-ball"]\naction="pull"\n'
 MORE_OF_A_CARD = (
-    b'count=2\nhold_s={uniform=[2,3]}\ngrip_n={choice=[4,8]}\nspare={normal=[2,1]}\n'
-    b'[objects.pear]\nmass_g=180\n[effects.brush]\ncount=5\n[effects.dipole]\n[effects.hall_noise]\n'
+    b"count=2\nhold_s={uniform=[2,3]}\ngrip_n={choice=[4,8]}\nspare={normal=[2,1]}\n"
+    b"[objects.pear]\nmass_g=180\n[effects.brush]\ncount=5\n[effects.dipole]\n[effects.hall_noise]\n"
 )
-PHASES = json.dumps({"phases": [{"t0_s": 0.0, "t1_s": 0.05, "label": "grasp", "provenance": "x"}]}).encode()
+PHASES = json.dumps(
+    {"phases": [{"t0_s": 0.0, "t1_s": 0.05, "label": "grasp", "provenance": "x"}]}
+).encode()
 CALIBRATION = json.dumps(
-    {"format": 1, "kind": "calibration", "matrix_n_per_ut": [[[1, 0, 0], [0, 1, 0], [0, 0, 1e-3]]], "rest_ut": None,
-     "reversed": [False], "source": "", "date": "", "load_unit": "N", "n": 9, "residual_n": [[None, 0.1, 0.2]]}
-).encode()  # fmt: skip
+    {
+        "format": 1,
+        "kind": "calibration",
+        "matrix_n_per_ut": [[[1, 0, 0], [0, 1, 0], [0, 0, 1e-3]]],
+        "rest_ut": None,
+        "reversed": [False],
+        "source": "",
+        "date": "",
+        "load_unit": "N",
+        "n": 9,
+        "residual_n": [[None, 0.1, 0.2]],
+    }
+).encode()
 BIAS = json.dumps(
-    {"format": 1, "kind": "bias", "values": [0.0, 1.5, -2e3], "spread": [1, 1, 1], "n": 30, "unit": "uT",
-     "reversed": [False]}
-).encode()  # fmt: skip
+    {
+        "format": 1,
+        "kind": "bias",
+        "values": [0.0, 1.5, -2e3],
+        "spread": [1, 1, 1],
+        "n": 30,
+        "unit": "uT",
+        "reversed": [False],
+    }
+).encode()
 GOLDEN = (
     b'{"votes":{"dtype":"int32","shape":[1,2],"data":"AQAAAAIAAAA="},'
     b'"settled":{"dtype":"bool","shape":[1],"data":"AQ=="}}'
@@ -481,7 +547,8 @@ GOLDEN = (
 
 
 def mcp2221_reports(data: bytes) -> None:
-    """An emulated MCP2221A answers every report but a reset with one, and has descriptors whatever it holds."""
+    """An emulated MCP2221A answers every report but a reset with one, and has descriptors whatever
+    it holds."""
     device = VirtualMcp2221(VirtualHand(VirtualClock()))
     for at in range(0, len(data), 64):
         device.write(0x03, data[at : at + 64])
@@ -516,12 +583,21 @@ def small_onnx() -> bytes:
         part(1, b"n_targets") + b"\x18\x02\xa0\x01\x02",
         part(1, b"post_transform") + part(4, b"NONE") + b"\xa0\x01\x03",
     ]
-    node = part(1, b"x") + part(2, b"y") + part(4, b"Trees") + b"".join(part(5, one) for one in tree) + part(7, b"ml")
+    node = (
+        part(1, b"x")
+        + part(2, b"y")
+        + part(4, b"Trees")
+        + b"".join(part(5, one) for one in tree)
+        + part(7, b"ml")
+    )
     tensor = b"\x08\x02\x10\x0b" + part(8, b"c0") + part(9, bytes(16))
     shape = part(1, part(2, b"B")) + part(1, b"\x08\x12")
     value = part(1, b"x") + part(2, part(1, b"\x08\x0b" + part(2, shape)))
     graph = part(1, node) + part(2, b"g") + part(5, tensor) + part(11, value) + part(12, value)
-    opset, entry = part(8, part(1, b"ml") + b"\x10\x03"), part(14, part(1, b"key") + part(2, b"value"))
+    opset, entry = (
+        part(8, part(1, b"ml") + b"\x10\x03"),
+        part(14, part(1, b"key") + part(2, b"value")),
+    )
     return b"\x08\x0a" + part(2, b"holdfast") + part(7, graph) + opset + entry
 
 
@@ -547,7 +623,9 @@ def small_card() -> bytes:
     told = json.loads(MODEL_CARD.read_text("utf-8"))
     for head in told["heads"].values():
         head.pop("calibration")
-    return json.dumps({key: value for key, value in told.items() if key not in ("file", "training")}).encode()
+    return json.dumps(
+        {key: value for key, value in told.items() if key not in ("file", "training")}
+    ).encode()
 
 
 PROTOCOL = b"""title = "x"
@@ -568,8 +646,12 @@ RESULTS_OF_A_CHIP = [LAYOUT.pack(100 + k, -200, 9000 - k, k % 8 << 5 | 1) for k 
 PACKETS = [one + bytes([packet_crc(0x35, one)]) for one in RESULTS_OF_A_CHIP]
 
 TARGETS = {
-    "trial": Target(trial, (HEAD + ROWS, RECORDED, b"\xef\xbb\xbf" + HEAD + ROWS.replace(b"2.5", b"nan"))),
-    "mended": Target(mended, (RECORDED, RECORDED + b"0.08,1,2.", RECORDED[:-1] + bytes(9), RECORDED[:7])),
+    "trial": Target(
+        trial, (HEAD + ROWS, RECORDED, b"\xef\xbb\xbf" + HEAD + ROWS.replace(b"2.5", b"nan"))
+    ),
+    "mended": Target(
+        mended, (RECORDED, RECORDED + b"0.08,1,2.", RECORDED[:-1] + bytes(9), RECORDED[:7])
+    ),
     "meta": Target(meta, (b'{"unit": "uT", "mass_g": 20}', b"{}")),
     "truth": Target(truth, (PHASES,)),
     "scene": Target(scene, (CARD, CARD + MORE_OF_A_CARD)),
@@ -581,21 +663,41 @@ TARGETS = {
     "model": Target(model, (sealed(), b"\x08\x08holdfast", b"holdfast.sha256\x12\x40" + b"0" * 64)),
     "sealed_card": Target(sealed_card, (small_card(),)),
     "onnx_bytes": Target(onnx_bytes, (small_onnx(), small_onnx()[:-9], small_onnx() + b"\x08\x0a")),
-    "resealed_model": Target(resealed_model, (b"", b"\x00\x10\x00\x00A", b"\x000\x00\x03A\x80\x02\x00\x01\x03"), 300),
-    "arrays": Target(arrays, (packed(frames=(2, 3, 4), **dict.fromkeys(LENS, ())), packed(frames=(2, 3, 4)), b"PK")),
+    "resealed_model": Target(
+        resealed_model, (b"", b"\x00\x10\x00\x00A", b"\x000\x00\x03A\x80\x02\x00\x01\x03"), 300
+    ),
+    "arrays": Target(
+        arrays,
+        (packed(frames=(2, 3, 4), **dict.fromkeys(LENS, ())), packed(frames=(2, 3, 4)), b"PK"),
+    ),
     "table": Target(table, (b"a,b\n1,2\n3,4\n", b'"a\nb",c\r\n1,2\r\n')),
-    "message": Target(message, (b"plain", b"\x1b[2J\xc2\x9b31m", b"ft232h", b"i2c-1?x", b"sim:apple")),
+    "message": Target(
+        message, (b"plain", b"\x1b[2J\xc2\x9b31m", b"ft232h", b"i2c-1?x", b"sim:apple")
+    ),
     "golden": Target(golden, (GOLDEN,)),
     "fault": Target(fault, (b"nack:3@1.5+0.2", b"unplug@2+1")),
     "layout": Target(layout, (b"mux", b"1:35,22,0:35>50", b"moved@71", b"71/0:35,77/1:35>50")),
     "packets": Target(packets, (b"".join(PACKETS), bytes(80), b"".join(PACKETS)[:-9])),
-    "source": Target(source, (b"virtual://ft232h?averages=32&burst=1&fault=nack:3@1.5%2B0.2&layout=mux6&seed=1",
-                              b"virtual://mcp2221?crc=off&layout=mux@77&fault=noise@0%2B9",
-                              b"sim://nobody?seed=1&trial=2&rate_hz=50", b"replay://a.csv", b"a#0", b"i2c://1",
-                              b"usb://tiny-usb?number=2")),
-    "commands": Target(commands, (b'{"opening": true}\n{"override": true}', b'{"opening": false, "override": false}')),
+    "source": Target(
+        source,
+        (
+            b"virtual://ft232h?averages=32&burst=1&fault=nack:3@1.5%2B0.2&layout=mux6&seed=1",
+            b"virtual://mcp2221?crc=off&layout=mux@77&fault=noise@0%2B9",
+            b"sim://nobody?seed=1&trial=2&rate_hz=50",
+            b"replay://a.csv",
+            b"a#0",
+            b"i2c://1",
+            b"usb://tiny-usb?number=2",
+        ),
+    ),
+    "commands": Target(
+        commands,
+        (b'{"opening": true}\n{"override": true}', b'{"opening": false, "override": false}'),
+    ),
     "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 120),
     "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 200),
     "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 200),
-    "mcp2221_reports": Target(mcp2221_reports, (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),), 500),
-}  # fmt: skip
+    "mcp2221_reports": Target(
+        mcp2221_reports, (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),), 500
+    ),
+}

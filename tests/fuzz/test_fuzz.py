@@ -1,4 +1,5 @@
-"""Whatever comes from outside is taken, or refused with one of our errors; what broke something once, for ever."""
+"""Whatever comes from outside is taken, or refused with one of our errors; what broke something
+once, for ever."""
 
 from __future__ import annotations
 
@@ -28,11 +29,14 @@ def here_again() -> Iterator[None]:
 
 
 @pytest.mark.hard_case(
-    AREA, "an input that broke something once",
+    AREA,
+    "an input that broke something once",
     elsewhere="a mended crash comes back, because nobody kept what caused it",
     here="every such input is a file in tests/fuzz/corpus and is replayed by every run of the tests",
-)  # fmt: skip
-def test_every_input_that_ever_broke_something_is_now_taken_or_refused_with_an_error_of_ours(record_property):
+)
+def test_every_input_that_ever_broke_something_is_now_taken_or_refused_with_an_error_of_ours(
+    record_property,
+):
     errors = []
     for name in KEPT:
         with warnings.catch_warnings():
@@ -63,24 +67,38 @@ def test_a_target_that_raises_something_else_is_broken():
 
 @pytest.fixture(scope="module")
 def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Target -> how a bounded run of it with a fixed seed ended; all in one process, whose imports take seconds."""
+    """Target -> how a bounded run of it with a fixed seed ended; all in one process, whose imports
+    take seconds."""
     if importlib.util.find_spec("atheris") is None:
-        pytest.skip("no wheel of atheris for this machine (x86_64 Linux, Python 3.11 to 3.13): the corpus alone is run")
+        pytest.skip(
+            "no wheel of atheris for this machine (x86_64 Linux, Python 3.11 to 3.13): the corpus alone is run"
+        )
     out = tmp_path_factory.mktemp("fuzz")
     done = subprocess.run(
         [sys.executable, str(ROOT / "tests" / "fuzz" / "fuzz_run.py"), "--out", str(out)],
-        cwd=ROOT, capture_output=True, text=True, errors="replace", check=False,
-    )  # fmt: skip
-    ended = dict(line.split(": ", 1) for line in done.stdout.splitlines() if line.partition(": ")[0] in TARGETS)
-    assert (done.returncode == 0) == all(how == "holds" for how in ended.values()), done.stderr[-2000:]
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
+    ended = dict(
+        line.split(": ", 1)
+        for line in done.stdout.splitlines()
+        if line.partition(": ")[0] in TARGETS
+    )
+    assert (done.returncode == 0) == all(how == "holds" for how in ended.values()), done.stderr[
+        -2000:
+    ]
     return ended
 
 
 @pytest.mark.hard_case(
-    AREA, "bytes nobody thought of",
+    AREA,
+    "bytes nobody thought of",
     elsewhere="a parser meets them in the field, and the process on the hand ends in a traceback",
     here="coverage-guided fuzzing of everything that takes bytes or text: taken, or refused with a typed error",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("name", TARGETS)
 def test_fuzzing_finds_nothing_but_errors_of_ours(fuzzed, name, record_property):
     record_property("runs", TARGETS[name].runs)

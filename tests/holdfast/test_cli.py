@@ -1,4 +1,5 @@
-"""The command line, end to end: every bad input is one line, one exit code, and nothing half-written."""
+"""The command line, end to end: every bad input is one line, one exit code, and nothing
+half-written."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 import skops.io
+from command_line import Run, fails
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
@@ -32,38 +34,14 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 TRIAL = "empty-bottle/pull/trial_1.csv"
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run a command in this process: exit code, stdout, stderr. Warnings are printed, as they are for a user."""
-    import warnings
-
-    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
-
-    def command(*words: object) -> tuple[int, str, str]:
-        with warnings.catch_warnings():
-            warnings.simplefilter("default")
-            code = main([str(word) for word in words])
-        return code, *capsys.readouterr()
-
-    return command
-
-
-def fails(run: Run, code: int, kind: str, *words: object, says: str = "") -> None:
-    """One line on stderr that begins with the error's own name; nothing on stdout of what was not done."""
-    got, _, err = run(*words)
-    lines = [line for line in err.splitlines() if not line.startswith("warning: ")]
-    assert (got, len(lines)) == (code, 1), err
-    assert lines[0].startswith(f"error: {kind}: "), err
-    assert says in lines[0]
-    assert "Traceback" not in err
 
 
 def everything_in(folder: Path) -> dict[str, bytes | None]:
     """Every file and folder below, with what is in it."""
-    return {str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None for p in sorted(folder.rglob("*"))}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None
+        for p in sorted(folder.rglob("*"))
+    }
 
 
 # -- the parser
@@ -90,14 +68,37 @@ def loaded_by(*words: str) -> tuple[str, set[str]]:
     return done.stdout, {name.split(".")[0] for name in json.loads(done.stderr)}
 
 
-OFTEN = ("simulate", "train", "export", "evaluate", "record", "watch", "onset", "repair", "replay", "selftest")
+OFTEN = (
+    "simulate",
+    "train",
+    "export",
+    "evaluate",
+    "record",
+    "watch",
+    "onset",
+    "repair",
+    "replay",
+    "selftest",
+)
 
 
-@pytest.mark.parametrize("words", [("--help",), ("--version",), *((verb, "--help") for verb in OFTEN)])
+@pytest.mark.parametrize(
+    "words", [("--help",), ("--version",), *((verb, "--help") for verb in OFTEN)]
+)
 def test_help_loads_no_package_that_takes_time(words: tuple[str, ...]) -> None:
     out, modules = loaded_by(*words)
     assert "holdfast" in out
-    slow = {"numpy", "onnxruntime", "scipy", "sklearn", "pandas", "onnx", "skops", "matplotlib", "rich"}
+    slow = {
+        "numpy",
+        "onnxruntime",
+        "scipy",
+        "sklearn",
+        "pandas",
+        "onnx",
+        "skops",
+        "matplotlib",
+        "rich",
+    }
     assert modules & slow == set()
 
 
@@ -137,23 +138,41 @@ def test_debug_shows_the_traceback_of_an_error(run: Run) -> None:
 HEADER = "Time," + ",".join(f"{axis}{k}" for k in range(1, 7) for axis in "XYZ")
 
 
-def csv_of(times_s: list[float] | None = None, header: str = HEADER, cells: str = ",0.1" * 18) -> str:
+def csv_of(
+    times_s: list[float] | None = None, header: str = HEADER, cells: str = ",0.1" * 18
+) -> str:
     times_s = [k / 50 for k in range(60)] if times_s is None else times_s
     return "\n".join([header, *(f"{t:.3f}{cells}" for t in times_s)]) + "\n"
 
 
 STEPS = [k / 50 for k in range(60)]
 BAD_TRIALS = {
-    "a missing column": (csv_of(header=HEADER.removesuffix(",Z6"), cells=",0.1" * 17), "ColumnError", "Z6"),
-    "an unknown column": (csv_of(header=HEADER + ",mood", cells=",0.1" * 19), "ColumnError", "mood"),
+    "a missing column": (
+        csv_of(header=HEADER.removesuffix(",Z6"), cells=",0.1" * 17),
+        "ColumnError",
+        "Z6",
+    ),
+    "an unknown column": (
+        csv_of(header=HEADER + ",mood", cells=",0.1" * 19),
+        "ColumnError",
+        "mood",
+    ),
     "text in a number": (csv_of().replace("0.200,0.1", "0.200,soft"), "NotANumber", "'soft'"),
-    "time that runs backwards": (csv_of([*STEPS[:20], STEPS[18], *STEPS[20:]]), "TimeError", "backwards"),
-    "time that stands still": (csv_of([*STEPS[:20], STEPS[19], *STEPS[20:]]), "TimeError", "stands still"),
+    "time that runs backwards": (
+        csv_of([*STEPS[:20], STEPS[18], *STEPS[20:]]),
+        "TimeError",
+        "backwards",
+    ),
+    "time that stands still": (
+        csv_of([*STEPS[:20], STEPS[19], *STEPS[20:]]),
+        "TimeError",
+        "stands still",
+    ),
     "a gap in time": (csv_of(STEPS[:20] + STEPS[40:]), "TimeError", "gap"),
     "nothing in it": ("", "EmptyRecording", "empty"),
     "a header only": (csv_of([]), "EmptyRecording", "0 rows"),
     "bytes that are no text": ("Time,X1\udcff\n", "NotANumber", "text file"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("fault", BAD_TRIALS)
@@ -167,8 +186,18 @@ def test_a_trial_with_this_fault_is_refused_by_replay_and_by_training(
     before = everything_in(tmp_path)
     fails(run, 3, kind, "replay", four_situations.model, bad, says=says)
     fails(run, 3, kind, "train", "--data", tmp_path / "set", "--out", tmp_path / "out", says=says)
-    fails(run, 3, kind, "evaluate", four_situations.model, "--data", tmp_path / "set", "--json",
-          tmp_path / "figures.json", says=says)  # fmt: skip
+    fails(
+        run,
+        3,
+        kind,
+        "evaluate",
+        four_situations.model,
+        "--data",
+        tmp_path / "set",
+        "--json",
+        tmp_path / "figures.json",
+        says=says,
+    )
     assert everything_in(tmp_path) == before
 
 
@@ -180,10 +209,47 @@ def test_a_trial_or_a_set_that_is_not_there_is_said_to_be_so(
     fails(run, 3, "DataNotFound", "replay", model, tmp_path / "trial.csv", says="no such file")
     fails(run, 3, "DataNotFound", "replay", model, tmp_path, says="tactile.csv")
     fails(run, 3, "DataNotFound", "replay", model, f"{four_situations.fixture}#9999", says="9999")
-    fails(run, 3, "DataNotFound", "replay", model, f"{four_situations.fixture}#no/such/trial", says="no/such/trial")
-    fails(run, 3, "DataNotFound", "train", "--data", tmp_path / "nowhere", "--out", tmp_path / "out", says="nowhere")
-    fails(run, 3, "DataNotFound", "train", "--data", tmp_path, "--out", tmp_path / "out", says="no known data set")
-    fails(run, 3, "DataNotFound", "evaluate", model, "--data", "human_slip_uskin", says="HOLDFAST_DATA")
+    fails(
+        run,
+        3,
+        "DataNotFound",
+        "replay",
+        model,
+        f"{four_situations.fixture}#no/such/trial",
+        says="no/such/trial",
+    )
+    fails(
+        run,
+        3,
+        "DataNotFound",
+        "train",
+        "--data",
+        tmp_path / "nowhere",
+        "--out",
+        tmp_path / "out",
+        says="nowhere",
+    )
+    fails(
+        run,
+        3,
+        "DataNotFound",
+        "train",
+        "--data",
+        tmp_path,
+        "--out",
+        tmp_path / "out",
+        says="no known data set",
+    )
+    fails(
+        run,
+        3,
+        "DataNotFound",
+        "evaluate",
+        model,
+        "--data",
+        "human_slip_uskin",
+        says="HOLDFAST_DATA",
+    )
     assert not any(tmp_path.iterdir())
 
 
@@ -192,11 +258,23 @@ def test_a_trial_or_a_set_that_is_not_there_is_said_to_be_so(
 
 def test_a_rate_too_low_for_every_band_is_refused(run: Run, tmp_path: Path) -> None:
     write_fixture(tmp_path / "set", trials_per_cell=1, rate_hz=15.0)
-    fails(run, 3, "RateError", "train", "--data", tmp_path / "set", "--out", tmp_path / "out", says="none of the bands")
+    fails(
+        run,
+        3,
+        "RateError",
+        "train",
+        "--data",
+        tmp_path / "set",
+        "--out",
+        tmp_path / "out",
+        says="none of the bands",
+    )
     assert not (tmp_path / "out").exists()
 
 
-def test_a_set_without_a_window_of_some_class_is_refused_by_the_classes_name(run: Run, tmp_path: Path) -> None:
+def test_a_set_without_a_window_of_some_class_is_refused_by_the_classes_name(
+    run: Run, tmp_path: Path
+) -> None:
     write_fixture(tmp_path / "set", trials_per_cell=1)
     for folder in (tmp_path / "set").glob("*/fall"):
         shutil.rmtree(folder)
@@ -219,12 +297,23 @@ def write_people(folder: Path, people: int, trials: int = 6, seed: int = 0) -> P
         imu[:, 0], imu[:, 2] = np.cos(turn + 0.4), np.sin(turn + 0.4)
         signals["xela"].append(3.0 + force + 0.02 * rng.standard_normal((n, 48)))
         signals["object_imu"].append(imu)
-        lines.append({"subject": f"p{k // trials}", "stage": "baseline", "sample": f"s{k}", "n": n,
-                      "offset": sum(line["n"] for line in lines), "frequency_hz": 59.0,
-                      "start_index": 150, "end_index": 240})  # fmt: skip
+        lines.append(
+            {
+                "subject": f"p{k // trials}",
+                "stage": "baseline",
+                "sample": f"s{k}",
+                "n": n,
+                "offset": sum(line["n"] for line in lines),
+                "frequency_hz": 59.0,
+                "start_index": 150,
+                "end_index": 240,
+            }
+        )
     arrays = {name: np.concatenate(parts).astype(np.float32) for name, parts in signals.items()}
     offset = np.cumsum([0, *(line["n"] for line in lines)])
-    np.savez(folder / "signals.npz", xela=arrays["xela"], object_imu=arrays["object_imu"], offset=offset)
+    np.savez(
+        folder / "signals.npz", xela=arrays["xela"], object_imu=arrays["object_imu"], offset=offset
+    )
     with (folder / "trials.csv").open("w", newline="") as file:
         table = csv.DictWriter(file, list(lines[0]))
         table.writeheader()
@@ -240,8 +329,14 @@ def test_one_person_alone_cannot_be_split(run: Run, tmp_path: Path) -> None:
 
 def test_so_many_people_as_there_are_not_cannot_be_chosen(run: Run, tmp_path: Path) -> None:
     folder = write_people(tmp_path / "set", people=2, trials=1)
-    for count, kind, code in (("3", "TooFewGroups", 3), ("0", "UsageError", 2), ("-1", "UsageError", 2)):
-        fails(run, code, kind, "train", "--data", folder, "--groups", count, "--out", tmp_path / "out")
+    for count, kind, code in (
+        ("3", "TooFewGroups", 3),
+        ("0", "UsageError", 2),
+        ("-1", "UsageError", 2),
+    ):
+        fails(
+            run, code, kind, "train", "--data", folder, "--groups", count, "--out", tmp_path / "out"
+        )
     assert not (tmp_path / "out").exists()
 
 
@@ -253,7 +348,15 @@ def test_a_model_made_for_other_channels_another_unit_or_another_rate_refuses_th
 ) -> None:
     model, trial = four_situations.model, tmp_path / "trial_1.csv"
     trial.write_text("Time,X1,Y1,Z1\n" + "".join(f"{t:.3f},1,2,3\n" for t in STEPS))
-    fails(run, 3, "ChannelError", "replay", model, trial, says=f"{trial}: 3 channels, the model wants 18")
+    fails(
+        run,
+        3,
+        "ChannelError",
+        "replay",
+        model,
+        trial,
+        says=f"{trial}: 3 channels, the model wants 18",
+    )
     trial.write_text(csv_of([k / 100 for k in range(60)]))
     fails(run, 3, "RateError", "replay", model, trial, says="the model wants 50 Hz")
     trial.write_text(csv_of())
@@ -272,7 +375,9 @@ def test_a_rate_within_a_tenth_is_accepted(
     assert run("replay", four_situations.model, trial)[0] == code
 
 
-def test_evaluation_refuses_a_set_that_does_not_fit(run: Run, four_situations: Built, tmp_path: Path) -> None:
+def test_evaluation_refuses_a_set_that_does_not_fit(
+    run: Run, four_situations: Built, tmp_path: Path
+) -> None:
     model, out = four_situations.model, tmp_path / "figures.json"
     write_fixture(tmp_path / "fast", trials_per_cell=1, rate_hz=100.0)
     fails(run, 3, "RateError", "evaluate", model, "--data", tmp_path / "fast", "--json", out)
@@ -287,7 +392,9 @@ def test_evaluation_leaves_the_figures_with_the_keys_of_the_issue(
     run: Run, four_situations: Built, tmp_path: Path
 ) -> None:
     out = tmp_path / "deep" / "figures.json"
-    code, words, err = run("evaluate", four_situations.model, "--data", four_situations.fixture, "--json", out)
+    code, words, err = run(
+        "evaluate", four_situations.model, "--data", four_situations.fixture, "--json", out
+    )
     assert (code, err) == (0, "")
     figures = json.loads(out.read_text())
     assert figures["n_trials"] == figures["n_groups"] == len(four_situations.data.recordings)
@@ -318,7 +425,12 @@ def test_evaluation_on_other_people_scores_both_heads(run: Run, tmp_path: Path) 
     assert code == 0
     assert "WARNING" not in words
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert set(figures["predict_250ms"]) >= {"auc", "auc_ci", "average_precision", "average_precision_ci"}
+    assert set(figures["predict_250ms"]) >= {
+        "auc",
+        "auc_ci",
+        "average_precision",
+        "average_precision_ci",
+    }
     assert figures["n_groups"] == 2
     code, lines, _ = run("replay", model, f"{others}#0")
     assert code == 0
@@ -330,20 +442,34 @@ def test_evaluation_on_other_people_scores_both_heads(run: Run, tmp_path: Path) 
 
 BAD_MODELS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "truncated": (lambda data: data[: len(data) // 2], "BrokenSeal"),
-    "tampered with": (lambda data: data[:2000] + bytes([data[2000] ^ 1]) + data[2001:], "BrokenSeal"),
+    "tampered with": (
+        lambda data: data[:2000] + bytes([data[2000] ^ 1]) + data[2001:],
+        "BrokenSeal",
+    ),
     "a pickle": (lambda _: pickle.dumps({"forest": 1}), "NotAModel"),
     "empty": (lambda _: b"", "NotAModel"),
 }
 
 
 @pytest.mark.parametrize("fault", BAD_MODELS)
-def test_a_model_file_with_this_fault_is_refused(run: Run, four_situations: Built, tmp_path: Path, fault: str) -> None:
+def test_a_model_file_with_this_fault_is_refused(
+    run: Run, four_situations: Built, tmp_path: Path, fault: str
+) -> None:
     make, kind = BAD_MODELS[fault]
     bad = tmp_path / "holdfast.onnx"
     bad.write_bytes(make(four_situations.model.read_bytes()))
     fails(run, 4, kind, "replay", bad, four_situations.fixture / TRIAL, says=str(bad))
     fails(
-        run, 4, kind, "evaluate", bad, "--data", four_situations.fixture, "--json", tmp_path / "x.json", says=str(bad)
+        run,
+        4,
+        kind,
+        "evaluate",
+        bad,
+        "--data",
+        four_situations.fixture,
+        "--json",
+        tmp_path / "x.json",
+        says=str(bad),
     )
     assert [path.name for path in tmp_path.iterdir()] == ["holdfast.onnx"]
 
@@ -366,7 +492,9 @@ def truncate(name: str, share: float) -> Callable[[Path], None]:
 
 
 def replace_text(name: str, text: str | bytes) -> Callable[[Path], None]:
-    return lambda folder: void((folder / name).write_bytes(text.encode() if isinstance(text, str) else text))
+    return lambda folder: void(
+        (folder / name).write_bytes(text.encode() if isinstance(text, str) else text)
+    )
 
 
 def void(_: object) -> None:
@@ -431,14 +559,16 @@ BAD_ARTIFACTS: dict[str, Callable[[Path], None]] = {
     "a model that is no forest": lambda folder: void(
         skops.io.dump(LogisticRegression().fit([[0.0], [1.0]], [0, 1]), folder / "situation.skops")
     ),
-    "a pickle for a forest": lambda folder: void((folder / "situation.skops").write_bytes(pickle.dumps(Trap()))),
+    "a pickle for a forest": lambda folder: void(
+        (folder / "situation.skops").write_bytes(pickle.dumps(Trap()))
+    ),
     "half a forest": truncate("situation.skops", 0.5),
     "an empty forest": truncate("situation.skops", 0.0),
     "half the rows": truncate("rows.npz", 0.5),
     "no bytes of the rows": truncate("rows.npz", 0.0),
     "rows of another width": other_rows,
     "rows that are a pickle": pickled_rows,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("fault", BAD_ARTIFACTS)
@@ -453,10 +583,19 @@ def test_an_artifact_with_this_fault_is_refused_and_nothing_is_written(
     assert everything_in(tmp_path) == before
 
 
-def test_a_foreign_type_in_a_forest_is_called_by_its_name(run: Run, four_situations: Built, tmp_path: Path) -> None:
+def test_a_foreign_type_in_a_forest_is_called_by_its_name(
+    run: Run, four_situations: Built, tmp_path: Path
+) -> None:
     artifact = shutil.copytree(four_situations.artifact, tmp_path / "artifact")
     pickled_inside(artifact)
-    fails(run, 4, "ArtifactError", "export", artifact, says="do not belong in a forest: posixpath.basename")
+    fails(
+        run,
+        4,
+        "ArtifactError",
+        "export",
+        artifact,
+        says="do not belong in a forest: posixpath.basename",
+    )
 
 
 def test_a_folder_that_is_no_artifact_is_refused(run: Run, tmp_path: Path) -> None:
@@ -478,13 +617,35 @@ def test_an_artifact_that_could_not_be_finished_is_not_taken_for_the_one_before(
 # -- places that cannot be written
 
 
-def test_a_file_where_a_folder_belongs_is_an_output_error(run: Run, four_situations: Built, tmp_path: Path) -> None:
+def test_a_file_where_a_folder_belongs_is_an_output_error(
+    run: Run, four_situations: Built, tmp_path: Path
+) -> None:
     """Also for root, whom no permission stops."""
     blocked = tmp_path / "blocked"
     blocked.write_text("a file")
     model, data = four_situations.model, four_situations.fixture
-    fails(run, 5, "OutputError", "export", four_situations.artifact, "--out", blocked / "holdfast.onnx", says="blocked")
-    fails(run, 5, "OutputError", "evaluate", model, "--data", data, "--json", blocked / "figures.json", says="blocked")
+    fails(
+        run,
+        5,
+        "OutputError",
+        "export",
+        four_situations.artifact,
+        "--out",
+        blocked / "holdfast.onnx",
+        says="blocked",
+    )
+    fails(
+        run,
+        5,
+        "OutputError",
+        "evaluate",
+        model,
+        "--data",
+        data,
+        "--json",
+        blocked / "figures.json",
+        says="blocked",
+    )
     assert everything_in(tmp_path) == {"blocked": b"a file"}
 
 
@@ -500,7 +661,9 @@ def test_and_for_training_on_the_fixture(run: Run, tmp_path: Path) -> None:
     fails(run, 5, "OutputError", "train", "--out", tmp_path / "blocked" / "out")
 
 
-def test_a_folder_where_the_file_belongs_is_an_output_error_and_leaves_no_temporary_file(tmp_path: Path) -> None:
+def test_a_folder_where_the_file_belongs_is_an_output_error_and_leaves_no_temporary_file(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "holdfast.onnx").mkdir()
     with pytest.raises(OutputError):
         write_whole(tmp_path / "holdfast.onnx", b"model")
@@ -510,22 +673,34 @@ def test_a_folder_where_the_file_belongs_is_an_output_error_and_leaves_no_tempor
 # -- the scripts of CI
 
 
-def test_training_and_export_run_as_scripts_from_any_folder(fixture_folder: Path, tmp_path: Path) -> None:
+def test_training_and_export_run_as_scripts_from_any_folder(
+    fixture_folder: Path, tmp_path: Path
+) -> None:
     def script(name: str, *words: object) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(ROOT / name), *map(str, words)]
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
 
-    trained = script("training/train.py", "--data", fixture_folder, "--out", "out", "--size", "tiny")
+    trained = script(
+        "training/train.py", "--data", fixture_folder, "--out", "out", "--size", "tiny"
+    )
     assert trained.returncode == 0, trained.stderr
-    assert trained.stderr.splitlines() == [line for line in trained.stderr.splitlines() if "BandsLeftOut" in line]
+    assert trained.stderr.splitlines() == [
+        line for line in trained.stderr.splitlines() if "BandsLeftOut" in line
+    ]
     assert "macro F1" in trained.stdout
     exported = script("export/export.py", "out")
     assert (exported.returncode, exported.stderr) == (0, "")
     assert "0 label mismatches" in exported.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
-        "artifact.json", "holdfast.json", "holdfast.onnx", "rows.npz", "situation.skops"
-    ]  # fmt: skip
+        "artifact.json",
+        "holdfast.json",
+        "holdfast.onnx",
+        "rows.npz",
+        "situation.skops",
+    ]
     failed = script("training/train.py", "--groups", "many")
     assert failed.returncode == 2
     assert failed.stderr.startswith("error: UsageError: ")
@@ -575,7 +750,9 @@ def test_the_doctor_finds_a_model_and_a_data_set_that_are_there(
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"garbage", pickle.dumps(1), None], ids=["empty", "garbage", "pickle", "folder"]
+    "content",
+    [b"", b"garbage", pickle.dumps(1), None],
+    ids=["empty", "garbage", "pickle", "folder"],
 )
 def test_the_doctor_calls_a_broken_model_broken(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes | None
@@ -594,10 +771,14 @@ def test_the_doctor_runs_where_no_package_is_installed_at_all(tmp_path: Path) ->
     """-S: without the site's packages, numpy and onnxruntime among them."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOLDFAST_DATA": str(tmp_path)}
     command = [sys.executable, "-S", "-m", "holdfast", "doctor", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
     assert (done.returncode, done.stderr) == (0, "")
     found = {line["what"]: line for line in map(json.loads, done.stdout.splitlines())}
-    assert found["numpy (live path)"]["status"] == found["scikit-learn (train)"]["status"] == "missing"
+    assert (
+        found["numpy (live path)"]["status"] == found["scikit-learn (train)"]["status"] == "missing"
+    )
     assert found["numpy (live path)"]["next_step"] == "pip install holdfast"
     assert found["onnxruntime"]["status"] == "missing"
 
@@ -609,7 +790,9 @@ def test_windows_at_which_the_hand_would_say_unknown_count_as_misses(
     for trial in (tmp_path / "blind").rglob("*.csv"):
         head, *lines = trial.read_text().splitlines()
         trial.write_text("\n".join([f"{head},valid1", *(f"{line},0" for line in lines)]) + "\n")
-    code, out, _ = run("evaluate", eight_classes.model, "--data", tmp_path / "blind", "--json", tmp_path / "f.json")
+    code, out, _ = run(
+        "evaluate", eight_classes.model, "--data", tmp_path / "blind", "--json", tmp_path / "f.json"
+    )
     figures = json.loads((tmp_path / "f.json").read_text())
     assert (code, figures["situations"]["macro_f1"]) == (0, 0.0)
     assert f"unknown at {figures['unknown_windows']} windows" in out
@@ -620,6 +803,10 @@ def test_a_seed_no_generator_takes_is_a_usage_error(run: Run, word: str) -> None
     fails(run, 2, "UsageError", "train", f"--seed={word}", says="whole number from 0 to")
 
 
-@pytest.mark.parametrize("words", [("train", "--out", ""), ("export", ""), ("export", "x", "--out", " ")])
-def test_an_empty_path_is_a_usage_error_and_not_the_folder_we_are_in(run: Run, words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "words", [("train", "--out", ""), ("export", ""), ("export", "x", "--out", " ")]
+)
+def test_an_empty_path_is_a_usage_error_and_not_the_folder_we_are_in(
+    run: Run, words: tuple[str, ...]
+) -> None:
     fails(run, 2, "UsageError", *words, says="an empty path")

@@ -1,4 +1,5 @@
-"""Huge, hostile and mistaken input: a typed error of one line, before memory or time is spent on it."""
+"""Huge, hostile and mistaken input: a typed error of one line, before memory or time is spent on
+it."""
 
 from __future__ import annotations
 
@@ -101,14 +102,19 @@ def test_a_line_of_100_mb_is_refused_and_not_kept(tmp_path: Path, kind: str) -> 
 def test_a_cell_that_csv_does_not_take_is_a_typed_error(tmp_path: Path, kind: str, at: str) -> None:
     name, read = TABLES[kind]
     cell, path = "1" * 131_073, tmp_path / name
-    path.write_text(f"{cell}\n0\n" if at == "header" else f"Time,X1,Y1,Z1\n0,1,2,3\n0.1,{cell},2,3\n", encoding="ascii")
+    path.write_text(
+        f"{cell}\n0\n" if at == "header" else f"Time,X1,Y1,Z1\n0,1,2,3\n0.1,{cell},2,3\n",
+        encoding="ascii",
+    )
     with pytest.raises(DataError):
         read(path)
 
 
 @HUGE_INPUT.mark
 def test_a_quoted_cell_over_many_lines_is_a_typed_error(tmp_path: Path) -> None:
-    (tmp_path / "t.csv").write_text('Time,X1,Y1,Z1\n0,1,2,3\n0.1,"' + "1\n" * 70_000 + '",2,3\n', encoding="ascii")
+    (tmp_path / "t.csv").write_text(
+        'Time,X1,Y1,Z1\n0,1,2,3\n0.1,"' + "1\n" * 70_000 + '",2,3\n', encoding="ascii"
+    )
     with pytest.raises(NotANumber):
         read_trial(tmp_path / "t.csv")
 
@@ -146,7 +152,8 @@ class Counted(str):
 @HUGE_INPUT.mark
 @pytest.mark.parametrize("name", ["A{}", "X{}", "same", "valid{}"])
 def test_a_hundred_thousand_columns_are_looked_at_once_each(name: str) -> None:
-    """Counted in comparisons, which were 10^10: the check of the columns takes no longer than reading them."""
+    """Counted in comparisons, which were 10^10: the check of the columns takes no longer than
+    reading them."""
     header = [Counted(one) for one in ("Time", *(name.format(k) for k in range(100_000)))]
     Counted.compared = 0
     with pytest.raises(ColumnError) as caught:
@@ -157,7 +164,9 @@ def test_a_hundred_thousand_columns_are_looked_at_once_each(name: str) -> None:
 
 @HUGE_INPUT.mark
 def test_so_is_a_file_of_them(tmp_path: Path) -> None:
-    (tmp_path / "t.csv").write_text("Time," + ",".join(f"A{k}" for k in range(100_000)) + "\n", encoding="ascii")
+    (tmp_path / "t.csv").write_text(
+        "Time," + ",".join(f"A{k}" for k in range(100_000)) + "\n", encoding="ascii"
+    )
     with pytest.raises(TooLarge):
         read_trial(tmp_path / "t.csv")
 
@@ -186,8 +195,12 @@ def packed(path: Path, **members: bytes) -> Path:
 
 @HUGE_INPUT.mark
 @pytest.mark.parametrize("kind", ARRAYS)
-@pytest.mark.parametrize("shape", ["(1000000000,)", "(2**62,)", "(1000000000000000000000000,)", "(-1,)", "(2, 99999)"])
-def test_an_array_that_claims_more_than_it_has_is_refused_by_its_header(tmp_path: Path, kind: str, shape: str) -> None:
+@pytest.mark.parametrize(
+    "shape", ["(1000000000,)", "(2**62,)", "(1000000000000000000000000,)", "(-1,)", "(2, 99999)"]
+)
+def test_an_array_that_claims_more_than_it_has_is_refused_by_its_header(
+    tmp_path: Path, kind: str, shape: str
+) -> None:
     path = packed(tmp_path / "a.npz", frames=npy(shape, bytes(16)), time_s=npy("(2,)", bytes(16)))
     with little_memory(2 * MB), pytest.raises(DataError):
         ARRAYS[kind](path)
@@ -195,7 +208,9 @@ def test_an_array_that_claims_more_than_it_has_is_refused_by_its_header(tmp_path
 
 @HUGE_INPUT.mark
 @pytest.mark.parametrize("kind", ARRAYS)
-def test_an_archive_that_inflates_a_thousandfold_is_refused_unread(tmp_path: Path, kind: str) -> None:
+def test_an_archive_that_inflates_a_thousandfold_is_refused_unread(
+    tmp_path: Path, kind: str
+) -> None:
     path = packed(tmp_path / "a.npz", frames=npy("(4194304,)", bytes(32 * MB)))
     with little_memory(2 * MB), pytest.raises(TooLarge, match="times its size"):
         ARRAYS[kind](path)
@@ -222,7 +237,10 @@ def test_an_archive_that_says_it_has_8_gb_is_refused_unread(tmp_path: Path, kind
 def test_a_list_of_a_million_members_is_not_read(tmp_path: Path) -> None:
     path = packed(tmp_path / "a.npz", frames=npy("(2,)", bytes(16)))
     data = path.read_bytes()
-    entry, end = data[data.rfind(b"PK\x01\x02") : data.rfind(b"PK\x05\x06")], data[data.rfind(b"PK\x05\x06") :]
+    entry, end = (
+        data[data.rfind(b"PK\x01\x02") : data.rfind(b"PK\x05\x06")],
+        data[data.rfind(b"PK\x05\x06") :],
+    )
     many = entry * 30_000
     told = end[:8] + struct.pack("<HHI", 30_000, 30_000, len(many)) + end[16:]
     path.write_bytes(data[: data.rfind(b"PK\x01\x02")] + many + told)
@@ -239,7 +257,9 @@ def test_an_array_without_an_archive_is_not_read_at_all(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ARRAYS)
 @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_an_archive_in_another_compression_is_refused(tmp_path: Path, kind: str, compression: int) -> None:
+def test_an_archive_in_another_compression_is_refused(
+    tmp_path: Path, kind: str, compression: int
+) -> None:
     with zipfile.ZipFile(tmp_path / "a.npz", "w", compression) as archive:
         archive.writestr("frames.npy", npy("(2,)", bytes(16)))
     with pytest.raises(DataError):
@@ -253,7 +273,9 @@ def written(folder: Path) -> Path:
 
 @HUGE_INPUT.mark
 @pytest.mark.parametrize("name", ["rows.npz", "situation.skops"])
-def test_an_artifact_whose_parts_would_fill_the_memory_is_refused_unread(tmp_path: Path, name: str) -> None:
+def test_an_artifact_whose_parts_would_fill_the_memory_is_refused_unread(
+    tmp_path: Path, name: str
+) -> None:
     folder = written(tmp_path / "artifact")
     packed(folder / name, rows=npy("(4194304,)", bytes(32 * MB)))
     with little_memory(4 * MB), pytest.raises(ArtifactError, match="times its size"):
@@ -264,7 +286,9 @@ def test_an_archive_of_ours_is_read_as_before(tmp_path: Path) -> None:
     folder = written(tmp_path / "artifact")
     assert len(read_artifact(folder).heads) == 2
     archives.require_modest_archive(folder / "situation.skops")
-    assert skops.io.get_untrusted_types(file=folder / "situation.skops") == ["sklearn.tree._tree.Tree"]
+    assert skops.io.get_untrusted_types(file=folder / "situation.skops") == [
+        "sklearn.tree._tree.Tree"
+    ]
     np.savez_compressed(tmp_path / "z.npz", a=np.zeros((100, 1000)), b=np.arange(3))
     archives.require_modest_archive(tmp_path / "z.npz")
 
@@ -322,13 +346,25 @@ def test_whatever_a_message_says_it_is_one_printable_line(text: str) -> None:
 
 @TERMINAL_ESCAPES.mark
 @pytest.mark.parametrize(
-    "words", [["replay", "{}", "x.csv"], ["replay", "{model}", "{}"], ["{}"], ["simulate", "{}", "--out", "{}"],
-              ["run", "{model}", "--source", "{}"], ["train", "--data", "{}", "--out", "y"], ["export", "{}"],
-              ["calibrate", "{}", "--out", "x"], ["repair", "{}"], ["evaluate", "{model}", "--data", "{}"],
-              ["scan", "{}"]],
+    "words",
+    [
+        ["replay", "{}", "x.csv"],
+        ["replay", "{model}", "{}"],
+        ["{}"],
+        ["simulate", "{}", "--out", "{}"],
+        ["run", "{model}", "--source", "{}"],
+        ["train", "--data", "{}", "--out", "y"],
+        ["export", "{}"],
+        ["calibrate", "{}", "--out", "x"],
+        ["repair", "{}"],
+        ["evaluate", "{model}", "--data", "{}"],
+        ["scan", "{}"],
+    ],
     ids=lambda words: words[0],
-)  # fmt: skip
-def test_no_escape_in_an_argument_reaches_the_terminal(words: list[str], tmp_path: Path, capfd, monkeypatch) -> None:
+)
+def test_no_escape_in_an_argument_reaches_the_terminal(
+    words: list[str], tmp_path: Path, capfd, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "m.onnx").write_bytes(sealed_bytes())
     assert main([word.replace("{}", ESCAPES).replace("{model}", "m.onnx") for word in words]) != 0
@@ -339,7 +375,11 @@ def test_no_escape_in_an_argument_reaches_the_terminal(words: list[str], tmp_pat
 
 @TERMINAL_ESCAPES.mark
 def test_no_escape_in_a_column_a_file_or_a_cell_reaches_the_terminal(tmp_path: Path, capfd) -> None:
-    names = (f"Time,X1,Y1,Z1,{ESCAPES}", f"{ESCAPES},X1", f"Time,X1,Y1,Z1\n0,{ESCAPES},1,1\n1,1,1,1")
+    names = (
+        f"Time,X1,Y1,Z1,{ESCAPES}",
+        f"{ESCAPES},X1",
+        f"Time,X1,Y1,Z1\n0,{ESCAPES},1,1\n1,1,1,1",
+    )
     for head in names:
         path = tmp_path / "trial\x1b[2J_1.csv"
         path.write_text(f"{head}\n", encoding="utf-8", newline="")
@@ -349,7 +389,9 @@ def test_no_escape_in_a_column_a_file_or_a_cell_reaches_the_terminal(tmp_path: P
 
 
 @TERMINAL_ESCAPES.mark
-def test_no_escape_in_a_scenes_title_or_in_a_trials_folder_reaches_the_terminal(tmp_path: Path, capfd) -> None:
+def test_no_escape_in_a_scenes_title_or_in_a_trials_folder_reaches_the_terminal(
+    tmp_path: Path, capfd
+) -> None:
     card = '[record]\nrate_hz=50\n[[trials]]\nobjects=["soft-ball"]\naction="pull"\ncount=1\n'
     path = tmp_path / "card\x1b[2J.toml"
     path.write_text(f"title={json.dumps(ESCAPES.replace(chr(127), ''))}\n{card}", encoding="utf-8")
@@ -368,7 +410,9 @@ def test_no_escape_in_a_scenes_title_or_in_a_trials_folder_reaches_the_terminal(
 
 
 @TERMINAL_ESCAPES.mark
-def test_no_escape_in_a_warning_or_an_error_of_the_system_reaches_the_terminal(capfd, monkeypatch) -> None:
+def test_no_escape_in_a_warning_or_an_error_of_the_system_reaches_the_terminal(
+    capfd, monkeypatch
+) -> None:
     def warned(_: object) -> int:
         warnings.warn(ESCAPES, UserWarning, stacklevel=1)
         raise OSError(f"no {ESCAPES}")
@@ -386,11 +430,22 @@ def test_no_escape_in_a_warning_or_an_error_of_the_system_reaches_the_terminal(c
 @MISTAKEN_ARGUMENT.mark
 @pytest.mark.parametrize(
     ("word", "meant"),
-    [("ft232h", "usb://ft232h"), ("ft232h", "virtual://ft232h"), ("mcp2221?number=1", "usb://mcp2221?number=1"),
-     ("/dev/i2c-1", "i2c://1"), ("i2c-7", "i2c://7"), ("apple", "sim://apple"), ("thesis?trial=3", "sim://thesis?trial=3"),
-     ("sim:apple", "sim://apple"), ("replay:/x.csv", "replay://x.csv"), ("usb:/ft232h", "usb://ft232h")],
-)  # fmt: skip
-def test_a_source_without_its_scheme_is_told_what_to_write(word: str, meant: str, tmp_path: Path, monkeypatch) -> None:
+    [
+        ("ft232h", "usb://ft232h"),
+        ("ft232h", "virtual://ft232h"),
+        ("mcp2221?number=1", "usb://mcp2221?number=1"),
+        ("/dev/i2c-1", "i2c://1"),
+        ("i2c-7", "i2c://7"),
+        ("apple", "sim://apple"),
+        ("thesis?trial=3", "sim://thesis?trial=3"),
+        ("sim:apple", "sim://apple"),
+        ("replay:/x.csv", "replay://x.csv"),
+        ("usb:/ft232h", "usb://ft232h"),
+    ],
+)
+def test_a_source_without_its_scheme_is_told_what_to_write(
+    word: str, meant: str, tmp_path: Path, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError) as caught:
         open_source(word)
@@ -409,7 +464,9 @@ def test_so_it_is_for_a_live_source_and_for_a_scan(tmp_path: Path, monkeypatch) 
 
 def test_a_file_with_the_name_of_a_bridge_is_a_file(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "ft232h").write_text("Time,X1,Y1,Z1\n0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", encoding="ascii")
+    (tmp_path / "ft232h").write_text(
+        "Time,X1,Y1,Z1\n0,1,2,3\n0.1,1,2,3\n0.2,1,2,3\n", encoding="ascii"
+    )
     assert open_source("ft232h").values.shape == (3, 3)
 
 
@@ -436,7 +493,9 @@ def test_a_models_card_is_told_from_the_model(tmp_path: Path) -> None:
 
 
 @MISTAKEN_ARGUMENT.mark
-def test_an_export_to_a_json_file_would_be_overwritten_by_its_card_and_is_refused(tmp_path: Path) -> None:
+def test_an_export_to_a_json_file_would_be_overwritten_by_its_card_and_is_refused(
+    tmp_path: Path,
+) -> None:
     with pytest.raises(UsageError) as caught:
         export_artifact(tmp_path, tmp_path / "m.json")
     assert f"write --out {tmp_path / 'm.onnx'}" in str(caught.value)

@@ -1,4 +1,5 @@
-"""The recorder: what is written survives whatever happens, nothing is invented, and training reads it as it is."""
+"""The recorder: what is written survives whatever happens, nothing is invented, and training reads
+it as it is."""
 
 from __future__ import annotations
 
@@ -45,13 +46,20 @@ def test_what_the_source_gave_is_on_the_disk_to_the_last_digit_and_in_order(peop
     assert list(columns) == [*head, *(f"valid{k}" for k in range(1, 7))]
     assert columns["sequence"] == [str(k) for k in range(len(source.values))]
     host_s = 1e-9 * np.array(columns["host_ns"], dtype=np.int64)
-    np.testing.assert_allclose(host_s - host_s[0], np.array(columns["Time"], dtype=np.float64), atol=1e-9)
+    np.testing.assert_allclose(
+        host_s - host_s[0], np.array(columns["Time"], dtype=np.float64), atol=1e-9
+    )
 
 
 def test_meta_tells_who_what_how_and_how_good(tmp_path):
     one_pull(tmp_path / "out")
     meta = meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")
-    assert (meta["state"], meta["person"], meta["object"], meta["action"]) == ("kept", "p01", "soft-ball", "pull")
+    assert (meta["state"], meta["person"], meta["object"], meta["action"]) == (
+        "kept",
+        "p01",
+        "soft-ball",
+        "pull",
+    )
     assert [one["finger"] for one in meta["hand"]["sensors"]] == [1, 2, 3, 4, 5, 6]
     assert meta["hand"]["averages"] == 32
     assert len(meta["bias"]["values"]) == len(meta["bias"]["spread"]) == 18
@@ -66,8 +74,12 @@ def test_meta_tells_who_what_how_and_how_good(tmp_path):
 
 def test_nothing_that_is_written_names_a_place_of_the_machine(people, card, tmp_path):
     (tmp_path / "of-anna.toml").write_text(PROTOCOL)
-    recorded(tmp_path / "out", "--protocol", tmp_path / "of-anna.toml", "--trials", "1", "--seconds", "1")
-    texts = [path.read_text("utf-8") for root in (people, tmp_path) for path in root.rglob("meta.json")]
+    recorded(
+        tmp_path / "out", "--protocol", tmp_path / "of-anna.toml", "--trials", "1", "--seconds", "1"
+    )
+    texts = [
+        path.read_text("utf-8") for root in (people, tmp_path) for path in root.rglob("meta.json")
+    ]
     assert len(texts) > 8
     for text in texts:
         assert str(card.parent) not in text
@@ -134,7 +146,9 @@ def test_a_saturated_finger_and_a_drifted_bias_are_told(tmp_path):
 
     def read() -> Measured | None:
         measured = plain()
-        return measured and Measured(measured.t_ns, measured.values + 0.5, measured.valid, ("saturated", *[""] * 5))
+        return measured and Measured(
+            measured.t_ns, measured.values + 0.5, measured.valid, ("saturated", *[""] * 5)
+        )
 
     hand.read = read
     session(tmp_path, hand, Keys(None), [PULL], seconds=0.6)
@@ -147,10 +161,11 @@ def test_a_saturated_finger_and_a_drifted_bias_are_told(tmp_path):
 
 
 @pytest.mark.hard_case(
-    "Time and schedule", "a clock that is set while a trial is recorded",
+    "Time and schedule",
+    "a clock that is set while a trial is recorded",
     elsewhere="stamps run backwards or leap in the file, and nobody knows which rows are neighbours",
     here="the trial ends with a typed error, what came before is kept as interrupted",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("by_s", [-5.0, 5.0])
 def test_a_clock_that_jumps_ends_the_trial_and_keeps_what_came_before(tmp_path, by_s):
     clock = VirtualClock(10_000_000_000)

@@ -1,4 +1,5 @@
-"""A camera beside the recorder: a scene that is felt and filmed at once, real processes, and what goes wrong."""
+"""A camera beside the recorder: a scene that is felt and filmed at once, real processes, and what
+goes wrong."""
 
 from __future__ import annotations
 
@@ -55,12 +56,22 @@ IntArray = npt.NDArray[np.int64]
 def words_of(folder: Path, size: str = SMALL, close_at_s: float = 60.0) -> list[object]:
     """The recorder on a virtual hand in a scene, and a camera before it.
 
-    close_at_s: of the scene, whose time begins with the hand's, before the camera is looked for; on a slow machine it
-    takes long until that films.
+    close_at_s: of the scene, whose time begins with the hand's, before the camera is looked for; on
+    a slow machine it takes long until that films.
     """
     (folder / "filmed.toml").write_text(CARD.format(close_at_s=close_at_s) + size, encoding="utf-8")
     source = f"virtual://ft232h?burst=1&bus_hz=1000000&scene={folder / 'filmed.toml'}&seed=1"
-    words = ["--source", source, "--camera", "scene", "--out", folder / "out", "--person", "p01", "--at-once"]
+    words = [
+        "--source",
+        source,
+        "--camera",
+        "scene",
+        "--out",
+        folder / "out",
+        "--person",
+        "p01",
+        "--at-once",
+    ]
     return [*words, "--object", "soft-ball", "--action", "pull", "--trials", "1"]
 
 
@@ -93,7 +104,8 @@ watch(shown, Path(told["out"]), say=lambda line: None)
 
 
 class FilmsAfterwards(Beside):
-    """A camera on a virtual clock: what it would have filmed from start to stop is filmed when it is stopped."""
+    """A camera on a virtual clock: what it would have filmed from start to stop is filmed when it
+    is stopped."""
 
     def __init__(self, told: dict[str, Any], clock: VirtualClock) -> None:
         super().__init__(told)
@@ -106,7 +118,9 @@ class FilmsAfterwards(Beside):
         span = {"out": str(self._folder), "from_ns": self.from_ns, "until_ns": self.clock.now_ns()}
         command = [sys.executable, "-c", FILM, json.dumps(self.told | span)]
         with (self._folder / LOG).open("wb") as log:
-            self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=log, stderr=log)
+            self._process = subprocess.Popen(
+                command, cwd=ROOT, stdin=subprocess.PIPE, stdout=log, stderr=log
+            )
         return super().stop()
 
 
@@ -114,9 +128,14 @@ def recorded_with_film(*words: object) -> None:
     """The verb on a clock that costs nothing, for hand and camera alike."""
     clock = VirtualClock(7_000_000_000)
     record(
-        told(*words), clock, Keys(None), lambda line: None, never,
-        host_ns=clock.now_ns, camera=lambda asked: FilmsAfterwards(asked, clock),
-    )  # fmt: skip
+        told(*words),
+        clock,
+        Keys(None),
+        lambda line: None,
+        never,
+        host_ns=clock.now_ns,
+        camera=lambda asked: FilmsAfterwards(asked, clock),
+    )
 
 
 def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp_path, capsys):
@@ -137,24 +156,47 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert (seen["label"], scene["phases"][2]["label"]) == ("risky_slip", "risky_slip")
     assert abs(seen["t0_s"] - scene["incipient_slip_s"]) < 0.010
     assert abs(seen["gross_s"] - scene["gross_slip_s"]) < 0.015
-    assert json.loads((folder / "tactile.truth.json").read_text()) == scene, "a scene is believed before a camera"
+    assert json.loads((folder / "tactile.truth.json").read_text()) == scene, (
+        "a scene is believed before a camera"
+    )
 
     model = str(ROOT / "models/holdfast-150hz.onnx")
-    asked = ["evaluate", model, "--data", str(tmp_path / "out"), "--json", str(tmp_path / "figures.json")]
+    asked = [
+        "evaluate",
+        model,
+        "--data",
+        str(tmp_path / "out"),
+        "--json",
+        str(tmp_path / "figures.json"),
+    ]
     capsys.readouterr()
     assert main([*asked, "--report", str(tmp_path / "report.html")]) == 0
-    row = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]["rows"]["ours, as deployed"]
+    row = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]["rows"][
+        "ours, as deployed"
+    ]
     by_camera, truth = row["camera"], row["camera"]["truth"]
-    assert (by_camera["onsets"], by_camera["events"], by_camera["found"]) == (1, 1, row["found"]) == (1, 1, 1)
+    assert (
+        (by_camera["onsets"], by_camera["events"], by_camera["found"])
+        == (1, 1, row["found"])
+        == (1, 1, 1)
+    )
     load_to_slip_ms = 1e3 * (scene["incipient_slip_s"] - scene["load_onset_s"])
-    assert truth["delay_ms"]["p50"] == pytest.approx(row["delay_ms"]["p50"] - load_to_slip_ms, abs=0.01)
+    assert truth["delay_ms"]["p50"] == pytest.approx(
+        row["delay_ms"]["p50"] - load_to_slip_ms, abs=0.01
+    )
     assert truth["lead_ms"]["p50"] == pytest.approx(row["lead_ms"]["p50"], abs=0.01)
-    off = {"delay_ms": -(seen["t0_s"] - scene["incipient_slip_s"]), "lead_ms": seen["gross_s"] - scene["gross_slip_s"]}
+    off = {
+        "delay_ms": -(seen["t0_s"] - scene["incipient_slip_s"]),
+        "lead_ms": seen["gross_s"] - scene["gross_slip_s"],
+    }
     for name, by_s in off.items():
         assert by_camera[name]["p50"] == pytest.approx(truth[name]["p50"] + 1e3 * by_s, abs=0.01)
     said = capsys.readouterr().out
     assert f"act {by_camera['delay_ms']['p50']:+.0f} ms from its onset" in said
-    assert f"by the scene's truth: act {truth['delay_ms']['p50']:+.0f} ms from the first sliding" in said
+    assert (
+        f"by the scene's truth: act {truth['delay_ms']['p50']:+.0f} ms from the first sliding"
+        in said
+    )
     report = (tmp_path / "report.html").read_text()
     assert "By a camera, and by the truth" in report
     assert "<td>1 of 1<td>" in report
@@ -164,8 +206,11 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert main(["onset", str(folder)]) == 0
     alone = json.loads((folder / "tactile.truth.json").read_text())
     assert [(one["label"], one["provenance"]) for one in alone["phases"]] == [
-        ("nothing", "rule"), ("grasp", "rule"), ("risky_slip", "camera"), ("nothing", "rule")
-    ]  # fmt: skip
+        ("nothing", "rule"),
+        ("grasp", "rule"),
+        ("risky_slip", "camera"),
+        ("nothing", "rule"),
+    ]
     assert alone["contact_s"] == pytest.approx(scene["contact_s"], abs=0.15)
     (event,) = load(tmp_path / "out", windows="natural").recordings[0].events
     assert event.gross_s == pytest.approx(seen["gross_s"])
@@ -178,7 +223,8 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
 
 
 def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_path):
-    """Of a slow machine only this is asked: a frame is drawn when there is time, but its stamp is when it was due."""
+    """Of a slow machine only this is asked: a frame is drawn when there is time, but its stamp is
+    when it was due."""
     with start(*words_of(tmp_path), "--seconds", "2") as run:
         _, err = run.communicate(timeout=300)
     assert run.returncode == 0, err
@@ -191,10 +237,11 @@ def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_
 
 
 @pytest.mark.hard_case(
-    "What comes from outside", "a camera that is unplugged in the middle of a trial",
+    "What comes from outside",
+    "a camera that is unplugged in the middle of a trial",
     elsewhere="the recorder ends with it, or keeps a video that stops without a word",
     here="the hand is recorded on; the camera part is void, in events.jsonl, meta.json and on the screen",
-)  # fmt: skip
+)
 def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_path):
     with start(*words_of(tmp_path), "--seconds", "3") as run:
         heard(run, "recording p01")
@@ -216,8 +263,25 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_
 
 def test_tags_of_two_sizes_are_told_after_the_trial_and_everything_is_kept(tmp_path):
     two_sizes(tmp_path / "some.frames.npz", n=90)
-    words = ["--source", "virtual://ft232h", "--camera", tmp_path / "some.frames.npz", "--out", tmp_path / "out"]
-    words += ["--person", "p01", "--at-once", "--object", "soft-ball", "--action", "pull", "--trials", "1"]
+    words = [
+        "--source",
+        "virtual://ft232h",
+        "--camera",
+        tmp_path / "some.frames.npz",
+        "--out",
+        tmp_path / "out",
+    ]
+    words += [
+        "--person",
+        "p01",
+        "--at-once",
+        "--object",
+        "soft-ball",
+        "--action",
+        "pull",
+        "--trials",
+        "1",
+    ]
     with start(*words, "--seconds", "1") as run:
         _, err = run.communicate(timeout=300)
     assert run.returncode == 0, err
@@ -259,8 +323,8 @@ Spans = list[tuple[int, int]]
 
 
 def stand_stills(run: subprocess.Popen[str]) -> Spans:
-    """When the recorder's processor stood still: somebody there with nothing to do, who goes before the recorder, was
-    not woken for a millisecond and more."""
+    """When the recorder's processor stood still: somebody there with nothing to do, who goes before
+    the recorder, was not woken for a millisecond and more."""
     clock, spans, core = MonotonicClock(), [], max(os.sched_getaffinity(0))
     before = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     os.sched_setaffinity(run.pid, {core})
@@ -280,12 +344,14 @@ def stand_stills(run: subprocess.Popen[str]) -> Spans:
 
 
 def lost_to(spans: Spans, host_ns: IntArray, sequence: IntArray) -> int:
-    """Samples that are missing where the processor stood still for at least as long as they would have taken."""
+    """Samples that are missing where the processor stood still for at least as long as they would
+    have taken."""
     missing = np.diff(sequence) - 1
     return sum(
         int(missing[k])
         for k in np.flatnonzero(missing)
-        if _within(spans, host_ns[k + 1] - (missing[k] + 1) * PERIOD_NS, host_ns[k + 1]) >= missing[k] * PERIOD_NS
+        if _within(spans, host_ns[k + 1] - (missing[k] + 1) * PERIOD_NS, host_ns[k + 1])
+        >= missing[k] * PERIOD_NS
     )
 
 
@@ -294,20 +360,28 @@ def _within(spans: Spans, from_ns: int, to_ns: int) -> int:
 
 
 @pytest.mark.parametrize(("stood_periods", "lost"), [(0.0, 0), (0.9, 0), (1.1, 1)])
-def test_a_lost_sample_is_laid_to_a_stand_still_only_where_that_was_long_enough(stood_periods, lost):
+def test_a_lost_sample_is_laid_to_a_stand_still_only_where_that_was_long_enough(
+    stood_periods, lost
+):
     host_ns, sequence = np.array([0, 1, 3, 4]) * PERIOD_NS, np.array([0, 1, 3, 4])
     begin_ns = round(1.5 * PERIOD_NS)
-    assert lost_to([(begin_ns, begin_ns + round(stood_periods * PERIOD_NS))], host_ns, sequence) == lost
+    assert (
+        lost_to([(begin_ns, begin_ns + round(stood_periods * PERIOD_NS))], host_ns, sequence)
+        == lost
+    )
     assert lost_to([], host_ns - np.array([0, 0, PERIOD_NS // 2, 0]), sequence) == 0
 
 
 @pytest.mark.soak
 def test_ten_minutes_at_300_hz_with_a_camera_lose_no_sample(tmp_path, record_property):
-    """HOLDFAST_SOAK_MINUTES: other than ten. Needs real-time priority, as the recorder does for this."""
+    """HOLDFAST_SOAK_MINUTES: other than ten. Needs real-time priority, as the recorder does for
+    this."""
     minutes = float(os.environ.get("HOLDFAST_SOAK_MINUTES", "10"))
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began_s = time.monotonic()
-    with start(*words_of(tmp_path, size=""), "--rate", "300", "--seconds", str(60.0 * minutes)) as run:
+    with start(
+        *words_of(tmp_path, size=""), "--rate", "300", "--seconds", str(60.0 * minutes)
+    ) as run:
         heard(run, "recording p01")
         spans = stand_stills(run)
         _, err = run.communicate()
@@ -317,17 +391,27 @@ def test_ten_minutes_at_300_hz_with_a_camera_lose_no_sample(tmp_path, record_pro
     meta = meta_of(trial_in(tmp_path))
     about = read_about(trial_in(tmp_path))
     columns = columns_of(trial_in(tmp_path))
-    host_ns, sequence = (np.array(columns[name], dtype=np.int64) for name in ("host_ns", "sequence"))
+    host_ns, sequence = (
+        np.array(columns[name], dtype=np.int64) for name in ("host_ns", "sequence")
+    )
     found = {
-        "samples": meta["quality"]["samples"], "lost": meta["quality"]["lost"],
-        "lost_to_stand_stills": lost_to(spans, host_ns, sequence), "stand_stills": len(spans),
-        "longest_ms": round(1e-6 * max((to_ns - from_ns for from_ns, to_ns in spans), default=0), 1),
-        "jitter_p99_ms": meta["quality"]["jitter_p99_ms"], "frames": about["frames"], "frames_lost": about["lost"],
+        "samples": meta["quality"]["samples"],
+        "lost": meta["quality"]["lost"],
+        "lost_to_stand_stills": lost_to(spans, host_ns, sequence),
+        "stand_stills": len(spans),
+        "longest_ms": round(
+            1e-6 * max((to_ns - from_ns for from_ns, to_ns in spans), default=0), 1
+        ),
+        "jitter_p99_ms": meta["quality"]["jitter_p99_ms"],
+        "frames": about["frames"],
+        "frames_lost": about["lost"],
         "cpu_share_of_a_core": round(spent_s / (time.monotonic() - began_s), 2),
-    }  # fmt: skip
+    }
     for name, value in found.items():
         record_property(name, value)
     sys.stdout.write(json.dumps(found) + "\n")
     assert (trial_in(tmp_path) / "camera.mkv").stat().st_size > 0
     assert about["lost"] == 0
-    assert found["lost"] == 0, f"{found['lost_to_stand_stills']} of them while the processor stood still"
+    assert found["lost"] == 0, (
+        f"{found['lost_to_stand_stills']} of them while the processor stood still"
+    )

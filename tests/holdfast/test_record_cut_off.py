@@ -1,4 +1,5 @@
-"""A recorder that is killed, a file that is cut, a disk that is full: at most the sample under way is lost."""
+"""A recorder that is killed, a file that is cut, a disk that is full: at most the sample under way
+is lost."""
 
 from __future__ import annotations
 
@@ -45,22 +46,40 @@ main(sys.argv[1:])
 
 
 @pytest.mark.hard_case(
-    AREA, "a recorder that is killed",
+    AREA,
+    "a recorder that is killed",
     elsewhere="what was buffered is gone, often the whole session",
     here="every sample is written by itself: at most the one under way is lost; repair and resume go on from there",
-)  # fmt: skip
+)
 def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_path, capsys):
     out = tmp_path / "out"
-    words = ["--source", REST, "--out", str(out), "--person", "p01", "--object", "cup", "--action", "nothing"][:-4]
+    words = [
+        "--source",
+        REST,
+        "--out",
+        str(out),
+        "--person",
+        "p01",
+        "--object",
+        "cup",
+        "--action",
+        "nothing",
+    ][:-4]
     words += ["--object", "cup", "--action", "pull", "--trials", "1", "--at-once"]
     done = subprocess.run(
-        [sys.executable, "-c", KILLED, "record", *words], cwd=ROOT, capture_output=True, text=True, check=False,
+        [sys.executable, "-c", KILLED, "record", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
         stdin=subprocess.DEVNULL,
-    )  # fmt: skip
+    )
     folder = out / "p01/cup/pull/trial_1"
     assert done.returncode == -signal.SIGKILL, done.stderr
     sequence = [int(one) for one in columns_of(folder)["sequence"]]
-    assert len(sequence) == 77, "a row for every reading; a machine that stands still leaves gaps between them"
+    assert len(sequence) == 77, (
+        "a row for every reading; a machine that stands still leaves gaps between them"
+    )
     assert sequence == sorted(set(sequence))
     assert meta_of(folder)["state"] == "recording"
     with (folder / "tactile.csv").open("a") as file:
@@ -74,11 +93,25 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
     assert main(["repair", str(out)]) == 0
     assert "whole" in capsys.readouterr().out
     recorded(out, "--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
-    assert [meta_of(folder.with_name(f"trial_{k}"))["state"] for k in (1, 2)] == ["interrupted", "kept"]
+    assert [meta_of(folder.with_name(f"trial_{k}"))["state"] for k in (1, 2)] == [
+        "interrupted",
+        "kept",
+    ]
 
 
 def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
-    words = ("--source", REST, "--out", tmp_path, "--person", "p01", "--object", "cup", "--action", "pull")
+    words = (
+        "--source",
+        REST,
+        "--out",
+        tmp_path,
+        "--person",
+        "p01",
+        "--object",
+        "cup",
+        "--action",
+        "pull",
+    )
     with start(*words, "--at-once", "--trials", "1") as run:
         heard(run, "recording p01")
         file = tmp_path / "p01/cup/pull/trial_1/tactile.csv"
@@ -97,13 +130,21 @@ def whole_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     path = tmp_path_factory.mktemp("whole") / "tactile.csv"
     file = TactileFile(path, 6)
     for k in range(6):
-        file.write(10_000_000 * k, 7, k, np.random.default_rng(k).normal(size=6), np.array([True, k % 2 == 0]))
+        file.write(
+            10_000_000 * k,
+            7,
+            k,
+            np.random.default_rng(k).normal(size=6),
+            np.array([True, k % 2 == 0]),
+        )
     file.close()
     return path.read_bytes()
 
 
 @given(data=st.data(), zeros=st.integers(0, 3))
-def test_wherever_a_file_is_cut_mending_loses_at_most_one_sample(whole_file, tmp_path_factory, data, zeros):
+def test_wherever_a_file_is_cut_mending_loses_at_most_one_sample(
+    whole_file, tmp_path_factory, data, zeros
+):
     head = whole_file.index(b"\n") + 1
     cut = data.draw(st.integers(head, len(whole_file)))
     path = tmp_path_factory.mktemp("cut") / "tactile.csv"
@@ -122,17 +163,34 @@ def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
 
 
 @pytest.mark.hard_case(
-    AREA, "a disk that is full in the middle of a trial",
+    AREA,
+    "a disk that is full in the middle of a trial",
     elsewhere="half a line at the end, which no reader takes, or the recorder goes on without a word",
     here="one error; the rows before stay whole, the half line is taken back, the trial says interrupted or recording",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("limit", [40_000, 5_000])
 def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit):
-    words = ("--source", REST, "--out", tmp_path, "--person", "p01", "--object", "cup", "--action", "pull")
+    words = (
+        "--source",
+        REST,
+        "--out",
+        tmp_path,
+        "--person",
+        "p01",
+        "--object",
+        "cup",
+        "--action",
+        "pull",
+    )
     run = start(
-        *words, "--at-once", "--trials", "1", "--seconds", "20",
+        *words,
+        "--at-once",
+        "--trials",
+        "1",
+        "--seconds",
+        "20",
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )  # fmt: skip
+    )
     _, err = run.communicate(timeout=60)
     errors = [line for line in err.splitlines() if line.startswith("error: ")]
     assert (run.returncode, len(errors)) == (5, 1), err
@@ -141,5 +199,7 @@ def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit
     for file in files:
         assert file.read_bytes().endswith(b"\n")
     assert limit < 40_000 or len(read_trial(files[0]).t_s) > 50
-    assert main(["repair", str(tmp_path)]) == 0, "with room again, repair ends what the full disk left"
+    assert main(["repair", str(tmp_path)]) == 0, (
+        "with room again, repair ends what the full disk left"
+    )
     assert "recording" not in [meta_of(file.parent)["state"] for file in files]

@@ -1,4 +1,5 @@
-"""The recorder's keys: begin, keep, do again, mark, stop; the terminal is as before on every way out."""
+"""The recorder's keys: begin, keep, do again, mark, stop; the terminal is as before on every way
+out."""
 
 from __future__ import annotations
 
@@ -36,18 +37,33 @@ from training.datasets import load
 
 def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
     keys, press = pressing
-    hand = Hand(VirtualClock(), 120, says={60: lambda: press("l"), 90: lambda: press("e"), 110: lambda: press("k")})
+    hand = Hand(
+        VirtualClock(),
+        120,
+        says={60: lambda: press("l"), 90: lambda: press("e"), 110: lambda: press("k")},
+    )
     kept, said = session(tmp_path, hand, keys, [PULL])
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     truth = json.loads((folder / "tactile.truth.json").read_text())
     phases = [(one["label"], one["provenance"]) for one in truth["phases"]]
     assert kept == 1
-    assert phases == [("nothing", "rule"), ("grasp", "rule"), ("risky_slip", "key"), ("nothing", "key")]
+    assert phases == [
+        ("nothing", "rule"),
+        ("grasp", "rule"),
+        ("risky_slip", "key"),
+        ("nothing", "key"),
+    ]
     assert truth["contact_s"] == pytest.approx(0.40, abs=0.06)
-    assert (truth["load_onset_s"], truth["contact_lost_s"]) == (pytest.approx(0.60), pytest.approx(0.90))
+    assert (truth["load_onset_s"], truth["contact_lost_s"]) == (
+        pytest.approx(0.60),
+        pytest.approx(0.90),
+    )
     assert any("load onset at 0.600 s" in line for line in said)
     marks = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
-    assert [(one["mark"], one["provenance"]) for one in marks] == [("load_onset", "key"), ("contact_lost", "key")]
+    assert [(one["mark"], one["provenance"]) for one in marks] == [
+        ("load_onset", "key"),
+        ("contact_lost", "key"),
+    ]
 
 
 def test_without_a_mark_nobody_guesses_when_the_load_came_on(tmp_path):
@@ -67,30 +83,49 @@ def test_a_trial_of_which_nobody_knows_anything_is_read_and_has_no_label(tmp_pat
     assert len(data.tasks["classes"]) == 0
 
 
-@pytest.mark.parametrize(("action", "label"), [("hold", "grasp"), ("pass", "safe_slip"), ("fall", "risky_slip")])
+@pytest.mark.parametrize(
+    ("action", "label"), [("hold", "grasp"), ("pass", "safe_slip"), ("fall", "risky_slip")]
+)
 def test_what_an_action_makes_of_the_grip_is_its_label(tmp_path, pressing, action, label):
     keys, press = pressing
-    session(tmp_path, Hand(VirtualClock(), 120, says={60: lambda: press("l")}), keys, [Task("soft-ball", action)])
-    truth = json.loads((tmp_path / f"p01/soft-ball/{action}/trial_1/tactile.truth.json").read_text())
+    session(
+        tmp_path,
+        Hand(VirtualClock(), 120, says={60: lambda: press("l")}),
+        keys,
+        [Task("soft-ball", action)],
+    )
+    truth = json.loads(
+        (tmp_path / f"p01/soft-ball/{action}/trial_1/tactile.truth.json").read_text()
+    )
     assert truth["phases"][-2]["label"] == label
 
 
 def test_the_empty_hand_is_nothing_from_end_to_end(tmp_path):
     session(tmp_path, Hand(VirtualClock(), 40), Keys(None), [Task("nothing", "nothing")])
     truth = json.loads((tmp_path / "p01/nothing/trial_1/tactile.truth.json").read_text())
-    assert [(one["label"], one["t0_s"], one["t1_s"]) for one in truth["phases"]] == [("nothing", 0.0, 0.4)]
+    assert [(one["label"], one["t0_s"], one["t1_s"]) for one in truth["phases"]] == [
+        ("nothing", 0.0, 0.4)
+    ]
 
 
 def test_redo_moves_the_trial_away_and_the_same_comes_up_again(tmp_path, pressing):
     keys, press = pressing
-    hand = Hand(VirtualClock(), 400, says={100: lambda: press("r"), 200: lambda: press("k"), 300: lambda: press("q")})
+    hand = Hand(
+        VirtualClock(),
+        400,
+        says={100: lambda: press("r"), 200: lambda: press("k"), 300: lambda: press("q")},
+    )
     kept, _ = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")])
-    states = {str(p.parent.relative_to(tmp_path)): meta_of(p.parent)["state"] for p in tmp_path.rglob("tactile.csv")}
+    states = {
+        str(p.parent.relative_to(tmp_path)): meta_of(p.parent)["state"]
+        for p in tmp_path.rglob("tactile.csv")
+    }
     assert kept == 2
     assert states == {
-        "p01/discarded/soft-ball/pull/trial_1-1": "redone", "p01/soft-ball/pull/trial_1": "kept",
+        "p01/discarded/soft-ball/pull/trial_1-1": "redone",
+        "p01/soft-ball/pull/trial_1": "kept",
         "p01/my-cup/pass/trial_1": "kept",
-    }  # fmt: skip
+    }
 
 
 def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressing):
@@ -116,7 +151,18 @@ def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path,
 def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
     master, slave = pty.openpty()
     before = termios.tcgetattr(slave)
-    words = ["--source", REST, "--out", tmp_path / "out", "--person", "p01", "--object", "cup", "--action", "pull"]
+    words = [
+        "--source",
+        REST,
+        "--out",
+        tmp_path / "out",
+        "--person",
+        "p01",
+        "--object",
+        "cup",
+        "--action",
+        "pull",
+    ]
     fault = f"{REST}?fault=nack:2@0%2B99"
     words[1] = fault if way == "error" else REST
 
@@ -138,19 +184,36 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
     assert run.returncode == (3 if way == "error" else 0)
     assert termios.tcgetattr(slave) == before
     states = [meta_of(path.parent)["state"] for path in (tmp_path / "out").rglob("tactile.csv")]
-    assert states == {"keys": ["kept"], "SIGTERM": ["interrupted"], "SIGHUP": ["interrupted"], "error": []}[way]
+    assert (
+        states
+        == {"keys": ["kept"], "SIGTERM": ["interrupted"], "SIGHUP": ["interrupted"], "error": []}[
+            way
+        ]
+    )
     os.close(master)
     os.close(slave)
 
 
 @pytest.mark.hard_case(
-    AREA, "an SSH connection that drops while a trial is recorded",
+    AREA,
+    "an SSH connection that drops while a trial is recorded",
     elsewhere="the recorder dies with the terminal, and its trial says for ever that it is being recorded",
     here="the trial ends as by SIGTERM: whole, interrupted, and it comes up again",
-)  # fmt: skip
+)
 def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     master, slave = pty.openpty()
-    words = ["--source", REST, "--out", tmp_path / "out", "--person", "p01", "--object", "cup", "--action", "pull"]
+    words = [
+        "--source",
+        REST,
+        "--out",
+        tmp_path / "out",
+        "--person",
+        "p01",
+        "--object",
+        "cup",
+        "--action",
+        "pull",
+    ]
     command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
     with subprocess.Popen(
         command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own

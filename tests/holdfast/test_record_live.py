@@ -1,4 +1,5 @@
-"""While a trial is recorded: what the operator sees, and what happens when the source or its scene ends."""
+"""While a trial is recorded: what the operator sees, and what happens when the source or its scene
+ends."""
 
 from __future__ import annotations
 
@@ -55,13 +56,20 @@ def states_in(folder: Path) -> list[str]:
 
 
 @SOURCE_ENDED.mark
-@pytest.mark.parametrize("samples", [35, 60, 82], ids=["before the hand closed", "in the grip", "as it opened"])
-def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_so(tmp_path, samples):
+@pytest.mark.parametrize(
+    "samples", [35, 60, 82], ids=["before the hand closed", "in the grip", "as it opened"]
+)
+def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_so(
+    tmp_path, samples
+):
     said: list[str] = []
     with pytest.raises(EmptyRecording, match="cannot be kept"):
         session(tmp_path, Hand(VirtualClock(), samples), Keys(None), [PULL], said=said)
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
-    assert (meta_of(folder)["state"], meta_of(folder)["quality"]["samples"]) == ("interrupted", samples)
+    assert (meta_of(folder)["state"], meta_of(folder)["quality"]["samples"]) == (
+        "interrupted",
+        samples,
+    )
     assert meta_of(folder)["why"] == "the source ended before the trial was complete"
     assert any("not kept, and to be recorded again: the source ended" in line for line in said)
     assert not (folder / "tactile.truth.json").exists()
@@ -77,29 +85,61 @@ def test_a_trial_that_finds_no_sample_any_more_is_not_kept(tmp_path):
 
 def test_a_source_that_ends_with_the_hand_empty_again_leaves_a_kept_trial(tmp_path):
     assert session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])[0] == 1
-    assert session(tmp_path, Hand(VirtualClock(), 35), Keys(None), [Task("nothing", "nothing")])[0] == 1
+    assert (
+        session(tmp_path, Hand(VirtualClock(), 35), Keys(None), [Task("nothing", "nothing")])[0]
+        == 1
+    )
 
 
 @pytest.mark.parametrize("samples", [35, 60])
 def test_a_trial_that_ends_by_its_seconds_is_kept_whatever_is_in_it(tmp_path, samples):
-    kept, _ = session(tmp_path, Hand(VirtualClock(), 99), Keys(None), [PULL], seconds=0.01 * samples)
+    kept, _ = session(
+        tmp_path, Hand(VirtualClock(), 99), Keys(None), [PULL], seconds=0.01 * samples
+    )
     assert (kept, states_in(tmp_path)) == (1, ["kept"])
 
 
 @SOURCE_ENDED.mark
 def test_the_second_trial_of_a_virtual_hand_whose_scene_is_over_is_not_kept(tmp_path, scene):
-    words = ("--object", "soft-ball", "--action", "pull", "--trials", "2", "--seconds", "4", "--rate", "50")
+    words = (
+        "--object",
+        "soft-ball",
+        "--action",
+        "pull",
+        "--trials",
+        "2",
+        "--seconds",
+        "4",
+        "--rate",
+        "50",
+    )
     with pytest.raises(EmptyRecording, match="cannot be kept"):
         recorded(tmp_path / "out", *words, source=f"virtual://ft232h?scene={scene}")
     assert states_in(tmp_path) == ["kept", "interrupted"]
     truth = json.loads((tmp_path / "out/p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
-    assert [one["label"] for one in truth["phases"]] == ["nothing", "grasp", "risky_slip", "nothing"]
+    assert [one["label"] for one in truth["phases"]] == [
+        "nothing",
+        "grasp",
+        "risky_slip",
+        "nothing",
+    ]
     why = meta_of(tmp_path / "out/p01/soft-ball/pull/trial_2")["why"]
     assert why == "the scene ended before the trial was complete"
 
 
-def test_a_scene_that_is_recorded_from_end_to_end_is_kept_and_comes_again_with_every_trial(tmp_path, scene):
-    recorded(tmp_path / "out", "--object", "soft-ball", "--action", "pull", "--trials", "2", source=f"sim://{scene}")
+def test_a_scene_that_is_recorded_from_end_to_end_is_kept_and_comes_again_with_every_trial(
+    tmp_path, scene
+):
+    recorded(
+        tmp_path / "out",
+        "--object",
+        "soft-ball",
+        "--action",
+        "pull",
+        "--trials",
+        "2",
+        source=f"sim://{scene}",
+    )
     assert states_in(tmp_path) == ["kept", "kept"]
 
 
@@ -177,18 +217,43 @@ def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(t
     assert measured is not None
     measured.values[:3], measured.valid[4] = (300.0, 400.0, 0.0), False
     trial.write(0, 0, measured)
-    assert status_text(trial, measured) == "0.0 s, - Hz, 0 lost; forces   500     0     0     0     -     0 uT"
+    assert (
+        status_text(trial, measured)
+        == "0.0 s, - Hz, 0 lost; forces   500     0     0     0     -     0 uT"
+    )
     trial.close("interrupted")
 
 
 def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path):
     master, slave = pty.openpty()
-    words = ["--source", "virtual://ft232h", "--out", tmp_path / "out", "--person", "p01", "--action", "nothing"]
-    command = [sys.executable, "-m", "holdfast", "record", *map(str, words), "--trials", "1", "--at-once"]
+    words = [
+        "--source",
+        "virtual://ft232h",
+        "--out",
+        tmp_path / "out",
+        "--person",
+        "p01",
+        "--action",
+        "nothing",
+    ]
+    command = [
+        sys.executable,
+        "-m",
+        "holdfast",
+        "record",
+        *map(str, words),
+        "--trials",
+        "1",
+        "--at-once",
+    ]
     with subprocess.Popen(
-        [*command, "--seconds", "0.6"], cwd=ROOT, env={**os.environ, "TERM": "xterm"},
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=slave,
-    ) as run:  # fmt: skip
+        [*command, "--seconds", "0.6"],
+        cwd=ROOT,
+        env={**os.environ, "TERM": "xterm"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=slave,
+    ) as run:
         os.close(slave)
         screen = b""
         while b"kept:" not in screen:
@@ -215,6 +280,8 @@ def test_what_a_person_wrote_beside_an_object_s_mass_stays(tmp_path):
     about.write_text('{"mass_g": 80, "colour": "red"}')
     clock = VirtualClock()
     asked = SessionOptions(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
-    made = Session(asked, Hand(clock, 99), clock, Keys(None), print, bias=np.zeros(18), about={"unit": "N"})
+    made = Session(
+        asked, Hand(clock, 99), clock, Keys(None), print, bias=np.zeros(18), about={"unit": "N"}
+    )
     assert made.run([PULL], lambda: False) == 1
     assert json.loads(about.read_text()) == {"mass_g": 91.5, "colour": "red"}

@@ -1,4 +1,5 @@
-"""Who is recorded, where, and what comes next: pseudonyms, folders, cards, and words that do not go together."""
+"""Who is recorded, where, and what comes next: pseudonyms, folders, cards, and words that do not go
+together."""
 
 from __future__ import annotations
 
@@ -45,7 +46,9 @@ def test_withdrawing_a_person_is_deleting_one_folder(people, tmp_path):
     shutil.rmtree(copy / "p01")
     left_over = load(copy, windows="natural")
     assert {recording.trial_id.split("/")[0] for recording in left_over.recordings} == {"p02"}
-    assert not [path for path in copy.rglob("*") if path.is_file() and "p01" in path.read_text("utf-8")]
+    assert not [
+        path for path in copy.rglob("*") if path.is_file() and "p01" in path.read_text("utf-8")
+    ]
 
 
 def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
@@ -71,12 +74,18 @@ def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(t
 def test_an_object_that_nobody_weighed_is_told_while_it_is_at_hand(tmp_path):
     words = ("--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
     said = recorded(tmp_path / "out", *words)
-    assert [line for line in said if "nobody knows how heavy 'cup' is" in line and "cup/meta.json" in line]
+    assert [
+        line
+        for line in said
+        if "nobody knows how heavy 'cup' is" in line and "cup/meta.json" in line
+    ]
     (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
     for told_ in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
         assert not any("heavy" in line for line in told_)
     (tmp_path / "two.toml").write_text(PROTOCOL)
-    said = recorded(tmp_path / "out", "--protocol", tmp_path / "two.toml", "--seconds", "0.5", "--trials", "1")
+    said = recorded(
+        tmp_path / "out", "--protocol", tmp_path / "two.toml", "--seconds", "0.5", "--trials", "1"
+    )
     assert not any("heavy" in line for line in said)
 
 
@@ -85,7 +94,9 @@ def test_two_recorders_do_not_share_a_folder(tmp_path):
     with opened(tmp_path / "out", "N", "simulated"):
         with pytest.raises(OutputError, match="another recorder"):
             one_pull(tmp_path / "out")
-        assert main(["repair", str(tmp_path / "out/p01")]) == 5, "nobody mends what is being written"
+        assert main(["repair", str(tmp_path / "out/p01")]) == 5, (
+            "nobody mends what is being written"
+        )
     assert main(["repair", str(tmp_path / "out/p01")]) == 0
 
 
@@ -128,10 +139,17 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
     said = recorded(tmp_path / "out", *words)
     assert any("3 of these trials are there already" in line for line in said)
     assert len(list((tmp_path / "out").rglob("tactile.csv"))) == 8
-    assert recorded(tmp_path / "out", *words)[-1] == "leave the hand alone for 1 s: its bias is taken"
+    assert (
+        recorded(tmp_path / "out", *words)[-1] == "leave the hand alone for 1 s: its bias is taken"
+    )
     plan = read_protocol(tmp_path / "two.toml").ordered(0, "p01")
-    by_start = sorted((tmp_path / "out").rglob("trial_*/meta.json"), key=lambda path: path.stat().st_mtime_ns)
-    done = [Task(*(meta_of(path.parent)[name] for name in ("object", "action", "style"))) for path in by_start]
+    by_start = sorted(
+        (tmp_path / "out").rglob("trial_*/meta.json"), key=lambda path: path.stat().st_mtime_ns
+    )
+    done = [
+        Task(*(meta_of(path.parent)[name] for name in ("object", "action", "style")))
+        for path in by_start
+    ]
     assert done == plan
     assert json.loads((tmp_path / "out/p01/my-cup/meta.json").read_text()) == {"mass_g": 212}
 
@@ -179,7 +197,10 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
         (("--object", "cup", "--action", "pull", "--trials", "0"), "--trials 0"),
         (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"), "--tag-mm"),
         (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "scene"), "films no"),
-        (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "gone.npz"), "no such file"),
+        (
+            ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "gone.npz"),
+            "no such file",
+        ),
     ],
 )
 def test_words_that_do_not_go_together_are_usage_errors(tmp_path, words, says):

@@ -39,13 +39,20 @@ def test_people_are_groups_and_a_single_one_s_trials_are(people):
 def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(people, tmp_path):
     data = load(people, windows="natural")
     pull = next(one for one in data.recordings if one.action == "pull")
-    assert (pull.object_name, [phase.situation for phase in pull.phases]) == ("soft-ball", [0, 1, 3, 0])
+    assert (pull.object_name, [phase.situation for phase in pull.phases]) == (
+        "soft-ball",
+        [0, 1, 3, 0],
+    )
     assert pull.events[0].gross_s is not None
     copy = shutil.copytree(people, tmp_path / "trials")
     meta = next(copy.glob("p01/soft-ball/pull/trial_1/meta.json"))
     meta.write_text(json.dumps(meta_of(meta.parent) | {"state": "interrupted"}))
-    shutil.move(copy / "p02/hard-ball/fall/trial_1", copy / "p02/discarded/hard-ball/fall/trial_1-1")
-    (copy / "p02/discarded/hard-ball/fall/trial_1-1/meta.json").write_text('{"recorder": 1, "state": "redone"}')
+    shutil.move(
+        copy / "p02/hard-ball/fall/trial_1", copy / "p02/discarded/hard-ball/fall/trial_1-1"
+    )
+    (copy / "p02/discarded/hard-ball/fall/trial_1-1/meta.json").write_text(
+        '{"recorder": 1, "state": "redone"}'
+    )
     again = load(copy, windows="natural")
     assert len(again.recordings) == 6
     assert again.notes["states"] == {"interrupted": 1, "kept": 6, "redone": 1}
@@ -60,7 +67,10 @@ def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(people, tmp_pat
     few = ForestPlan(n_estimators=4)
     train(load(people), tmp_path / "model", TrainingPlan(situation=few, prediction=few, folds=2))
     model = str(export_artifact(tmp_path / "model")[0])
-    assert main(["evaluate", model, "--data", str(people), "--json", str(tmp_path / "figures.json")]) == 0
+    assert (
+        main(["evaluate", model, "--data", str(people), "--json", str(tmp_path / "figures.json")])
+        == 0
+    )
     assert json.loads((tmp_path / "figures.json").read_text())["n_groups"] == 2
     capsys.readouterr()
     folder = people / "p01/soft-ball/pull/trial_1"
@@ -101,7 +111,9 @@ def test_events_that_cannot_be_understood_are_refused_by_name(people, tmp_path, 
 
     folder = shutil.copytree(people / "p01/soft-ball/pull/trial_1", tmp_path / "trial_1")
     before = relabel(folder)
-    assert before == json.loads((people / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
+    assert before == json.loads(
+        (people / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
+    )
     (folder / "events.jsonl").write_text(line + "\n")
     with pytest.raises(LabelError, match=r"events\.jsonl"):
         relabel(folder)

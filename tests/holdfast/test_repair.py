@@ -1,4 +1,5 @@
-"""`holdfast repair`: at most one torn last line is moved aside, and whatever else is wrong is refused as it is."""
+"""`holdfast repair`: at most one torn last line is moved aside, and whatever else is wrong is
+refused as it is."""
 
 from __future__ import annotations
 
@@ -40,7 +41,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return path.read_bytes()
 
 
-def trial(folder: Path, data: bytes, state: str = "recording", events: bytes = EVENT + b"\n") -> Path:
+def trial(
+    folder: Path, data: bytes, state: str = "recording", events: bytes = EVENT + b"\n"
+) -> Path:
     """A trial's folder with this in it."""
     folder = folder / "p01/cup/pull/trial_1"
     folder.mkdir(parents=True)
@@ -98,7 +101,9 @@ def cut_cell(lines: list[bytes], at: int) -> list[bytes]:
 @DAMAGED_FILE.mark
 @pytest.mark.parametrize("state", ["recording", "kept", "interrupted"])
 @pytest.mark.parametrize("damage", DISAGREEMENTS.values(), ids=DISAGREEMENTS)
-def test_where_header_and_rows_disagree_repair_refuses_and_changes_nothing(tmp_path, capsys, recorded, damage, state):
+def test_where_header_and_rows_disagree_repair_refuses_and_changes_nothing(
+    tmp_path, capsys, recorded, damage, state
+):
     folder = trial(tmp_path, damage(recorded), state, EVENT + b"\n{")
     before = bytes_of(folder)
     assert main(["repair", str(tmp_path)]) == 3
@@ -108,7 +113,11 @@ def test_where_header_and_rows_disagree_repair_refuses_and_changes_nothing(tmp_p
 
 def test_the_error_of_a_damaged_header_shows_the_header_that_belongs_there(tmp_path, recorded):
     header = recorded.partition(b"\n")[0].decode()
-    for name in ("a column appended to the header", "a column cut from the header", "a title above"):
+    for name in (
+        "a column appended to the header",
+        "a column cut from the header",
+        "a title above",
+    ):
         path = tmp_path / "tactile.csv"
         path.write_bytes(DISAGREEMENTS[name](recorded))
         with pytest.raises(ColumnError, match=f"nothing was changed.* {header}$"):
@@ -117,7 +126,9 @@ def test_the_error_of_a_damaged_header_shows_the_header_that_belongs_there(tmp_p
 
 @DAMAGED_FILE.mark
 @pytest.mark.parametrize("state", ["recording", "kept"])
-def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(tmp_path, capsys, recorded, state):
+def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
+    tmp_path, capsys, recorded, state
+):
     torn = recorded[recorded.rindex(b"\n", 0, -1) + 1 : -9]
     folder = trial(tmp_path, recorded + torn, state, EVENT + b"\n" + EVENT[:20])
     assert main(["repair", str(tmp_path)]) == 0
@@ -141,8 +152,10 @@ def test_an_earlier_torn_line_is_never_replaced(tmp_path, recorded):
         path.write_bytes(recorded + torn)
         mend(path)
     assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == {
-        "tactile.csv": recorded, "tactile.csv.torn": b"2.0,1", "tactile.csv.torn2": b"2.01,3.5"
-    }  # fmt: skip
+        "tactile.csv": recorded,
+        "tactile.csv.torn": b"2.0,1",
+        "tactile.csv.torn2": b"2.01,3.5",
+    }
 
 
 UNUSUAL: dict[str, Damage] = {
@@ -172,9 +185,14 @@ def test_a_file_whose_rows_are_whole_loses_nothing(tmp_path, recorded, change, s
 
 @DAMAGED_FILE.mark
 @given(data=st.data())
-def test_wherever_the_power_was_cut_every_byte_is_in_the_file_or_beside_it(recorded, tmp_path_factory, data):
+def test_wherever_the_power_was_cut_every_byte_is_in_the_file_or_beside_it(
+    recorded, tmp_path_factory, data
+):
     head = recorded.index(b"\n") + 1
-    cut, zeros = data.draw(st.integers(head, len(recorded))), data.draw(st.sampled_from([0, 1, 4096]))
+    cut, zeros = (
+        data.draw(st.integers(head, len(recorded))),
+        data.draw(st.sampled_from([0, 1, 4096])),
+    )
     place = tmp_path_factory.mktemp("cut")
     path = place / "tactile.csv"
     path.write_bytes(recorded[:cut] + bytes(zeros))
@@ -209,7 +227,9 @@ def test_whatever_a_header_is_changed_to_no_sample_is_lost(recorded, tmp_path_fa
 @DAMAGED_FILE.mark
 @pytest.mark.parametrize("zeros", [0, 512])
 @pytest.mark.parametrize("written", ["", "Time,X1", "Time,X1,Y1,Z1,host", "all but the newline"])
-def test_a_trial_killed_before_its_header_was_written_is_void_once(tmp_path, capsys, recorded, written, zeros):
+def test_a_trial_killed_before_its_header_was_written_is_void_once(
+    tmp_path, capsys, recorded, written, zeros
+):
     begun = recorded.partition(b"\n")[0] if written.startswith("all") else written.encode()
     folder = trial(tmp_path, begun + bytes(zeros), events=b"")
     assert main(["repair", str(tmp_path)]) == 0
@@ -246,7 +266,9 @@ def test_a_kept_trial_whose_samples_are_gone_is_refused_and_stays_as_it_is(tmp_p
 
 
 @DAMAGED_FILE.mark
-def test_a_trial_whose_meta_cannot_be_read_is_refused_before_anything_is_changed(tmp_path, recorded):
+def test_a_trial_whose_meta_cannot_be_read_is_refused_before_anything_is_changed(
+    tmp_path, recorded
+):
     folder = trial(tmp_path, recorded + b"2.0,1")
     (folder / "meta.json").write_text("")
     before = bytes_of(folder)
@@ -267,7 +289,9 @@ def full_disk() -> Iterator[Callable[[bool], None]]:
 
 @DAMAGED_FILE.mark
 @pytest.mark.parametrize("torn", [b"2.0,1", b""])
-def test_on_a_full_disk_nothing_is_cut_and_repair_ends_it_when_there_is_room(tmp_path, recorded, full_disk, torn):
+def test_on_a_full_disk_nothing_is_cut_and_repair_ends_it_when_there_is_room(
+    tmp_path, recorded, full_disk, torn
+):
     folder = trial(tmp_path, recorded + torn)
     before = bytes_of(folder)
     full_disk(True)

@@ -1,4 +1,5 @@
-"""`holdfast replay`: one JSON line a sample, exactly the output contract, from the live path alone."""
+"""`holdfast replay`: one JSON line a sample, exactly the output contract, from the live path
+alone."""
 
 from __future__ import annotations
 
@@ -106,20 +107,28 @@ def test_a_lost_sensor_in_the_recording_makes_the_state_unknown(
     broken = tmp_path / "trial_1.csv"
     broken.write_text("\n".join(rows) + "\n")
     lines = replayed(capsys, eight_classes.model, broken)
-    assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(range(100, 135))
+    assert [k for k, line in enumerate(lines) if line["state"] == "unknown" and k >= 25] == list(
+        range(100, 135)
+    )
 
 
 @GAPS.mark
 @pytest.mark.parametrize(("missing", "blind"), [(1, False), (2, True), (500, True)])
-def test_samples_that_never_came_are_lost_samples(eight_classes: Built, missing: int, blind: bool) -> None:
-    """At 50 Hz, 20 ms are one sample: a longer gap leaves half a second of history that is not the hand's own."""
+def test_samples_that_never_came_are_lost_samples(
+    eight_classes: Built, missing: int, blind: bool
+) -> None:
+    """At 50 Hz, 20 ms are one sample: a longer gap leaves half a second of history that is not the
+    hand's own."""
     monitor = GripMonitor(Model(eight_classes.model), None)
     step_ns, fine = 20_000_000, np.ones(6, dtype=np.bool_)
     noise = np.random.default_rng(0).normal(0.0, 0.02, (60, 18))
     before = [monitor.feed(Sample(k * step_ns, noise[k], fine, k)) for k in range(40)]
     assert before[-1].state != "unknown"
     late = [40 + missing + k for k in range(20)]
-    after = [monitor.feed(Sample(k * step_ns, row, fine, k)) for k, row in zip(late, noise[40:], strict=True)]
+    after = [
+        monitor.feed(Sample(k * step_ns, row, fine, k))
+        for k, row in zip(late, noise[40:], strict=True)
+    ]
     assert {answer.state == "unknown" for answer in after} == {blind}
 
 
@@ -142,7 +151,10 @@ def test_a_number_sign_in_a_path_changes_no_answer(
 
 def answers(lines: list[Line]) -> list[Line]:
     """Without what depends on when it was computed."""
-    return [{key: value for key, value in line.items() if key not in ("t_decided_ns", "latency_us")} for line in lines]
+    return [
+        {key: value for key, value in line.items() if key not in ("t_decided_ns", "latency_us")}
+        for line in lines
+    ]
 
 
 def test_a_folder_a_file_a_url_and_a_trial_of_the_set_are_the_same_trial(
@@ -156,12 +168,17 @@ def test_a_folder_a_file_a_url_and_a_trial_of_the_set_are_the_same_trial(
     number = names.index(TRIAL.removesuffix(".csv"))
     named = f"{eight_classes.fixture}#{names[number]}"
     numbered = f"{eight_classes.fixture}#{number}"
-    said = [replayed(capsys, eight_classes.model, t) for t in (file, folder, f"replay://{file}", named, numbered)]
+    said = [
+        replayed(capsys, eight_classes.model, t)
+        for t in (file, folder, f"replay://{file}", named, numbered)
+    ]
     for other in said[1:]:
         assert answers(other) == answers(said[0])
 
 
-def test_a_replay_is_what_the_monitor_says_live(eight_classes: Built, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_is_what_the_monitor_says_live(
+    eight_classes: Built, capsys: pytest.CaptureFixture[str]
+) -> None:
     model = Model(eight_classes.model)
     source = open_replay(eight_classes.fixture / TRIAL).prepared(model.card.preparation)
     monitor = GripMonitor(model, None)
@@ -169,13 +186,16 @@ def test_a_replay_is_what_the_monitor_says_live(eight_classes: Built, capsys: py
     monitor.reset()
     again = [json.loads(to_json_line(monitor.feed(sample))) for sample in source]
     assert answers(again) == answers(first)
-    assert answers(first) == answers(replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL))
+    assert answers(first) == answers(
+        replayed(capsys, eight_classes.model, eight_classes.fixture / TRIAL)
+    )
 
 
 def test_the_stream_is_tared_as_in_training_before_the_model_sees_it(
     eight_classes: Built, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Another offset of a shear channel is another mounting, and changes nothing but the last digits."""
+    """Another offset of a shear channel is another mounting, and changes nothing but the last
+    digits."""
     table = np.loadtxt(eight_classes.fixture / TRIAL, delimiter=",", skiprows=1)
     table[:, [1, 5]] += 8.0
     header = (eight_classes.fixture / TRIAL).read_text().splitlines()[0]
@@ -211,7 +231,8 @@ def test_a_folder_without_a_recording_is_said_to_be_one(tmp_path: Path) -> None:
 
 
 def live_path(folder: Path) -> dict[str, str]:
-    """An environment with numpy and onnxruntime and nothing else, and the three rooms a hand has."""
+    """An environment with numpy and onnxruntime and nothing else, and the three rooms a hand
+    has."""
     packages = Path(sysconfig.get_paths()["platlib"])
     for room in ("edge_runtime", "drivers", "holdfast"):
         shutil.copytree(ROOT / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
@@ -229,7 +250,9 @@ def test_a_replay_needs_numpy_and_onnxruntime_and_no_other_package_or_room(
 
     def hand(*words: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-S", "-m", "holdfast", *words]
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
 
     done = hand("replay", str(eight_classes.model), str(trial))
     assert (done.returncode, done.stderr) == (0, "")

@@ -1,4 +1,5 @@
-"""`holdfast selftest`: says line by line what holds, and fails on a model that only its seal speaks for."""
+"""`holdfast selftest`: says line by line what holds, and fails on a model that only its seal speaks
+for."""
 
 from __future__ import annotations
 
@@ -26,14 +27,25 @@ if TYPE_CHECKING:
 
 DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 EVERY = [
-    "seal, card and golden rows", "one sample against a batch", "corrupted samples", "silence", "memory",
-    "reset forgets", "votes", "unknown when it must be", "unbelievable samples", "a start under load", "decision",
-    "a large offset", "clock",
-]  # fmt: skip
+    "seal, card and golden rows",
+    "one sample against a batch",
+    "corrupted samples",
+    "silence",
+    "memory",
+    "reset forgets",
+    "votes",
+    "unknown when it must be",
+    "unbelievable samples",
+    "a start under load",
+    "decision",
+    "a large offset",
+    "clock",
+]
 
 
 def alone(model: Path, *words: str) -> list[str]:
-    """What the self-test says of a model that holds, in a process of its own, whose memory it looks at."""
+    """What the self-test says of a model that holds, in a process of its own, whose memory it looks
+    at."""
     command = [sys.executable, "-m", "holdfast", "selftest", str(model), *words]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -41,10 +53,11 @@ def alone(model: Path, *words: str) -> list[str]:
 
 
 @pytest.mark.hard_case(
-    "Forest and ONNX", "the board answers otherwise than the machine it was verified on",
+    "Forest and ONNX",
+    "the board answers otherwise than the machine it was verified on",
     elsewhere="nobody looks, for the tests ran somewhere else",
     here="`holdfast selftest` runs the hard cases in short on the board, with the very file that is deployed",
-)  # fmt: skip
+)
 def test_the_default_model_holds_line_by_line(record_property):
     lines = alone(DEFAULT)
     assert [line[8:36].strip() for line in lines] == EVERY
@@ -77,7 +90,9 @@ def test_it_needs_what_is_on_the_hand_and_nothing_else():
         "heavy = {'scipy', 'sklearn', 'pandas', 'onnx', 'usb', 'rich', 'training', 'export', 'simulation'}\n"
         "print(sorted(heavy & {name.split('.')[0] for name in sys.modules})); sys.exit(code)"
     )
-    done = subprocess.run([sys.executable, "-c", program, str(DEFAULT)], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(DEFAULT)], capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1] == "[]"
 
 
@@ -98,25 +113,37 @@ def rewired(graph: Graph, name: str, *nodes: onnx.NodeProto) -> None:
 
 
 def constant(graph: Graph, value: np.generic) -> str:
-    graph.initializer.append(onnx.numpy_helper.from_array(np.asarray(value), name := f"more_{len(graph.initializer)}"))
+    graph.initializer.append(
+        onnx.numpy_helper.from_array(np.asarray(value), name := f"more_{len(graph.initializer)}")
+    )
     return name
 
 
 def a_reset_that_is_ignored(graph: Graph) -> None:
-    rewired(graph, "reset", onnx.helper.make_node("And", ["reset", constant(graph, np.bool_(False))], ["never"]))
+    rewired(
+        graph,
+        "reset",
+        onnx.helper.make_node("And", ["reset", constant(graph, np.bool_(False))], ["never"]),
+    )
 
 
 def a_driver_that_is_not_listened_to(graph: Graph) -> None:
     number = onnx.helper.make_node("Cast", ["valid"], ["number"], to=onnx.TensorProto.INT32)
-    always = onnx.helper.make_node("GreaterOrEqual", ["number", constant(graph, np.int32(0))], ["always"])
+    always = onnx.helper.make_node(
+        "GreaterOrEqual", ["number", constant(graph, np.int32(0))], ["always"]
+    )
     rewired(graph, "valid", number, always)
 
 
 def samples_in_half_precision(graph: Graph) -> None:
     """Rounded to ten bits by Veltkamp's splitting: c = (2^43 + 1) x, then c - (c - x)."""
-    scaled = onnx.helper.make_node("Mul", ["sample", constant(graph, np.float64(2**43 + 1))], ["scaled"])
+    scaled = onnx.helper.make_node(
+        "Mul", ["sample", constant(graph, np.float64(2**43 + 1))], ["scaled"]
+    )
     rest = onnx.helper.make_node("Sub", ["scaled", "sample"], ["rest"])
-    rewired(graph, "sample", scaled, rest, onnx.helper.make_node("Sub", ["scaled", "rest"], ["rounded"]))
+    rewired(
+        graph, "sample", scaled, rest, onnx.helper.make_node("Sub", ["scaled", "rest"], ["rounded"])
+    )
 
 
 def a_vote_too_many(graph: Graph) -> None:
@@ -164,10 +191,11 @@ DAMAGES = {
 
 
 @pytest.mark.hard_case(
-    "Forest and ONNX", "a model that is wrong and properly sealed",
+    "Forest and ONNX",
+    "a model that is wrong and properly sealed",
     elsewhere="its hash is right, its golden rows are its own, and so it is trusted",
     here="laws that no golden row can vouch for are checked on the file itself",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
 def test_the_selftest_fails_on(four_situations: Built, tmp_path: Path, capsys, damage):
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
@@ -185,7 +213,9 @@ def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, ca
 
 
 def test_so_does_one_whose_votes_do_not_add_up(four_situations: Built, tmp_path: Path, capsys):
-    assert main(["selftest", str(damaged(four_situations, a_vote_too_many, tmp_path / "m.onnx"))]) == 1
+    assert (
+        main(["selftest", str(damaged(four_situations, a_vote_too_many, tmp_path / "m.onnx"))]) == 1
+    )
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith("failed  seal, card and golden rows  NotAModel")
 

@@ -1,4 +1,5 @@
-"""What a command writes: whole or not there, readable by whom the umask says, and never over an earlier result."""
+"""What a command writes: whole or not there, readable by whom the umask says, and never over an
+earlier result."""
 
 from __future__ import annotations
 
@@ -14,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import Run, fails
 from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
 from recorder_bench import one_pull
-from test_cli import Run, fails, run  # noqa: F401
 
 from edge_runtime.errors import OutputError
 from edge_runtime.writing import whole_folder, write_whole
@@ -84,9 +85,22 @@ def test_under_a_umask_of_077_no_command_leaves_a_file_that_others_can_read(tmp_
 @HALF_FINISHED.mark
 @pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_a_simulation_that_is_ended_leaves_nothing_that_looks_whole(tmp_path, end):
-    command = [sys.executable, "-m", "holdfast", "simulate", "thesis", "--trials", "99", "--out", str(tmp_path / "set")]
-    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job in the background ignores it otherwise
-    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, preexec_fn=heeds) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "holdfast",
+        "simulate",
+        "thesis",
+        "--trials",
+        "99",
+        "--out",
+        str(tmp_path / "set"),
+    ]
+    # a job in the background ignores it otherwise
+    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(
+        command, cwd=ROOT, stderr=subprocess.PIPE, text=True, preexec_fn=heeds
+    ) as process:
         while not list(tmp_path.rglob("meta.json")):
             assert process.poll() is None
             os.sched_yield()
@@ -114,7 +128,10 @@ def test_a_folder_that_is_there_and_empty_is_filled_and_keeps_its_place(tmp_path
     with whole_folder(tmp_path) as unfinished:
         write_whole(unfinished / "a/b.csv", "1")
         assert [path.name for path in tmp_path.iterdir()] == [".unfinished"]
-    assert [str(path.relative_to(tmp_path)) for path in sorted(tmp_path.rglob("*"))] == ["a", "a/b.csv"]
+    assert [str(path.relative_to(tmp_path)) for path in sorted(tmp_path.rglob("*"))] == [
+        "a",
+        "a/b.csv",
+    ]
     assert tmp_path.stat().st_ino == inode
 
 
@@ -126,7 +143,9 @@ def test_a_folder_that_another_run_finished_first_is_not_written_over(tmp_path):
 
     with pytest.raises(OutputError, match="cannot write"):
         both_write()
-    assert {path.name: path.read_text() for path in tmp_path.rglob("*.toml")} == {"card.toml": "theirs"}
+    assert {path.name: path.read_text() for path in tmp_path.rglob("*.toml")} == {
+        "card.toml": "theirs"
+    }
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
 
 
@@ -134,7 +153,11 @@ def test_a_folder_that_another_run_finished_first_is_not_written_over(tmp_path):
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 @pytest.fixture
@@ -144,37 +167,71 @@ def artifact(eight_classes: Built, tmp_path: Path) -> Path:
 
 
 @OVERWRITTEN.mark
-def test_training_does_not_replace_an_artifact_unless_told(run: Run, artifact: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_training_does_not_replace_an_artifact_unless_told(
+    run: Run, artifact: Path, tmp_path: Path
+) -> None:
     before = bytes_of(artifact)
     words = ("train", "--data", tmp_path / "nowhere", "--out", artifact)
     fails(run, 5, "OutputError", *words, says="holds an artifact already")
     fails(run, 3, "DataNotFound", *words, "--force")
-    fails(run, 3, "DataNotFound", "train", "--data", tmp_path / "nowhere", "--out", tmp_path / "new")
+    fails(
+        run, 3, "DataNotFound", "train", "--data", tmp_path / "nowhere", "--out", tmp_path / "new"
+    )
     assert bytes_of(artifact) == before
 
 
 @OVERWRITTEN.mark
 def test_the_bare_command_rebuilds_the_fixture_s_model_and_replaces_no_other(
-    run: Run, artifact: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch  # noqa: F811
-) -> None:  # fmt: skip
+    run: Run,
+    artifact: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.chdir(tmp_path)
     fails(run, 2, "UsageError", "train", "--groups", "0", says="keeps nobody")
     index = json.loads((artifact / "artifact.json").read_text())
     index["training"]["kind"] = "recorded"
     (artifact / "artifact.json").write_text(json.dumps(index))
-    fails(run, 5, "OutputError", "train", "--groups", "0", says="build/default: holds an artifact already")
+    fails(
+        run,
+        5,
+        "OutputError",
+        "train",
+        "--groups",
+        "0",
+        says="build/default: holds an artifact already",
+    )
     (artifact / "artifact.json").write_text("{")
-    fails(run, 5, "OutputError", "train", "--groups", "0", says="build/default: holds an artifact already")
+    fails(
+        run,
+        5,
+        "OutputError",
+        "train",
+        "--groups",
+        "0",
+        says="build/default: holds an artifact already",
+    )
 
 
 @OVERWRITTEN.mark
 def test_an_export_replaces_what_was_made_of_its_artifact_and_nothing_else_unless_told(
-    run: Run, artifact: Path, tmp_path: Path  # noqa: F811
-) -> None:  # fmt: skip
+    run: Run,
+    artifact: Path,
+    tmp_path: Path,
+) -> None:
     elsewhere = tmp_path / "models/hand.onnx"
     for there in (elsewhere, elsewhere.with_suffix(".json")):
         write_whole(there, "of another training")
-        fails(run, 5, "OutputError", "export", artifact, "--out", elsewhere, says=f"{there}: is there already")
+        fails(
+            run,
+            5,
+            "OutputError",
+            "export",
+            artifact,
+            "--out",
+            elsewhere,
+            says=f"{there}: is there already",
+        )
         there.unlink()
     require_replaceable(artifact, artifact / "holdfast.onnx", force=False)
     write_whole(elsewhere, "of another training")
@@ -184,7 +241,19 @@ def test_an_export_replaces_what_was_made_of_its_artifact_and_nothing_else_unles
 
 @OVERWRITTEN.mark
 @pytest.mark.parametrize("name", ["artifact.onnx", "rows.npz", "situation.skops"])
-def test_an_export_never_replaces_a_part_of_its_artifact(run: Run, artifact: Path, name: str) -> None:  # noqa: F811
+def test_an_export_never_replaces_a_part_of_its_artifact(
+    run: Run, artifact: Path, name: str
+) -> None:
     before = bytes_of(artifact)
-    fails(run, 5, "OutputError", "export", artifact, "--force", "--out", artifact / name, says="part of the artifact")
+    fails(
+        run,
+        5,
+        "OutputError",
+        "export",
+        artifact,
+        "--force",
+        "--out",
+        artifact / name,
+        says="part of the artifact",
+    )
     assert bytes_of(artifact) == before

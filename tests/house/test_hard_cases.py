@@ -1,4 +1,5 @@
-"""The catalogue of hard cases: what a mark must say, what is written down, and that the page is not stale."""
+"""The catalogue of hard cases: what a mark must say, what is written down, and that the page is not
+stale."""
 
 from __future__ import annotations
 
@@ -16,13 +17,26 @@ from hard_cases_page import page
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "hard-cases.md"
 
 
-def row(test: str, outcome: str = "passed", *, unguarded: bool = False, **measured: Any) -> dict[str, Any]:
-    return {"area": AREAS[0], "case": "a case", "elsewhere": "it drifts", "here": "it does not", "unguarded": unguarded,
-            "test": f"tests/test_x.py::{test}", "outcome": outcome, "measured": measured}  # fmt: skip
+def row(
+    test: str, outcome: str = "passed", *, unguarded: bool = False, **measured: Any
+) -> dict[str, Any]:
+    return {
+        "area": AREAS[0],
+        "case": "a case",
+        "elsewhere": "it drifts",
+        "here": "it does not",
+        "unguarded": unguarded,
+        "test": f"tests/test_x.py::{test}",
+        "outcome": outcome,
+        "measured": measured,
+    }
 
 
 def test_a_mark_that_names_no_area_or_lacks_a_sentence_is_refused():
-    assert told(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark)["unguarded"] is False
+    assert (
+        told(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark)["unguarded"]
+        is False
+    )
     with pytest.raises(ValueError, match="none of"):
         told(pytest.mark.hard_case("weather", "a", elsewhere="b", here="c").mark)
     with pytest.raises(TypeError, match="here"):
@@ -30,8 +44,13 @@ def test_a_mark_that_names_no_area_or_lacks_a_sentence_is_refused():
 
 
 def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measured():
-    written = page([row("test_it_is_clean[a]", off=1e-15), row("test_it_is_clean[b]", "failed", off=3e-15),
-                    row("test_it_drifts", unguarded=True)])  # fmt: skip
+    written = page(
+        [
+            row("test_it_is_clean[a]", off=1e-15),
+            row("test_it_is_clean[b]", "failed", off=3e-15),
+            row("test_it_drifts", unguarded=True),
+        ]
+    )
     assert "- passed 1 times, failed 1 times: it is clean (off 3e-15)\n" in written
     assert "- passed: without: it drifts\n" in written
     assert "Elsewhere: it drifts. Here: it does not." in written
@@ -39,8 +58,15 @@ def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measur
 
 def reported(request: pytest.FixtureRequest, place: int, measured: object) -> Any:
     """The report of a marked test as a worker of xdist sends it: bytes, and read again."""
-    report = pytest.TestReport(f"tests/test_x.py::{place}", ("", 0, ""), {}, "passed", None, "call",
-                               user_properties=[("off", measured)])  # fmt: skip
+    report = pytest.TestReport(
+        f"tests/test_x.py::{place}",
+        ("", 0, ""),
+        {},
+        "passed",
+        None,
+        "call",
+        user_properties=[("off", measured)],
+    )
     mark = pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark
     item: Any = SimpleNamespace(stash={PLACE: place}, get_closest_marker={"hard_case": mark}.get)
     made = pytest_runtest_makereport(item)
@@ -60,12 +86,22 @@ def test_what_workers_report_is_written_in_the_order_of_the_tests(request, tmp_p
     catalogue.pytest_sessionfinish()
     rows = json.loads((tmp_path / "new" / "cases.json").read_text())
     assert [row["test"] for row in rows] == [f"tests/test_x.py::{k}" for k in range(3)]
-    assert rows[1] == {"area": AREAS[0], "case": "a", "elsewhere": "b", "here": "c", "unguarded": False,
-                       "test": "tests/test_x.py::1", "outcome": "passed", "measured": {"off": 1.0}}  # fmt: skip
+    assert rows[1] == {
+        "area": AREAS[0],
+        "case": "a",
+        "elsewhere": "b",
+        "here": "c",
+        "unguarded": False,
+        "test": "tests/test_x.py::1",
+        "outcome": "passed",
+        "measured": {"off": 1.0},
+    }
 
 
 def test_every_hard_case_of_this_run_is_on_the_page(request):
-    marks = [mark for item in request.session.items if (mark := item.get_closest_marker("hard_case"))]
+    marks = [
+        mark for item in request.session.items if (mark := item.get_closest_marker("hard_case"))
+    ]
     written = PAGE.read_text("utf-8")
     missing = {told(mark)["case"] for mark in marks if f"### {told(mark)['case']}\n" not in written}
     assert not missing, "make hard-cases"

@@ -20,7 +20,16 @@ if TYPE_CHECKING:
 
 
 NOT_ON_THE_HAND = {"scipy", "sklearn", "pandas", "onnx", "usb", "depthai", "matplotlib", "rich"}
-READS_PICKLE = {"pickle", "_pickle", "cPickle", "cloudpickle", "dill", "joblib", "marshal", "shelve"}
+READS_PICKLE = {
+    "pickle",
+    "_pickle",
+    "cPickle",
+    "cloudpickle",
+    "dill",
+    "joblib",
+    "marshal",
+    "shelve",
+}
 
 
 def wrong_directions(room: str) -> dict[str, set[str]]:
@@ -105,18 +114,25 @@ def lock_files() -> list[Path]:
 
 
 def requirement_names(requirements: list[str]) -> set[str]:
-    return {re.split(r"[^A-Za-z0-9_.-]", r.strip())[0].lower().replace("_", "-") for r in requirements}
+    return {
+        re.split(r"[^A-Za-z0-9_.-]", r.strip())[0].lower().replace("_", "-") for r in requirements
+    }
 
 
 def locked_names(lock: Path) -> set[str]:
-    return requirement_names([x for x in lock.read_text("utf-8").splitlines() if re.match(r"[A-Za-z0-9]", x)])
+    return requirement_names(
+        [x for x in lock.read_text("utf-8").splitlines() if re.match(r"[A-Za-z0-9]", x)]
+    )
 
 
 def test_no_lock_names_an_index_or_a_host():
     assert len(lock_files()) > 1
     address = re.compile(r"://|--(extra-)?index|--find-links|\w\.(org|com|net|io|dev)\b", re.I)
     lines = [
-        f"{lock.name}: {x}" for lock in lock_files() for x in lock.read_text("utf-8").splitlines() if address.search(x)
+        f"{lock.name}: {x}"
+        for lock in lock_files()
+        for x in lock.read_text("utf-8").splitlines()
+        if address.search(x)
     ]
     assert lines == []
 
@@ -132,7 +148,9 @@ def test_every_pin_in_every_lock_is_exact_and_hashed():
 def test_every_declared_dependency_is_locked():
     about = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     live = requirement_names(about["project"]["dependencies"])
-    extras = requirement_names([r for e in about["project"]["optional-dependencies"].values() for r in e])
+    extras = requirement_names(
+        [r for e in about["project"]["optional-dependencies"].values() for r in e]
+    )
     assert live == {"numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"}
     assert live <= locked_names(ROOT / "requirements/live.lock")
     dev = requirement_names(about["dependency-groups"]["dev"])
@@ -144,7 +162,8 @@ def test_every_declared_dependency_is_locked():
 def test_the_hand_is_locked_to_the_versions_that_are_tested():
     pin = re.compile(r"^[A-Za-z0-9]\S+==\S+", re.MULTILINE)
     live, dev = (
-        set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8"))) for name in ("live", "dev")
+        set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8")))
+        for name in ("live", "dev")
     )
     assert live
     assert live <= dev
@@ -153,12 +172,15 @@ def test_the_hand_is_locked_to_the_versions_that_are_tested():
 def test_the_demo_is_locked_to_a_part_of_what_is_tested_without_the_camera():
     pin = re.compile(r"^[A-Za-z0-9]\S+==\S+", re.MULTILINE)
     demo, dev = (
-        set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8"))) for name in ("demo", "dev")
+        set(pin.findall((ROOT / "requirements" / f"{name}.lock").read_text("utf-8")))
+        for name in ("demo", "dev")
     )
     assert demo < dev
     names = locked_names(ROOT / "requirements/demo.lock")
     assert not names & {"depthai", "pytest", "mypy", "atheris"}
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
+        "optional-dependencies"
+    ]
     assert requirement_names([*extras["train"], *extras["viz"]]) <= names
 
 
@@ -182,15 +204,29 @@ def test_every_error_stands_in_the_tree_and_below_its_parent() -> None:
         depth = len(bars) // 4
         path[depth:] = [name]
         drawn[name] = path[depth - 1] if depth else "Exception"
-    ours = [value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, Exception)]
-    assert drawn == {error.__name__: str(error.__base__.__name__ if error.__base__ else "") for error in ours}
+    ours = [
+        value
+        for value in vars(errors).values()
+        if isinstance(value, type) and issubclass(value, Exception)
+    ]
+    assert drawn == {
+        error.__name__: str(error.__base__.__name__ if error.__base__ else "") for error in ours
+    }
 
 
-def test_nothing_that_opens_a_model_leaves_telemetry_behind(tmp_path: Path, eight_classes: Built) -> None:
+def test_nothing_that_opens_a_model_leaves_telemetry_behind(
+    tmp_path: Path, eight_classes: Built
+) -> None:
     home = tmp_path / "home"
     home.mkdir()
-    clean = {key: value for key, value in os.environ.items() if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")}
+    clean = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
+    }
     for first in ("edge_runtime.monitor", "benchmarks.latency", "export.forest"):
         code = f"import {first}; from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
-        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, env={**clean, "HOME": str(home)})
+        subprocess.run(
+            [sys.executable, "-c", code], check=True, cwd=ROOT, env={**clean, "HOME": str(home)}
+        )
     assert list(home.rglob("*onnxruntime*")) == []

@@ -24,11 +24,15 @@ def test_the_readme_shows_the_real_output_of_the_demo(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert demo.main([]) == 0
-    shown = re.search(r"<!-- demo:.*?-->\n```text\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    shown = re.search(
+        r"<!-- demo:.*?-->\n```text\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
+    )
     assert shown is not None
     assert shown[1] == capsys.readouterr().out
     report = Path("build/demo/report.html").read_text("utf-8")
-    assert re.findall(r"<h3>(\S+/\S+)/trial_1 \(simulated\)", report) == re.findall(r"^\S+/\S+$", shown[1], re.M)
+    assert re.findall(r"<h3>(\S+/\S+)/trial_1 \(simulated\)", report) == re.findall(
+        r"^\S+/\S+$", shown[1], re.M
+    )
     assert report.count("<svg") == 3 + len(demo_trials.SHOWN)
 
 

@@ -25,7 +25,11 @@ def test_there_is_a_default_model():
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_a_released_file_is_the_one_its_card_describes(path):
     data, told = path.read_bytes(), json.loads(path.with_suffix(".json").read_text("utf-8"))
-    assert told["file"] == {"name": path.name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    assert told["file"] == {
+        "name": path.name,
+        "bytes": len(data),
+        "sha256": hashlib.sha256(data).hexdigest(),
+    }
     assert len(data) <= MOST_BYTES
     inside = Model(path).card.raw
     assert told["spec"] == inside["spec"]
@@ -35,13 +39,17 @@ def test_a_released_file_is_the_one_its_card_describes(path):
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
-def test_a_released_file_asks_to_act_in_pulls_of_an_object_it_never_met_and_leaves_most_hand_overs_alone(path):
+def test_a_released_file_asks_to_act_in_pulls_of_an_object_it_never_met_and_leaves_most_hand_overs_alone(
+    path,
+):
     model = Model(path)
     acted = {"pass": 0, "pull": 0}
     for action, first in (("pass", 0), ("pull", 60)):
         for trial in range(first, first + 6):
             url = f"sim://apple?seed=7&trial={trial}&rate_hz={model.card.rate_hz:g}"
-            source = open_source(url, channels=model.card.n_channels, preparation=model.card.preparation)
+            source = open_source(
+                url, channels=model.card.n_channels, preparation=model.card.preparation
+            )
             monitor = GripMonitor(model, None)
             acted[action] += any([monitor.feed(sample).act for sample in source])
     assert acted["pull"] == 6
@@ -71,7 +79,13 @@ print(resident_kib() - before)
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="only Linux tells")
 @pytest.mark.parametrize("steps", [20_000, pytest.param(10**6, marks=pytest.mark.soak)])
 def test_a_hand_that_goes_on_all_day_takes_no_more_memory(steps: int) -> None:
-    """Over a million steps half a byte a step would show; in a process of its own, as on the hand."""
+    """Over a million steps half a byte a step would show; in a process of its own, as on the
+    hand."""
     model = str(PLACE / "holdfast-150hz.onnx")
-    ran = subprocess.run([sys.executable, "-c", GROWTH, model, str(steps)], capture_output=True, text=True, check=True)
+    ran = subprocess.run(
+        [sys.executable, "-c", GROWTH, model, str(steps)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert int(ran.stdout) <= 512

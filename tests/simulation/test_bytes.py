@@ -1,8 +1,10 @@
-"""The bytes of a simulated set and of an exported graph stay the same, and a trial's do not depend on its batch.
+"""The bytes of a simulated set and of an exported graph stay the same, and a trial's do not depend
+on its batch.
 
-The digests hold for one lock: numpy's random streams, onnx's way of writing, the trees that scikit-learn grows. They
-are asked for on x86_64, where they were made; the mathematical library of another machine may round otherwise. After a
-change of pins or of the physics that is meant, put in what the failing test prints, and say so in the message.
+The digests hold for one lock: numpy's random streams, onnx's way of writing, the trees that
+scikit-learn grows. They are asked for on x86_64, where they were made; the mathematical library of
+another machine may round otherwise. After a change of pins or of the physics that is meant, put in
+what the failing test prints, and say so in the message.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ from simulation.scene import Scene
 from simulation.script import grid_of
 
 on_the_machine_they_are_of = pytest.mark.skipif(
-    platform.machine() != "x86_64" or not features["AVX512_SKX"], reason="the digests are of x86_64 with AVX-512"
+    platform.machine() != "x86_64" or not features["AVX512_SKX"],
+    reason="the digests are of x86_64 with AVX-512",
 )
 
 SETS = {"thesis": "67da88c21549a332", "broad": "1a6d74deef84a345"}
@@ -43,7 +46,9 @@ def digest_of(folder: Path) -> str:
     """Over the names and the bytes of all files."""
     found = hashlib.sha256()
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        found.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+        found.update(
+            path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0"
+        )
     return found.hexdigest()[:16]
 
 
@@ -65,11 +70,16 @@ def test_a_batch_that_short_trials_leave_gives_what_one_that_all_stay_in_gives(
     card: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = scene_of(card, 3)
-    trials = sorted(scene.trials(8), key=lambda trial: len(grid_of(trial, 150.0, scene.card.step_s).at_s))
+    trials = sorted(
+        scene.trials(8), key=lambda trial: len(grid_of(trial, 150.0, scene.card.step_s).at_s)
+    )
     some_leave = scene.run_together(trials)
     steps = [len(one.motion.at_s) for one in some_leave]
     assert max(steps) - min(steps) > run.CHUNK
     monkeypatch.setattr(run._Lanes, "leave", lambda lanes, count: None)
     for one, other in zip(some_leave, scene.run_together(trials), strict=True):
         for name in ("forces_n", "position_m", "agents_n", "gripped", "slips", "slides", "slip_m"):
-            assert np.array_equal(getattr(one.motion, name), getattr(other.motion, name)), (one.trial, name)
+            assert np.array_equal(getattr(one.motion, name), getattr(other.motion, name)), (
+                one.trial,
+                name,
+            )

@@ -1,4 +1,5 @@
-"""Frames of scenes: exact pictures of known tags at known places, drawn only where a card has a camera."""
+"""Frames of scenes: exact pictures of known tags at known places, drawn only where a card has a
+camera."""
 
 from __future__ import annotations
 
@@ -34,11 +35,16 @@ PICTURES = {
     0: ["..#.#.", "#...#.", "#..###", ".#.###", "#.#..#", "###.##"],
     1: ["..#..#", "#.#...", "....##", "#..###", ".#..#.", "##.##."],
 }
-"""Data cells, # black. Frames with them were answered with ids 0 and 1 by a detector not of ours."""
+"""Data cells, # black. Frames with them were answered with ids 0 and 1 by a detector not of
+ours."""
 
 
 def camera(**said: float) -> Camera:
-    numbers = {name: p.default for name, p in CAMERA.items()} | {"width_px": 160.0, "height_px": 90.0, "tag_mm": 6.0}
+    numbers = {name: p.default for name, p in CAMERA.items()} | {
+        "width_px": 160.0,
+        "height_px": 90.0,
+        "tag_mm": 6.0,
+    }
     return Camera(**(numbers | said))
 
 
@@ -54,7 +60,9 @@ def test_a_tag_is_six_by_six_cells_in_a_black_border_and_a_white_margin():
         assert whole.shape == (10, 10)
         assert whole.sum() - whole[1:9, 1:9].sum() == 36
         assert whole[1:9, 1:9].sum() == whole[2:8, 2:8].sum()
-        assert ["".join("#."[int(cell)] for cell in row) for row in whole[2:8, 2:8]] == PICTURES[tag]
+        assert ["".join("#."[int(cell)] for cell in row) for row in whole[2:8, 2:8]] == PICTURES[
+            tag
+        ]
 
 
 def test_two_tags_differ_by_the_family_s_distance_in_any_turn():
@@ -82,7 +90,11 @@ def test_a_tag_moves_exactly_as_far_as_it_is_moved(x_mm, z_mm, blur_px):
     def moments(moved_mm):
         light = one.draw(np.array(moved_mm), np.full(2, 1e6)) - GREY
         rows, columns = np.indices(light.shape) + 0.5
-        return light.sum(), (light * columns).sum() / light.sum(), (light * rows).sum() / light.sum()
+        return (
+            light.sum(),
+            (light * columns).sum() / light.sum(),
+            (light * rows).sum() / light.sum(),
+        )
 
     total, column_px, row_px = moments((0.0, 0.0))
     light, column_there_px, row_there_px = moments((x_mm, z_mm))
@@ -115,7 +127,9 @@ def test_a_moving_tag_is_smeared_over_its_exposure():
     moved[:, 2] = -0.05 * t_s
 
     def sharpness(exposure_ms):
-        _, shot = camera(exposure_ms=exposure_ms, blur_px=0.3).film(t_s, moved, 0 * moved, np.random.default_rng(0))
+        _, shot = camera(exposure_ms=exposure_ms, blur_px=0.3).film(
+            t_s, moved, 0 * moved, np.random.default_rng(0)
+        )
         return np.abs(np.diff(shot[10, :, 80:].astype(float), axis=0)).max()
 
     assert sharpness(16.0) < 0.7 * sharpness(0.1)
@@ -140,7 +154,9 @@ def test_a_card_with_a_camera_leaves_frames_of_the_object_s_motion(tmp_path):
     held = np.flatnonzero((time_s > 0.9) & (time_s < truth["load_onset_s"]))
     assert (frames[held, :, :100] == frames[held[0], :, :100]).all()
     first, middle = held[0], np.searchsorted(time_s, truth["contact_lost_s"])
-    fell_px = px_per_mm * np.interp(time_s[[first, middle]] - 1e-3, motion["Time"], motion["object_z_mm"])
+    fell_px = px_per_mm * np.interp(
+        time_s[[first, middle]] - 1e-3, motion["Time"], motion["object_z_mm"]
+    )
     right = [frames[k, :, 120:].astype(float) - GREY for k in (first, middle)]
     centres = [(light.sum(axis=1) * np.arange(120)).sum() / light.sum() for light in right]
     assert centres[0] - centres[1] == pytest.approx(fell_px[1] - fell_px[0], abs=0.3)
@@ -163,7 +179,9 @@ def test_the_same_card_and_seed_film_the_same_bytes(tmp_path):
 def test_a_camera_changes_no_force(tmp_path):
     for name, text in (("plain", CARD), ("filmed", FILMED)):
         write_set(scene(tmp_path, text), tmp_path / name)
-    plain, filmed = (next((tmp_path / name).rglob("trial_1.csv")).read_bytes() for name in ("plain", "filmed"))
+    plain, filmed = (
+        next((tmp_path / name).rglob("trial_1.csv")).read_bytes() for name in ("plain", "filmed")
+    )
     assert plain == filmed
 
 
@@ -174,7 +192,10 @@ def test_a_camera_changes_no_force(tmp_path):
         (FILMED + "lens = 3\n", ["camera", "lens", "not known", "px_per_mm"]),
         (FILMED + "fps = 1000\n", ["camera.fps", "1000", "1 to 255"]),
         (FILMED + "fps = 200\nexposure_ms = 8\n", ["camera.exposure_ms", "8", "5 ms"]),
-        (FILMED.replace("rate_hz = 60", "rate_hz = 60\njoin = 2"), ["record.join", "2", "single trials"]),
+        (
+            FILMED.replace("rate_hz = 60", "rate_hz = 60\njoin = 2"),
+            ["record.join", "2", "single trials"],
+        ),
     ],
 )
 def test_a_camera_that_cannot_be_is_refused_by_name(tmp_path, text, named):

@@ -1,4 +1,5 @@
-"""Effects of the loop: each obeys its law, none makes energy, and a lane is the same in any batch."""
+"""Effects of the loop: each obeys its law, none makes energy, and a lane is the same in any
+batch."""
 
 from __future__ import annotations
 
@@ -25,7 +26,9 @@ DEPTH_M = 5e-3
 ALONG = np.array([[0.0] * 6, [12e-3, -12e-3, 33e-3, 11e-3, -11e-3, -33e-3]])
 
 
-def make(name: str, lanes: int = 2, thing: str = "basket-ball", numbers: Any = None, **told: Any) -> Any:
+def make(
+    name: str, lanes: int = 2, thing: str = "basket-ball", numbers: Any = None, **told: Any
+) -> Any:
     """An effect for so many lanes; told: one value, or one for every lane."""
     numbers = range(lanes) if numbers is None else numbers
     trials = [SimpleNamespace(finger_n_per_m=FINGERS, thing=OBJECTS[thing]) for _ in numbers]
@@ -47,7 +50,8 @@ def body(
     damping_s: float = 0.0,
     loss_s: float = 2e-3,
 ) -> Body:
-    """Six fingers on something; per_m: its curvature, brush_n_per_m: over a finger's normal stiffness."""
+    """Six fingers on something; per_m: its curvature, brush_n_per_m: over a finger's normal
+    stiffness."""
     stiffness = np.repeat(FINGERS[:, None], lanes, axis=1)
     return Body(
         mass_kg=np.full(lanes, mass_kg),
@@ -78,7 +82,8 @@ def run(
     watch: Callable[[State], Any] = lambda state: None,
     state: State | None = None,
 ) -> tuple[State, FloatArray]:
-    """Step from rest (or a state) with shut fingers (or inputs of the time); what watch saw after every step."""
+    """Step from rest (or a state) with shut fingers (or inputs of the time); what watch saw after
+    every step."""
     lanes = len(what.mass_kg)
     state = at_rest(what, shut(lanes)) if state is None else state
     held = Inputs(shut(lanes))
@@ -90,7 +95,9 @@ def run(
     return state, np.array(seen)
 
 
-def carry(lanes: int = 2, speed_m_s: float = 0.0, t_s: float = 0.0, stiff: float = 1e5, share: float = 0.0) -> Pull:
+def carry(
+    lanes: int = 2, speed_m_s: float = 0.0, t_s: float = 0.0, stiff: float = 1e5, share: float = 0.0
+) -> Pull:
     """A person strong enough to lead the object along y."""
     to = np.outer([0.0, speed_m_s, 0.0], np.ones(lanes))
     one = np.ones(lanes)
@@ -112,10 +119,13 @@ def test_the_shares_of_a_brush_are_a_parabola_that_bears_everything(count: int) 
 def test_slip_begins_at_the_rim_of_a_brush_and_ends_in_its_middle() -> None:
     what = body(elements=5, gravity_m_s2=0.0)
     _, slides = run(
-        what, 5e-4, 1500, PhysicsEffects(),
+        what,
+        5e-4,
+        1500,
+        PhysicsEffects(),
         inputs=lambda t: Inputs(shut(), (carry(speed_m_s=0.01, t_s=t),)),
         watch=lambda state: state.slip_m_s[:, 0, 0] > 5e-3,
-    )  # fmt: skip
+    )
     first = slides.argmax(axis=0)
     assert slides.any(axis=0).all()
     assert (np.diff(first) < 0).all()
@@ -125,14 +135,19 @@ def test_slip_begins_at_the_rim_of_a_brush_and_ends_in_its_middle() -> None:
 
 
 @pytest.mark.parametrize(("speed_m_s", "wavelength_mm"), [(0.02, 1.0), (0.04, 1.0), (0.01, 0.5)])
-def test_a_slide_over_texture_vibrates_with_speed_over_wavelength(speed_m_s: float, wavelength_mm: float) -> None:
+def test_a_slide_over_texture_vibrates_with_speed_over_wavelength(
+    speed_m_s: float, wavelength_mm: float
+) -> None:
     what = body(gravity_m_s2=0.0, brush_n_per_m=50.0)  # stiff, or its stretch follows the sine late
     texture = make("texture", wavelength_mm=wavelength_mm, depth=0.2)
     _, shear_n = run(
-        what, 2e-4, 6000, PhysicsEffects(textures=(texture,)),
+        what,
+        2e-4,
+        6000,
+        PhysicsEffects(textures=(texture,)),
         inputs=lambda t: Inputs(shut(), (carry(speed_m_s=speed_m_s, t_s=t),)),
         watch=lambda state: what.brush_n_per_m[0, 0, 0] * state.stretch_m[0, 0, 0, 0],
-    )  # fmt: skip
+    )
     steady = shear_n[-5000:]  # one second: a bin is a hertz
     tone = np.abs(np.fft.rfft(steady - steady.mean())) * 2.0 / len(steady)
     assert tone.argmax() == pytest.approx(speed_m_s / (1e-3 * wavelength_mm), abs=1.0)
@@ -153,7 +168,12 @@ def test_a_held_finger_relaxes_with_the_time_constant_of_its_silicone() -> None:
     lag = make("lag", ratio=0.4, time_s=time_s)
     state = at_rest(what, shut(depth_m=0.0))
     _, normal_n = run(
-        what, dt_s, 3000, PhysicsEffects(lags=(lag,)), watch=lambda state: state.normal_n[:, 0].copy(), state=state
+        what,
+        dt_s,
+        3000,
+        PhysicsEffects(lags=(lag,)),
+        watch=lambda state: state.normal_n[:, 0].copy(),
+        state=state,
     )
     t_s = dt_s * np.arange(1, 3001)[:, None]
     expected = FINGERS * DEPTH_M * (1.0 + 0.4 * np.exp(-t_s / time_s))
@@ -165,10 +185,13 @@ def test_pressing_in_and_out_loses_what_a_standard_solid_loses() -> None:
     omega, swing_m, ratio = 2.0 * np.pi * 2.0, 1e-3, 0.4
     lag = make("lag", ratio=ratio, time_s=time_s)
     _, seen = run(
-        what, dt_s, 10000, PhysicsEffects(lags=(lag,)),
+        what,
+        dt_s,
+        10000,
+        PhysicsEffects(lags=(lag,)),
         inputs=lambda t: Inputs(shut(depth_m=DEPTH_M + swing_m * np.sin(omega * t))),
         watch=lambda state: (state.normal_n[:, 0].copy(), state.depth_m[:, 0].copy()),
-    )  # fmt: skip
+    )
     force, depth = seen[-2501:, 0], seen[-2501:, 1]  # one turn of 0.5 s
     lost_j = (0.5 * (force[1:] + force[:-1]) * np.diff(depth, axis=0)).sum(axis=0)
     expected = np.pi * ratio * FINGERS * swing_m**2 * omega * time_s / (1.0 + (omega * time_s) ** 2)
@@ -186,14 +209,17 @@ def test_a_finger_that_left_remembers_nothing() -> None:
 
 @pytest.mark.parametrize("dt_s", [1e-4, 8e-4, 5e-3])
 def test_a_branch_that_never_relaxes_is_a_stiffer_finger_while_the_hand_closes(dt_s: float) -> None:
-    reach = np.array([1.0, 1.0, 0.2, 0.2, 0.2, 0.2])[:, None] * np.ones(2)  # the thumb pushes the object aside
+    # the thumb pushes the object aside
+    reach = np.array([1.0, 1.0, 0.2, 0.2, 0.2, 0.2])[:, None] * np.ones(2)
 
     def closing(t_s: float) -> Inputs:
         return Inputs(min(t_s / 0.4, 1.0) * reach * (DEPTH_M + 1e-3) - 1e-3)
 
     def place_m(what: Body, effects: PhysicsEffects) -> FloatArray:
         start = at_rest(what, closing(0.0).closure_m)
-        return run(what, dt_s, int(0.5 / dt_s), effects, closing, lambda s: s.position_m[0].copy(), start)[1]
+        return run(
+            what, dt_s, int(0.5 / dt_s), effects, closing, lambda s: s.position_m[0].copy(), start
+        )[1]
 
     soft = body(gravity_m_s2=0.0, damping_s=2e-3)
     stiff = replace(soft, stiffness_n_per_m=1.4 * soft.stiffness_n_per_m)
@@ -245,7 +271,9 @@ def test_a_weight_on_a_pivot_swings_as_a_pendulum() -> None:
     what = body(at_m=np.zeros((2, 6)), brush_n_per_m=1000.0, loss_s=0.0)
     rotation = make("rotation", offset_y_mm=0.0, offset_z_mm=-50.0)
     rotation.angle[:] = 0.05
-    _, angle = run(what, 5e-4, 6000, PhysicsEffects(turns=(rotation,)), watch=lambda _: rotation.angle[0])
+    _, angle = run(
+        what, 5e-4, 6000, PhysicsEffects(turns=(rotation,)), watch=lambda _: rotation.angle[0]
+    )
     falling = np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))
     assert len(falling) > 3
     inertia_m2 = gyration_m2(OBJECTS["basket-ball"]) + 0.05**2
@@ -298,7 +326,9 @@ def test_an_arm_comes_to_rest_where_its_motion_says(count: int) -> None:
     for lane in range(2):
         assert np.allclose(place[:, :, lane], arm.motion_m(t_s, lane), atol=1e-5)
     assert np.linalg.norm(place[-1], axis=0) == pytest.approx(0.2 * (count % 2), abs=1e-5)
-    assert np.linalg.norm(acceleration, axis=1).max() == pytest.approx(10.0 / np.sqrt(3.0) * 0.2 / 0.8**2, rel=1e-3)
+    assert np.linalg.norm(acceleration, axis=1).max() == pytest.approx(
+        10.0 / np.sqrt(3.0) * 0.2 / 0.8**2, rel=1e-3
+    )
 
 
 def test_an_arm_asks_for_fine_steps_in_every_movement_and_only_there() -> None:
@@ -316,7 +346,9 @@ def test_an_arm_asks_for_fine_steps_in_every_movement_and_only_there() -> None:
 def test_a_tremor_trembles_at_its_frequency(frequency_hz: float) -> None:
     tremor = make("tremor", lanes=20, frequency_hz=frequency_hz, amplitude_m_s2=0.5)
     values = over(tremor, 2e-3 * np.arange(20000), lanes=20)
-    power = (np.abs(np.fft.rfft(values * np.hanning(20000)[:, None, None], axis=0)) ** 2).sum(axis=1)
+    power = (np.abs(np.fft.rfft(values * np.hanning(20000)[:, None, None], axis=0)) ** 2).sum(
+        axis=1
+    )
     bins_hz = np.fft.rfftfreq(20000, 2e-3)
     near = (bins_hz > 0.84 * frequency_hz) & (bins_hz < 1.16 * frequency_hz)
     assert (power[near].sum(axis=0) > 0.999 * power.sum(axis=0)).all()
@@ -332,7 +364,9 @@ def test_a_knock_gives_a_free_object_its_impulse(peak: float, lasts_s: float) ->
     what = body(gravity_m_s2=0.0)
     open_hand = Inputs(shut(depth_m=-1.0))
     state, _ = run(what, 1e-4, 1500, PhysicsEffects(shakes=(knock,)), inputs=lambda t: open_hand)
-    assert np.linalg.norm(state.velocity_m_s, axis=0) == pytest.approx(2.0 / np.pi * peak * lasts_s, rel=1e-3)
+    assert np.linalg.norm(state.velocity_m_s, axis=0) == pytest.approx(
+        2.0 / np.pi * peak * lasts_s, rel=1e-3
+    )
     ((start, stop),) = knock.busy_s(0)
     assert start <= 0.05
     assert stop >= 0.05 + lasts_s
@@ -354,9 +388,12 @@ def held_j(what: Body, state: State, rotation: Rotation, lag: Lag) -> FloatArray
 
 
 def gains_j(step_s: float, elements: int, lagging: bool) -> tuple[FloatArray, FloatArray]:
-    """[K, B] what every step added to the energy of a kicked object nobody touches but the hand; and what was left."""
+    """[K, B] what every step added to the energy of a kicked object nobody touches but the hand;
+    and what was left."""
     lanes, rng = 16, np.random.default_rng(3)
-    what = body(lanes, elements, per_m=1.0 / 0.03, damping_s=2e-3, gravity_m_s2=2.0, at_m=0.2 * ALONG)
+    what = body(
+        lanes, elements, per_m=1.0 / 0.03, damping_s=2e-3, gravity_m_s2=2.0, at_m=0.2 * ALONG
+    )
     lag, texture = make("lag", lanes), make("texture", lanes)
     rotation = make("rotation", lanes, offset_y_mm={"uniform": [-30, 30]})
     effects = PhysicsEffects(textures=(texture,), lags=(lag,) if lagging else (), turns=(rotation,))
@@ -368,7 +405,8 @@ def gains_j(step_s: float, elements: int, lagging: bool) -> tuple[FloatArray, Fl
         dt_s = step_s * 10.0 ** rng.uniform(-0.5, 0.0, lanes)
         step(what, state, Inputs(shut(lanes)), dt_s, dt_s, effects)
         energy.append(held_j(what, state, rotation, lag))
-        gripped.append((state.normal_n > 0.0).any(axis=0))  # a weight that nobody holds is not turned by it
+        # a weight that nobody holds is not turned by it
+        gripped.append((state.normal_n > 0.0).any(axis=0))
     return np.where(gripped, np.diff(energy, axis=0), 0.0), np.array(energy)
 
 
@@ -393,7 +431,9 @@ def all_of(numbers: list[int]) -> tuple[PhysicsEffects, Rotation]:
     told: Mapping[str, Any] = {"at_s": 0.1}
     made = {name: make(name, numbers=numbers, **told) for name in LOOP_EFFECTS if name != "brush"}
     shakes = tuple(made[name] for name in ("arm", "tremor", "knock"))
-    return PhysicsEffects(shakes, (made["texture"],), (made["lag"],), (made["rotation"],)), made["rotation"]
+    return PhysicsEffects(shakes, (made["texture"],), (made["lag"],), (made["rotation"],)), made[
+        "rotation"
+    ]
 
 
 def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
@@ -402,10 +442,16 @@ def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
         effects, rotation = all_of(numbers)
         what = body(len(numbers), 5, per_m=1.0 / 0.03, damping_s=2e-3, mass_kg=0.2)
         state, _ = run(what, 1e-3, 600, effects)
-        ends.append({
-            number: (state.position_m[:, k].tobytes(), state.stretch_m[..., k].tobytes(), rotation.angle[k])
-            for k, number in enumerate(numbers)
-        })  # fmt: skip
+        ends.append(
+            {
+                number: (
+                    state.position_m[:, k].tobytes(),
+                    state.stretch_m[..., k].tobytes(),
+                    rotation.angle[k],
+                )
+                for k, number in enumerate(numbers)
+            }
+        )
     assert ends[0][3] == ends[1][3] == ends[2][3]
     assert ends[0][5] == ends[1][5] == ends[2][5]
     assert ends[0][2] == ends[2][2]

@@ -1,4 +1,5 @@
-"""Cards: read like an experiment, checked to the last key, and nothing on them that does not run."""
+"""Cards: read like an experiment, checked to the last key, and nothing on them that does not
+run."""
 
 from __future__ import annotations
 
@@ -50,7 +51,10 @@ def test_a_participant_does_five_objects_three_actions_three_times():
 
 
 def test_a_new_card_needs_no_code(tmp_path):
-    text = '[objects.pear]\nmass_g = 180\nradius_mm = 32\naxial_radius_mm = 50\nfriction = 0.5\n' + PLAIN
+    text = (
+        "[objects.pear]\nmass_g = 180\nradius_mm = 32\naxial_radius_mm = 50\nfriction = 0.5\n"
+        + PLAIN
+    )
     trials = Scene(read_card(card(tmp_path, text.replace("soft-ball", "pear"))), 0).trials()
     assert [trial.thing.mass_g for trial in trials] == [180.0]
 
@@ -68,16 +72,28 @@ def test_a_new_card_needs_no_code(tmp_path):
         (PLAIN + "count = 1.5\n", ["trials[0].count", "1.5", "whole number"]),
         (PLAIN + "[effects.magic]\n", ["magic", "not known", "hall_noise"]),
         (PLAIN + "[effects.brush]\nnumber = 3\n", ["effects.brush", "number", "count"]),
-        (PLAIN + "[effects.hall_noise]\n", ["effects.hall_noise", "only together with [effects.dipole]"]),
-        (PLAIN + "[effects.camera_frames]\n", ["effects.camera_frames", "only together with [camera]"]),
+        (
+            PLAIN + "[effects.hall_noise]\n",
+            ["effects.hall_noise", "only together with [effects.dipole]"],
+        ),
+        (
+            PLAIN + "[effects.camera_frames]\n",
+            ["effects.camera_frames", "only together with [camera]"],
+        ),
         (PLAIN + '[record]\nunit = "uT"\n', ["record.unit", "uT", "dipole"]),
         (PLAIN + '[record]\nunit = "lb"\n', ["record.unit", "lb", "N or uT"]),
-        (PLAIN + "[record]\nrate_hz = 1000\n[effects.averaging]\n", ["record.rate_hz", "1000", "412 Hz"]),
+        (
+            PLAIN + "[record]\nrate_hz = 1000\n[effects.averaging]\n",
+            ["record.rate_hz", "1000", "412 Hz"],
+        ),
         (PLAIN + "[record]\nrate_hz = 10\n", ["record.rate_hz", "10", "40 to 10000"]),
-        (PLAIN + "[physics]\nstep_s = 0.01\n[effects.texture]\n", ["physics.step_s", "0.01", "0.001 s"]),
+        (
+            PLAIN + "[physics]\nstep_s = 0.01\n[effects.texture]\n",
+            ["physics.step_s", "0.01", "0.001 s"],
+        ),
         (PLAIN + "[objects.stone]\nmass_g = -3\n", ["objects.stone.mass_g", "-3", "0.1 to 5000 g"]),
         (
-            '[objects.lead]\nmass_g = 5000\nfriction = 0.3\n' + PLAIN.replace("soft-ball", "lead"),
+            "[objects.lead]\nmass_g = 5000\nfriction = 0.3\n" + PLAIN.replace("soft-ball", "lead"),
             ["trials[0].objects", "lead", "70 N"],
         ),
         ("title = 3", ["trials", "at least one"]),
@@ -86,9 +102,11 @@ def test_a_new_card_needs_no_code(tmp_path):
     ],
 )
 @pytest.mark.hard_case(
-    "What comes from outside", "a scene card that says what cannot be",
-    elsewhere="an unknown key is ignored, and the default runs", here="refused: key, value, and what is allowed",
-)  # fmt: skip
+    "What comes from outside",
+    "a scene card that says what cannot be",
+    elsewhere="an unknown key is ignored, and the default runs",
+    here="refused: key, value, and what is allowed",
+)
 def test_a_card_that_cannot_be_is_refused_in_one_line(tmp_path, text, named):
     with pytest.raises(CardError) as error:
         read_card(card(tmp_path, text))
@@ -109,7 +127,9 @@ def test_styles_say_only_what_actions_know():
     for style in tomllib.loads(STYLES.read_text("utf-8")).values():
         for action, told in style.items():
             table = COMMON if action == "all" else COMMON | ACTIONS[action]
-            assert {name: table[name].problem(value) for name, value in told.items()} == dict.fromkeys(told)
+            assert {
+                name: table[name].problem(value) for name, value in told.items()
+            } == dict.fromkeys(told)
 
 
 def test_every_effect_has_a_default_that_is_allowed():

@@ -1,4 +1,5 @@
-"""Hands with more contacts than the thesis': the same physics, more places to feel it, nobody else's bytes moved."""
+"""Hands with more contacts than the thesis': the same physics, more places to feel it, nobody
+else's bytes moved."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ def told(tmp_path: Path, text: str) -> list[SimulatedTrial]:
 
 
 def even(trial: Trial, hand: Hand, digits: np.ndarray) -> Trial:
-    """The trial with all fingers alike and at the apex, so that only the number of their contacts differs."""
+    """The trial with all fingers alike and at the apex, so that only the number of their contacts
+    differs."""
     share = hand.part / np.array([2.0, 4.0])[np.where(digits > 0, 1, 0)]
     at_m = np.zeros((2, len(digits)))
     return replace(trial, hand=hand, finger_n_per_m=600.0 * hand.part, share=share, at_m=at_m)
@@ -78,7 +80,8 @@ def test_a_card_that_says_the_default_hand_gives_the_same_bytes(tmp_path):
 
 
 def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
-    """Its places bear together what the finger on one bore, and the object moves alike, through slip and all."""
+    """Its places bear together what the finger on one bore, and the object moves alike, through
+    slip and all."""
     made = scene(tmp_path, ROWS)
     loop = Loop(60.0, made.card.step_s, made.pressure)
     motions = [

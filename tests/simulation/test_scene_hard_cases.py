@@ -1,4 +1,5 @@
-"""The core of a scene where simulators break: at the cone's edge, without mass, friction or force, stiff, hit."""
+"""The core of a scene where simulators break: at the cone's edge, without mass, friction or force,
+stiff, hit."""
 
 from __future__ import annotations
 
@@ -22,9 +23,17 @@ EVERY_STEP = pytest.mark.parametrize("dt_s", [1e-6, 1e-3, 1.0])
 
 
 def at_the_edge(load_n: float) -> tuple[Body, State, np.ndarray]:
-    """Six contacts stretched to their limits, 8 N together, and a load along the axis; powers of two throughout."""
-    held = body(2, mass_kg=0.25, stiffness=512.0, friction=0.5, kinetic=0.25, elements=1,
-                gravity=(0.0, 0.0, load_n / 0.25))  # fmt: skip
+    """Six contacts stretched to their limits, 8 N together, and a load along the axis; powers of
+    two throughout."""
+    held = body(
+        2,
+        mass_kg=0.25,
+        stiffness=512.0,
+        friction=0.5,
+        kinetic=0.25,
+        elements=1,
+        gravity=(0.0, 0.0, load_n / 0.25),
+    )
     closure = closed(held, 8.0)
     state = at_rest(held, closure)
     state.normal_n = held.stiffness_n_per_m * closure
@@ -34,12 +43,15 @@ def at_the_edge(load_n: float) -> tuple[Body, State, np.ndarray]:
 
 
 @pytest.mark.hard_case(
-    AREA, "stick exactly at the cone's edge",
+    AREA,
+    "stick exactly at the cone's edge",
     elsewhere="rounding decides whether it slips, and another step decides otherwise",
     here="at the limit it sticks, at any step and but for the last bit; a thousandth more slips",
-)  # fmt: skip
+)
 @EVERY_STEP
-def test_at_the_limit_nothing_moves_below_it_nothing_slips_and_beyond_it_slides(dt_s, record_property):
+def test_at_the_limit_nothing_moves_below_it_nothing_slips_and_beyond_it_slides(
+    dt_s, record_property
+):
     moved_m, slipped_m = after(8.0, dt_s)
     record_property("moved_m", moved_m)
     assert max(moved_m, slipped_m) < 1e-14
@@ -58,9 +70,11 @@ def after(load_n: float, dt_s: float) -> tuple[float, float]:
 
 
 @pytest.mark.hard_case(
-    AREA, "zero friction", elsewhere="the ratio of shear to limit is nought by nought",
+    AREA,
+    "zero friction",
+    elsewhere="the ratio of shear to limit is nought by nought",
     here="nothing holds, nothing shears: it falls freely between the fingers",
-)  # fmt: skip
+)
 @EVERY_STEP
 def test_without_friction_it_falls_freely_between_pressing_fingers(dt_s):
     held = replace(body(friction=0.0, kinetic=0.0), straight_m=np.full(2, 1e9))
@@ -73,9 +87,11 @@ def test_without_friction_it_falls_freely_between_pressing_fingers(dt_s):
 
 
 @pytest.mark.hard_case(
-    AREA, "zero normal force", elsewhere="the direction of a force of no length is not a number",
+    AREA,
+    "zero normal force",
+    elsewhere="the direction of a force of no length is not a number",
     here="who only touches carries nothing",
-)  # fmt: skip
+)
 @EVERY_STEP
 def test_fingers_that_only_touch_carry_nothing(dt_s):
     held = replace(body(), straight_m=np.full(2, 1e9))
@@ -93,16 +109,24 @@ def test_fingers_that_only_touch_carry_nothing(dt_s):
 
 
 @pytest.mark.hard_case(
-    AREA, "friction above one", elsewhere="a pyramid or a clipped coefficient lets go at one",
+    AREA,
+    "friction above one",
+    elsewhere="a pyramid or a clipped coefficient lets go at one",
     here="silicone at 1.7 holds more weight than it is pressed with",
-)  # fmt: skip
+)
 @pytest.mark.parametrize(("share", "holds"), [(0.9, True), (1.1, False)])
 def test_silicone_that_sticks_by_more_than_it_is_pressed(share, holds):
     held = body(friction=1.7, kinetic=1.5)
     closure = closed(held, 0.2 * G / (2 * 1.7 * share))
     state = at_rest(held, closure)
-    state.stretch_m[1] = -1.7 * share * held.pressure * held.stiffness_n_per_m * closure / held.brush_n_per_m * (
-        1.0 if holds else 0.0
+    state.stretch_m[1] = (
+        -1.7
+        * share
+        * held.pressure
+        * held.stiffness_n_per_m
+        * closure
+        / held.brush_n_per_m
+        * (1.0 if holds else 0.0)
     )
     state.brush_j = core.brush_j(held, state)
     go(held, state, Inputs(closure), 1e-3, 1500)
@@ -112,9 +136,11 @@ def test_silicone_that_sticks_by_more_than_it_is_pressed(share, holds):
 
 
 @pytest.mark.hard_case(
-    AREA, "zero mass", elsewhere="a force on nothing accelerates it beyond all numbers",
+    AREA,
+    "zero mass",
+    elsewhere="a force on nothing accelerates it beyond all numbers",
     here="a card takes no object under a tenth of a gram, and the core is stable at that",
-)  # fmt: skip
+)
 def test_an_object_without_mass_is_refused_and_a_tenth_of_a_gram_is_held(tmp_path: Path):
     text = '[objects.air]\nmass_g = 0\n[[trials]]\nobjects = ["air"]\naction = "pull"\n'
     (tmp_path / "mine.toml").write_text(text)
@@ -128,9 +154,12 @@ def test_an_object_without_mass_is_refused_and_a_tenth_of_a_gram_is_held(tmp_pat
 
 
 @pytest.mark.hard_case(
-    AREA, "zero mass", elsewhere="a force on nothing accelerates it beyond all numbers",
-    here="a card takes no object under a tenth of a gram, and the core is stable at that", unguarded=True,
-)  # fmt: skip
+    AREA,
+    "zero mass",
+    elsewhere="a force on nothing accelerates it beyond all numbers",
+    here="a card takes no object under a tenth of a gram, and the core is stable at that",
+    unguarded=True,
+)
 def test_without_mass_and_without_contact_the_core_leaves_the_numbers():
     held = body(mass_kg=0.0)
     state = at_rest(held, np.full((6, 2), -0.03))
@@ -141,9 +170,11 @@ def test_without_mass_and_without_contact_the_core_leaves_the_numbers():
 
 
 @pytest.mark.hard_case(
-    AREA, "517 g on one finger", elsewhere="the load of an overdetermined grip is spread by least squares, for ever",
+    AREA,
+    "517 g on one finger",
+    elsewhere="the load of an overdetermined grip is spread by least squares, for ever",
     here="thumb and index alone carry the full bottle, and let go where they cannot",
-)  # fmt: skip
+)
 @pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.3, False)])
 def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(share, holds, record_property):
     held = replace(body(mass_kg=0.5173, stiffness=2000.0), straight_m=np.full(2, 0.2))
@@ -170,9 +201,11 @@ def test_the_full_bottle_hangs_on_one_finger_and_the_thumb(share, holds, record_
 
 
 @pytest.mark.hard_case(
-    AREA, "a contact ten thousand times stiffer", elsewhere="an explicit step is stable only below 2 sqrt(m / k)",
+    AREA,
+    "a contact ten thousand times stiffer",
+    elsewhere="an explicit step is stable only below 2 sqrt(m / k)",
     here="one implicit step, stable at any; it holds what the soft contact holds",
-)  # fmt: skip
+)
 @EVERY_STEP
 @pytest.mark.parametrize("stiffness", [600.0, 6e6])
 def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(stiffness, dt_s, record_property):
@@ -193,9 +226,12 @@ def test_a_stiff_contact_holds_and_neither_rings_nor_gains_energy(stiffness, dt_
 
 
 @pytest.mark.hard_case(
-    AREA, "a contact ten thousand times stiffer", elsewhere="an explicit step is stable only below 2 sqrt(m / k)",
-    here="one implicit step, stable at any; it holds what the soft contact holds", unguarded=True,
-)  # fmt: skip
+    AREA,
+    "a contact ten thousand times stiffer",
+    elsewhere="an explicit step is stable only below 2 sqrt(m / k)",
+    here="one implicit step, stable at any; it holds what the soft contact holds",
+    unguarded=True,
+)
 def test_an_explicit_step_on_the_same_contact_leaves_the_numbers(record_property):
     position_m, velocity_m_s, steps = 1e-6, 0.0, 0
     while abs(position_m) < 1e6 and steps < 300:
@@ -206,8 +242,11 @@ def test_an_explicit_step_on_the_same_contact_leaves_the_numbers(record_property
     assert steps < 20
 
 
-def fallen_on(box: Floor, speed_m_s: float, dt_s: float, mass_kg: float, steps: int) -> list[tuple[float, float]]:
-    """(momentum gained, momentum given) in each step, kg m/s; fingers away, from 1 cm above the box."""
+def fallen_on(
+    box: Floor, speed_m_s: float, dt_s: float, mass_kg: float, steps: int
+) -> list[tuple[float, float]]:
+    """(momentum gained, momentum given) in each step, kg m/s; fingers away, from 1 cm above the
+    box."""
     held = body(mass_kg=mass_kg)
     state = at_rest(held, np.full((6, 2), -1.0))
     state.velocity_m_s[2] = -speed_m_s
@@ -222,12 +261,16 @@ def fallen_on(box: Floor, speed_m_s: float, dt_s: float, mass_kg: float, steps: 
 
 
 @pytest.mark.hard_case(
-    AREA, "an impact at high speed", elsewhere="a deep first step, and the spring throws it back faster than it came",
+    AREA,
+    "an impact at high speed",
+    elsewhere="a deep first step, and the spring throws it back faster than it came",
     here="never faster than it came, and momentum is what box and weight have given, in every step",
-)  # fmt: skip
+)
 @settings(max_examples=40)
 @given(
-    st.floats(0.1, 30.0), st.floats(-6.0, 0.0).map(lambda power: 10.0**power), st.sampled_from([0.0151, 0.5173])
+    st.floats(0.1, 30.0),
+    st.floats(-6.0, 0.0).map(lambda power: 10.0**power),
+    st.sampled_from([0.0151, 0.5173]),
 )
 def test_an_object_thrown_at_a_box_obeys_the_balance_of_momentum(speed_m_s, dt_s, mass_kg):
     box = Floor(4e3, 40.0, 300.0, np.full(2, -0.01), np.full(2, 1e6))

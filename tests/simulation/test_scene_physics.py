@@ -1,4 +1,5 @@
-"""The core of a scene: stable at any step, exact where it sticks, right where there is a closed form."""
+"""The core of a scene: stable at any step, exact where it sticks, right where there is a closed
+form."""
 
 from __future__ import annotations
 
@@ -10,7 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulation import core
-from simulation.core import SIDE, Body, Floor, Inputs, Pull, State, at_rest, offset_m, recess_m, step
+from simulation.core import (
+    SIDE,
+    Body,
+    Floor,
+    Inputs,
+    Pull,
+    State,
+    at_rest,
+    offset_m,
+    recess_m,
+    step,
+)
 from simulation.loop.brush import pressure
 
 G = 9.81
@@ -94,8 +106,16 @@ any_step = {
 
 @pytest.mark.hard_case(AREA, "any step", **any_step)
 @settings(max_examples=60)
-@given(hard, steps_s, st.sampled_from([0.0, 0.5, 20.0]), st.sampled_from([0.0, 0.3, 10.0]), st.integers(0, 99))
-def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_leaves_the_numbers(kind, dt_s, grip_n, speed, seed):
+@given(
+    hard,
+    steps_s,
+    st.sampled_from([0.0, 0.5, 20.0]),
+    st.sampled_from([0.0, 0.3, 10.0]),
+    st.integers(0, 99),
+)
+def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_leaves_the_numbers(
+    kind, dt_s, grip_n, speed, seed
+):
     held = body(16, **{**kind, "kinetic": 0.8 * kind["friction"]})
     rng = np.random.default_rng(seed)
     closure = closed(held, grip_n) * rng.uniform(0.0, 2.0, (6, 16))
@@ -172,9 +192,11 @@ def test_a_held_object_does_not_creep_in_a_million_steps():
 
 
 @pytest.mark.hard_case(
-    AREA, "balance of weight", elsewhere="forces are reported that do not add up to what is held",
+    AREA,
+    "balance of weight",
+    elsewhere="forces are reported that do not add up to what is held",
     here="shear, squeeze and normals of all contacts are the weight",
-)  # fmt: skip
+)
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -G), (3.0, 2.0, -9.0)])
 def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     held = body(gravity=gravity)
@@ -196,7 +218,9 @@ def test_an_object_nobody_holds_falls_freely():
     assert state.position_m[2] == pytest.approx(np.full(2, -0.5 * G * 0.04), rel=0.01)
 
 
-def pulled(held: Body, closure: np.ndarray, force_n: float, steps: int, dt_s: float = 2e-4) -> State:
+def pulled(
+    held: Body, closure: np.ndarray, force_n: float, steps: int, dt_s: float = 2e-4
+) -> State:
     """A constant force along the axis of a cylinder, from rest."""
     gravity = held.gravity_m_s2.copy()
     gravity[2] = force_n / held.mass_kg
@@ -225,9 +249,11 @@ def test_a_slow_load_slips_at_the_static_limit_and_not_before():
 
 
 @pytest.mark.hard_case(
-    AREA, "a curved object", elsewhere="the normal falls with the way, and the push that belongs to it is left out",
+    AREA,
+    "a curved object",
+    elsewhere="the normal falls with the way, and the push that belongs to it is left out",
     here="both are there, and energy is kept",
-)  # fmt: skip
+)
 def test_on_a_ball_the_normal_falls_and_squeezes_and_on_a_cylinder_it_does_not():
     moved = np.array([[0.0, 0.0], [0.004, 0.004]])
     for ball in (True, False):
@@ -244,7 +270,9 @@ def test_on_a_ball_the_normal_falls_and_squeezes_and_on_a_cylinder_it_does_not()
     go(held, state, Inputs(closure), 1e-5, 1)
     normal = (closure - 0.004**2 / 0.06) * 600.0
     assert state.normal_n == pytest.approx(normal, rel=1e-3)
-    assert state.velocity_m_s[2] * 0.2 / 1e-5 == pytest.approx((normal * 0.004 / 0.03).sum(axis=0), rel=1e-3)
+    assert state.velocity_m_s[2] * 0.2 / 1e-5 == pytest.approx(
+        (normal * 0.004 / 0.03).sum(axis=0), rel=1e-3
+    )
 
 
 def test_a_box_ends_up_with_the_whole_weight():
@@ -275,23 +303,31 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
     """When the fingers have slipped 1 mm under a load that grows by 150 N/s."""
     held = body(len(grips_n), gravity=(0.0, 0.0, 0.0), kinetic=0.6)
     closure = closed(held, grips_n)
-    state, found, travel = at_rest(held, closure), np.full(len(grips_n), np.nan), np.zeros(len(grips_n))
+    state, found, travel = (
+        at_rest(held, closure),
+        np.full(len(grips_n), np.nan),
+        np.zeros(len(grips_n)),
+    )
     for k in range(round(0.25 / dt_s)):
         now = (k + 1) * dt_s
         held.gravity_m_s2[2] = 150.0 * now / held.mass_kg
         go(held, state, Inputs(closure), dt_s, 1)
         slipped = state.slip_m_s.mean(axis=(0, 1)) * dt_s
         crosses = np.isnan(found) & (travel + slipped >= 1e-3)
-        found = np.where(crosses, now - dt_s * (travel + slipped - 1e-3) / np.maximum(slipped, 1e-12), found)
+        found = np.where(
+            crosses, now - dt_s * (travel + slipped - 1e-3) / np.maximum(slipped, 1e-12), found
+        )
         travel = travel + slipped
     assert np.isfinite(found).all()
     return found
 
 
 @pytest.mark.hard_case(
-    AREA, "accuracy of the step", elsewhere="a step is called fine because nothing explodes",
+    AREA,
+    "accuracy of the step",
+    elsewhere="a step is called fine because nothing explodes",
     here="the error of the slip time is known: of first order in the step",
-)  # fmt: skip
+)
 def test_slip_time_is_first_order_in_the_step():
     grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 40)
     reference = slip_time_s(2e-5, grips_n)

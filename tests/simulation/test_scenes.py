@@ -1,4 +1,5 @@
-"""Scenes: what a simulated trial leaves behind, and that nothing runs that the card does not name."""
+"""Scenes: what a simulated trial leaves behind, and that nothing runs that the card does not
+name."""
 
 from __future__ import annotations
 
@@ -80,8 +81,12 @@ def test_events_come_in_their_order(core):
         if one.trial.action in ("pull", "fall"):
             truth = one.truth
             times = [
-                truth.contact_s, truth.load_onset_s, truth.incipient_slip_s, truth.gross_slip_s, truth.contact_lost_s
-            ]  # fmt: skip
+                truth.contact_s,
+                truth.load_onset_s,
+                truth.incipient_slip_s,
+                truth.gross_slip_s,
+                truth.contact_lost_s,
+            ]
             assert None not in times
             assert times == sorted(times)
 
@@ -99,7 +104,9 @@ def test_held_fingers_carry_the_weight_and_press_against_each_other(core):
     assert np.linalg.norm(one.signal.values[held, :, :2], axis=1).sum() > 0.0
 
 
-def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(tmp_path, core, monkeypatch):
+def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(
+    tmp_path, core, monkeypatch
+):
     called: list[str] = []
 
     def counting(name: str):
@@ -110,7 +117,11 @@ def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(tmp_
         return effect
 
     for name, effect in EFFECTS.items():
-        monkeypatch.setitem(EFFECTS, name, type(effect)(effect.name, effect.stage, counting(name), effect.parameters))
+        monkeypatch.setitem(
+            EFFECTS,
+            name,
+            type(effect)(effect.name, effect.stage, counting(name), effect.parameters),
+        )
     again = told(make(tmp_path, CORE + "\n[effects]\n"))
     assert called == []
     for one, other in zip(core, again, strict=True):
@@ -121,19 +132,29 @@ def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(tmp_
 def test_an_effect_on_the_card_is_called_and_no_other(tmp_path, monkeypatch):
     called: list[str] = []
     for name, effect in EFFECTS.items():
+
         def counted(*args: object, name: str = name, make=effect.make) -> object:
             called.append(name)
             return make(*args)
 
-        monkeypatch.setitem(EFFECTS, name, type(effect)(effect.name, effect.stage, counted, effect.parameters))
+        monkeypatch.setitem(
+            EFFECTS, name, type(effect)(effect.name, effect.stage, counted, effect.parameters)
+        )
     told(make(tmp_path, CORE + "\n[effects.tremor]\n[effects.gain_tilt]\n"))
     assert set(called) == {"tremor", "gain_tilt"}
 
 
-@pytest.mark.parametrize("added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift", "saturation"])
+@pytest.mark.parametrize(
+    "added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift", "saturation"]
+)
 def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, added):
     plain = told(make(tmp_path, CORE + MAGNET + "[effects.gain_tilt]\n[effects.timing_jitter]\n"))
-    more = told(make(tmp_path, CORE + MAGNET + f"[effects.gain_tilt]\n[effects.timing_jitter]\n[effects.{added}]\n"))
+    more = told(
+        make(
+            tmp_path,
+            CORE + MAGNET + f"[effects.gain_tilt]\n[effects.timing_jitter]\n[effects.{added}]\n",
+        )
+    )
     for one, other in zip(plain, more, strict=True):
         assert one.signal.t_s.tobytes() == other.signal.t_s.tobytes()
         assert {name: other.effects[name] for name in one.effects} == one.effects
@@ -178,24 +199,38 @@ def test_averaging_takes_the_mean_as_the_chip_does(tmp_path, core):
         assert difference.max() < 5.0
         quiet = slice(0, 200)
         assert not difference[quiet].any()
-    assert any((one.signal.values != other.signal.values).any() for one, other in zip(core, averaged, strict=True))
+    assert any(
+        (one.signal.values != other.signal.values).any()
+        for one, other in zip(core, averaged, strict=True)
+    )
 
 
 def test_the_same_card_and_seed_write_the_same_bytes(tmp_path):
     text = CORE + "[effects.brush]\n" + MAGNET + "[effects.hall_noise]\n[effects.saturation]\n"
     for name in ("a", "b"):
         write_set(make(tmp_path, text, seed=3), tmp_path / name)
-    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
+    files = sorted(
+        path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()
+    )
     assert len(files) > 15
     for file in files:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
 def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
-    write_set(make(tmp_path, CORE.replace("hold", "put-down").replace("load_n = 1.0", "")), tmp_path / "set")
+    write_set(
+        make(tmp_path, CORE.replace("hold", "put-down").replace("load_n = 1.0", "")),
+        tmp_path / "set",
+    )
     data = load(tmp_path / "set", windows="natural")
     assert data.kind == "simulated"
-    assert {recording.action for recording in data.recordings} == {"pass", "pull", "fall", "put-down", None}
+    assert {recording.action for recording in data.recordings} == {
+        "pass",
+        "pull",
+        "fall",
+        "put-down",
+        None,
+    }
     trial = tmp_path / "set/soft-ball/pull/trial_1.csv"
     sidecar = json.loads(trial.with_suffix(".truth.json").read_text("utf-8"))
     events = {"load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s"}
@@ -211,7 +246,11 @@ def test_in_daily_life_risky_slips_are_four_samples_in_a_thousand():
     risky_s = total_s = 0.0
     for told in scene.run(scene.trials(150)):
         stops = [since for since, _ in told.truth.marks[1:]] + [told.truth.end_s]
-        risky_s += sum(stop - since for (since, what), stop in zip(told.truth.marks, stops, strict=True) if what == 3)
+        risky_s += sum(
+            stop - since
+            for (since, what), stop in zip(told.truth.marks, stops, strict=True)
+            if what == 3
+        )
         total_s += told.truth.end_s
     assert 0.003 < risky_s / total_s < 0.005
 
@@ -229,8 +268,12 @@ def test_trials_of_an_object_join_into_one_long_recording(tmp_path):
 
 
 def test_one_hand_makes_all_the_grasps_of_a_joined_recording(tmp_path):
-    """Each trial alone has sensors of its own; joined, the first one's, so that the empty hand always rests alike."""
-    text = CORE.replace("rate_hz = 100", "rate_hz = 100\njoin = 3") + "\n[effects.dipole]\n[effects.gain_tilt]\n"
+    """Each trial alone has sensors of its own; joined, the first one's, so that the empty hand
+    always rests alike."""
+    text = (
+        CORE.replace("rate_hz = 100", "rate_hz = 100\njoin = 3")
+        + "\n[effects.dipole]\n[effects.gain_tilt]\n"
+    )
     scene = make(tmp_path, text.replace('action = "pull"', 'action = "pull"\ncount = 3'))
     told = scene.run_together(scene.trials())
     joined, starts_s, _ = scene.join(told)
@@ -250,7 +293,9 @@ def test_nothing_is_written_over(tmp_path, capsys):
         write_set(make(tmp_path), tmp_path / "set")
 
 
-@pytest.mark.parametrize("wrong", [["--trials", "0"], ["--rate", "5"], ["--seed", "-1"], ["--trials", "x"]])
+@pytest.mark.parametrize(
+    "wrong", [["--trials", "0"], ["--rate", "5"], ["--seed", "-1"], ["--trials", "x"]]
+)
 def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
     assert main(["simulate", "apple", "--out", str(tmp_path / "new"), *wrong]) in (2, 3)
     assert capsys.readouterr().err.count("\n") == 1
@@ -258,7 +303,18 @@ def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
 
 
 def test_simulate_says_what_it_made(tmp_path, capsys):
-    command = ["simulate", "apple", "--trials", "3", "--rate", "50", "--seed", "2", "--out", str(tmp_path / "new")]
+    command = [
+        "simulate",
+        "apple",
+        "--trials",
+        "3",
+        "--rate",
+        "50",
+        "--seed",
+        "2",
+        "--out",
+        str(tmp_path / "new"),
+    ]
     assert main(command) == 0
     assert "3 recordings at 50 Hz, simulated, seed 2" in capsys.readouterr().out
     assert len(list((tmp_path / "new").rglob("trial_?.csv"))) == 3
@@ -277,14 +333,18 @@ def test_a_scene_is_a_source_like_any_other():
     assert again.values.tobytes() == source.values.tobytes()
 
 
-@pytest.mark.parametrize("url", ["sim://apple?trial=100000", "sim://apple?sed=1", "sim://apple?seed=x"])
+@pytest.mark.parametrize(
+    "url", ["sim://apple?trial=100000", "sim://apple?sed=1", "sim://apple?seed=x"]
+)
 def test_a_scene_url_that_cannot_be_is_a_usage_error(url):
     with pytest.raises(UsageError):
         open_source(url)
 
 
 def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
-    noisy = told(make(tmp_path, CORE + MAGNET + "[effects.hall_noise]\n[effects.gain_tilt]\ngain_sd = 0.4\n"))
+    noisy = told(
+        make(tmp_path, CORE + MAGNET + "[effects.hall_noise]\n[effects.gain_tilt]\ngain_sd = 0.4\n")
+    )
     assert [one.truth for one in noisy] == [one.truth for one in core]
 
 

@@ -1,4 +1,5 @@
-"""Effects of the sensor: each obeys its formula, draws only from its own stream and leaves the rest alone."""
+"""Effects of the sensor: each obeys its formula, draws only from its own stream and leaves the rest
+alone."""
 
 from __future__ import annotations
 
@@ -52,7 +53,9 @@ RANDOM = ("gain_tilt", "hall_noise", "timing_jitter", "dropped_samples")
 
 def signal(values: FloatArray, unit: Unit = "uT") -> Signal:
     """[T, 6, 3] at 100 Hz, all valid."""
-    return Signal(np.arange(len(values)) / RATE_HZ, values, np.ones(values.shape[:2], dtype=np.bool_), unit)
+    return Signal(
+        np.arange(len(values)) / RATE_HZ, values, np.ones(values.shape[:2], dtype=np.bool_), unit
+    )
 
 
 def steady(rows: int = 300, vector: tuple[float, float, float] = (100.0, -200.0, 20e3)) -> Signal:
@@ -131,7 +134,9 @@ def test_an_effect_does_not_write_into_what_it_was_given(name: str) -> None:
 
 @pytest.mark.parametrize("name", SOMETHING)
 def test_an_effect_does_the_same_with_the_same_seed(name: str) -> None:
-    assert same(apply(name, wandering(), **SOMETHING[name]), apply(name, wandering(), **SOMETHING[name]))
+    assert same(
+        apply(name, wandering(), **SOMETHING[name]), apply(name, wandering(), **SOMETHING[name])
+    )
 
 
 @pytest.mark.parametrize("name", SOMETHING)
@@ -175,13 +180,19 @@ def test_the_field_on_the_axis_of_a_magnet_is_the_textbooks(z_mm: float) -> None
 
 
 def test_the_field_beside_a_magnet_is_half_of_that_and_the_other_way() -> None:
-    assert dipole_ut(np.array([3e-3, 0.0, 0.0]), MOMENT_A_M2)[2] == pytest.approx(-field_ut(3e-3) / 2.0, rel=1e-12)
+    assert dipole_ut(np.array([3e-3, 0.0, 0.0]), MOMENT_A_M2)[2] == pytest.approx(
+        -field_ut(3e-3) / 2.0, rel=1e-12
+    )
 
 
 @given(st.tuples(*[st.floats(-2e-3, 2e-3)] * 2), st.floats(1.5e-3, 5e-3))
-def test_the_field_of_a_magnet_has_neither_sources_nor_curls(aside_m: tuple[float, float], z_m: float) -> None:
+def test_the_field_of_a_magnet_has_neither_sources_nor_curls(
+    aside_m: tuple[float, float], z_m: float
+) -> None:
     at, h = np.array([*aside_m, z_m]), 1e-6
-    slope = np.stack([(dipole_ut(at + h * e) - dipole_ut(at - h * e)) / (2.0 * h) for e in np.eye(3)])
+    slope = np.stack(
+        [(dipole_ut(at + h * e) - dipole_ut(at - h * e)) / (2.0 * h) for e in np.eye(3)]
+    )
     assert abs(np.trace(slope)) < 1e-5 * np.abs(slope).max()
     assert np.allclose(slope, slope.T, atol=1e-5 * np.abs(slope).max())
 
@@ -189,18 +200,30 @@ def test_the_field_of_a_magnet_has_neither_sources_nor_curls(aside_m: tuple[floa
 @pytest.mark.parametrize("height_mm", [1.5, 2.0, 10.0])
 def test_without_force_a_sensor_reads_the_field_of_its_magnet_at_rest(height_mm: float) -> None:
     read = apply("dipole", forces((0.0, 0.0, 0.0)), height_mm=height_mm)
-    assert read.values[0] == pytest.approx(np.tile([0.0, 0.0, field_ut(1e-3 * height_mm)], (6, 1)), rel=1e-12)
+    assert read.values[0] == pytest.approx(
+        np.tile([0.0, 0.0, field_ut(1e-3 * height_mm)], (6, 1)), rel=1e-12
+    )
     assert read.unit == "uT"
 
 
-@pytest.mark.parametrize(("force_n", "nearer_mm"), [(3.0, 1.0 / 11.0), (15.0, 1.0 / 3.0), (30.0, 0.5)])
-def test_a_press_brings_the_magnet_nearer_by_what_silicone_yields(force_n: float, nearer_mm: float) -> None:
+@pytest.mark.parametrize(
+    ("force_n", "nearer_mm"), [(3.0, 1.0 / 11.0), (15.0, 1.0 / 3.0), (30.0, 0.5)]
+)
+def test_a_press_brings_the_magnet_nearer_by_what_silicone_yields(
+    force_n: float, nearer_mm: float
+) -> None:
     read = apply("dipole", forces((0.0, 0.0, force_n)))  # F / (30 N/mm (1 + F / 30 N))
-    assert read.values[0, :, 2] == pytest.approx([field_ut(1e-3 * (2.0 - nearer_mm))] * 6, rel=1e-12)
+    assert read.values[0, :, 2] == pytest.approx(
+        [field_ut(1e-3 * (2.0 - nearer_mm))] * 6, rel=1e-12
+    )
     assert read.values[0, :, :2] == pytest.approx(0.0, abs=1e-9)
 
 
-@given(st.lists(st.floats(0.0, 100.0), min_size=2, max_size=10, unique_by=lambda force: round(force, 3)))
+@given(
+    st.lists(
+        st.floats(0.0, 100.0), min_size=2, max_size=10, unique_by=lambda force: round(force, 3)
+    )
+)
 def test_the_field_grows_with_the_press(normal_n: list[float]) -> None:
     read = apply("dipole", forces(*((0.0, 0.0, force) for force in sorted(normal_n))))
     assert (np.diff(read.values[:, :, 2], axis=0) > 0.0).all()
@@ -243,7 +266,10 @@ def test_the_first_and_the_last_sensor_have_one_neighbour() -> None:
 
 
 def test_twice_as_far_a_neighbour_is_felt_an_eighth() -> None:
-    near, far = (apply("cross_talk", wandering(), spacing_mm=mm, axes=0).values - wandering().values for mm in (20, 40))
+    near, far = (
+        apply("cross_talk", wandering(), spacing_mm=mm, axes=0).values - wandering().values
+        for mm in (20, 40)
+    )
     assert near == pytest.approx(8.0 * far, rel=1e-6)
 
 
@@ -287,10 +313,16 @@ def test_gains_and_angles_spread_as_they_say() -> None:
     drawn = np.concatenate([turns(seed, gain_sd=0.05, tilt_sd_deg=3) for seed in range(400)])
     gain = np.linalg.norm(drawn[:, :, 2], axis=1)
     along = drawn[:, :, 2] / gain[:, None]
-    about_x, about_y = np.degrees(np.arcsin(-along[:, 1])), np.degrees(np.arctan2(along[:, 0], along[:, 2]))
+    about_x, about_y = (
+        np.degrees(np.arcsin(-along[:, 1])),
+        np.degrees(np.arctan2(along[:, 0], along[:, 2])),
+    )
     spread = np.array([gain.std() / 0.05, about_x.std() / 3.0, about_y.std() / 3.0])
     assert spread == pytest.approx(1.0, abs=0.06)  # four sigma of 2400 draws
-    assert np.abs([(gain.mean() - 1.0) / 0.05, about_x.mean() / 3.0, about_y.mean() / 3.0]).max() < 0.08
+    assert (
+        np.abs([(gain.mean() - 1.0) / 0.05, about_x.mean() / 3.0, about_y.mean() / 3.0]).max()
+        < 0.08
+    )
     assert np.abs(np.corrcoef([gain, about_x, about_y]) - np.eye(3)).max() < 0.08
 
 
@@ -399,7 +431,9 @@ def test_a_magnet_warms_as_a_body_of_first_order_does() -> None:
 
 def test_a_magnet_that_cools_gains() -> None:
     told = {"time_s": 300, "compensated": 0}
-    assert loss(warming_degc=-10, **told) == pytest.approx(-loss(warming_degc=10, **told), abs=1e-12)
+    assert loss(warming_degc=-10, **told) == pytest.approx(
+        -loss(warming_degc=10, **told), abs=1e-12
+    )
 
 
 def test_a_chip_that_compensates_leaves_a_tenth() -> None:
@@ -419,7 +453,8 @@ def noise(seed: int = 7, **told: Any) -> FloatArray:
 @pytest.mark.parametrize("averages", [32, 8, 1])
 def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(averages: int) -> None:
     sigma = np.tile([22.0, 22.0, 11.0], 6) * (32 / averages) ** 0.5
-    assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)  # five sigma
+    # five sigma
+    assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)
 
 
 def test_noise_has_32_averages_unless_told() -> None:
@@ -465,7 +500,9 @@ def test_within_its_range_a_chip_changes_nothing() -> None:
     st.integers(4, 24),
     st.tuples(st.floats(-40e3, 40e3), st.floats(-40e3, 40e3), st.floats(-80e3, 80e3)),
 )
-def test_a_reading_is_the_nearest_step_of_the_chip(bits: int, vector: tuple[float, float, float]) -> None:
+def test_a_reading_is_the_nearest_step_of_the_chip(
+    bits: int, vector: tuple[float, float, float]
+) -> None:
     before = steady(1, vector)
     after = apply("quantisation", before, bits=bits)
     step = np.array([80e3, 80e3, 160e3]) / 2.0**bits
@@ -494,7 +531,9 @@ def test_no_sample_overtakes_another(sd_ms: float) -> None:
 
 
 def test_samples_are_late_and_early_by_as_much_as_told() -> None:
-    late_ms = 1e3 * (apply("timing_jitter", wandering(5000), sd_ms=0.5).t_s - np.arange(5000) / RATE_HZ)
+    late_ms = 1e3 * (
+        apply("timing_jitter", wandering(5000), sd_ms=0.5).t_s - np.arange(5000) / RATE_HZ
+    )
     assert late_ms.std() == pytest.approx(0.5, abs=0.025)
     assert abs(late_ms.mean()) < 0.035
 
@@ -535,14 +574,20 @@ def test_the_samples_that_come_are_as_they_were() -> None:
     after = apply("dropped_samples", before, share=0.1)
     rows = np.round(after.t_s * RATE_HZ).astype(int)
     assert len(rows) < 300
-    assert same(after, replace(before, t_s=before.t_s[rows], values=before.values[rows], valid=before.valid[rows]))
+    assert same(
+        after,
+        replace(before, t_s=before.t_s[rows], values=before.values[rows], valid=before.valid[rows]),
+    )
 
 
 def test_a_stale_sensor_repeats_its_last_value_for_so_long_and_then_goes_on() -> None:
     before = wandering()
-    after = apply("stale_sensor", before, sensors=[2, 6], at_s=0.995, lasts_s=0.5)  # rows 100 .. 149
+    # rows 100 .. 149
+    after = apply("stale_sensor", before, sensors=[2, 6], at_s=0.995, lasts_s=0.5)
     two = columns(2, 6)
-    assert np.array_equal(after.values[100:150, two], np.repeat(before.values[99:100, two], 50, axis=0))
+    assert np.array_equal(
+        after.values[100:150, two], np.repeat(before.values[99:100, two], 50, axis=0)
+    )
     assert np.array_equal(after.values[:100], before.values[:100])
     assert np.array_equal(after.values[150:], before.values[150:])
     assert np.array_equal(after.values[:, others(2, 6)], before.values[:, others(2, 6)])
@@ -595,7 +640,9 @@ def test_all_sensors_have_the_same_map() -> None:
 
 def test_the_rest_field_is_that_of_a_magnet_nobody_touches_and_reads_23_n() -> None:
     assert linear_map()[1] == pytest.approx([0.0, 0.0, field_ut(2e-3)], rel=1e-12)
-    assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[0, :, 2] == pytest.approx([23.0] * 6, abs=1.0)
+    assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[0, :, 2] == pytest.approx(
+        [23.0] * 6, abs=1.0
+    )
 
 
 def test_the_loads_are_those_of_the_thesis() -> None:
@@ -612,7 +659,9 @@ def test_the_residual_is_the_root_mean_square_over_the_loads() -> None:
     loads = loads_n()
     error = newtons(*loads) - loads
     rms = np.sqrt((error**2).mean(axis=0))
-    assert residual_n() == pytest.approx((rms[2], np.sqrt((rms[0] ** 2 + rms[1] ** 2) / 2.0)), rel=1e-9)
+    assert residual_n() == pytest.approx(
+        (rms[2], np.sqrt((rms[0] ** 2 + rms[1] ** 2) / 2.0)), rel=1e-9
+    )
 
 
 def test_no_other_matrix_fits_the_loads_better() -> None:
@@ -634,7 +683,9 @@ def test_a_known_press_comes_back_within_the_residual(force_n: float) -> None:
 def test_a_known_shear_comes_back_on_its_side_within_three_residuals(
     angle_deg: float, share: float, normal_n: float
 ) -> None:
-    shear = share * normal_n * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    shear = (
+        share * normal_n * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    )
     (back,) = newtons((float(shear[0]), float(shear[1]), normal_n))
     assert np.abs(back[:2] - shear).max() < 3.0 * residual_n()[1]
     assert back[:2] @ shear >= -1e-9

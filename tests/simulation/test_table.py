@@ -37,7 +37,9 @@ def clear_of_a_tie(value: float, decimals: int) -> bool:
     return abs(abs(math.fmod(value * 10.0**decimals, 1.0)) - 0.5) > 0.05
 
 
-@given(st.lists(st.floats(-1e8, 1e8).filter(lambda v: clear_of_a_tie(v, 4)), min_size=1, max_size=20))
+@given(
+    st.lists(st.floats(-1e8, 1e8).filter(lambda v: clear_of_a_tie(v, 4)), min_size=1, max_size=20)
+)
 @example([0.0, -0.0, -0.00001, 0.00001, -0.00006, 0.00006, 0.99996, -0.99996, 9.99999, 1e8, -1e8])
 def test_a_cell_is_what_python_formats(values: list[float]) -> None:
     assert cells(column(*values), 4) == [formatted(value, 4) for value in values]
@@ -62,7 +64,8 @@ def test_an_exact_tie_goes_to_the_even_digit_as_in_python(decimals: int, value: 
 
 def test_ties_are_those_of_float64() -> None:
     assert cells(column(0.5, 1.5, 2.5, -0.5, -1.5), 0) == ["0", "2", "2", "0", "-2"]
-    assert cells(column(0.00005), 4) == ["0.0000"]  # a hair above the tie, which Python sees: 0.0001
+    # a hair above the tie, which Python sees: 0.0001
+    assert cells(column(0.00005), 4) == ["0.0000"]
     assert f"{0.00005:.4f}" == "0.0001"
 
 
@@ -75,7 +78,12 @@ def test_a_zero_has_no_sign(decimals: int) -> None:
 @pytest.mark.parametrize("decimals", [0, 1, 3, 4, 6])
 def test_a_missing_value_is_nan_and_leaves_its_neighbours_alone(decimals: int) -> None:
     values = column(-1234.0, math.nan, 7.0, -math.nan)
-    assert cells(values, decimals) == [f"{-1234.0:.{decimals}f}", "nan", f"{7.0:.{decimals}f}", "nan"]
+    assert cells(values, decimals) == [
+        f"{-1234.0:.{decimals}f}",
+        "nan",
+        f"{7.0:.{decimals}f}",
+        "nan",
+    ]
 
 
 @pytest.mark.parametrize("decimals", [0, 1, 4])
@@ -115,8 +123,13 @@ def test_flags_and_whole_numbers_are_columns_too() -> None:
 
 
 @given(st.lists(st.tuples(WHOLE, WHOLE, WHOLE), min_size=1, max_size=10))
-def test_a_column_does_not_depend_on_the_columns_beside_it(rows: list[tuple[int, int, int]]) -> None:
-    columns = [(np.array(rows, dtype=np.float64)[:, k] / 64.0, decimals) for k, decimals in enumerate((6, 4, 0))]
+def test_a_column_does_not_depend_on_the_columns_beside_it(
+    rows: list[tuple[int, int, int]],
+) -> None:
+    columns = [
+        (np.array(rows, dtype=np.float64)[:, k] / 64.0, decimals)
+        for k, decimals in enumerate((6, 4, 0))
+    ]
     lines = csv_bytes(["a", "b", "c"], columns).decode().split("\n")[1:-1]
     alone = [cells(values, decimals) for values, decimals in columns]
     assert lines == [",".join(row) for row in zip(*alone, strict=True)]
@@ -125,9 +138,14 @@ def test_a_column_does_not_depend_on_the_columns_beside_it(rows: list[tuple[int,
 @given(st.lists(st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3), min_size=1, max_size=20))
 def test_numpy_reads_back_the_rounded_values(rows: list[list[float]]) -> None:
     values = np.array(rows)
-    table = csv_bytes(["a", "b", "c"], [(one, decimals) for one, decimals in zip(values.T, (6, 4, 1), strict=True)])
+    table = csv_bytes(
+        ["a", "b", "c"],
+        [(one, decimals) for one, decimals in zip(values.T, (6, 4, 1), strict=True)],
+    )
     read = np.loadtxt(io.BytesIO(table), delimiter=",", skiprows=1, ndmin=2)
-    rounded = np.stack([np.round(one, decimals) for one, decimals in zip(values.T, (6, 4, 1), strict=True)], axis=1)
+    rounded = np.stack(
+        [np.round(one, decimals) for one, decimals in zip(values.T, (6, 4, 1), strict=True)], axis=1
+    )
     assert np.array_equal(read, rounded)
 
 

@@ -1,4 +1,5 @@
-"""The page of the evaluation: targets are held against what was measured, and the best idea is named."""
+"""The page of the evaluation: targets are held against what was measured, and the best idea is
+named."""
 
 from __future__ import annotations
 

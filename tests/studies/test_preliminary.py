@@ -1,4 +1,5 @@
-"""The preliminary study: what a window may see, who is on which side, and the thesis' numbers as they were printed."""
+"""The preliminary study: what a window may see, who is on which side, and the thesis' numbers as
+they were printed."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ BY_NAME = {case.name: case for case in CASES}
 
 
 def made_trial(number: int, rng: np.random.Generator, group: str) -> Recording:
-    """A grasp at 2 s, a disturbance at 5 s, and at 7 s a slip: risky in every other trial, which jumps more."""
+    """A grasp at 2 s, a disturbance at 5 s, and at 7 s a slip: risky in every other trial, which
+    jumps more."""
     n, risky = 600, number % 2 == 1
     load = np.clip((np.arange(n) - 120) / 12.0, 0.0, 1.0) * (np.arange(n) < 480)
     forces = np.zeros((n, SENSORS, 3))
@@ -50,17 +52,30 @@ def made_trial(number: int, rng: np.random.Generator, group: str) -> Recording:
     forces[300:330, :, 1] -= 0.5 * forces[300:330, :, 2]
     forces[420:480, :, 0] += (1.5 if risky else 0.6) * forces[420:480, :, 2]
     forces += 0.01 * rng.standard_normal(forces.shape)
-    phases = (Phase(0, 120, 0), Phase(120, 420, 1), Phase(420, 480, 3 if risky else 2), Phase(480, n, 0))
+    phases = (
+        Phase(0, 120, 0),
+        Phase(120, 420, 1),
+        Phase(420, 480, 3 if risky else 2),
+        Phase(480, n, 0),
+    )
     return Recording(
-        f"trial_{number}", group, forces.reshape(n, -1), np.ones((n, SENSORS), dtype=np.bool_), RATE_HZ, "N",
-        phases=phases, events=(RiskyEvent(7.0, None, 8.0),) if risky else (),
-    )  # fmt: skip
+        f"trial_{number}",
+        group,
+        forces.reshape(n, -1),
+        np.ones((n, SENSORS), dtype=np.bool_),
+        RATE_HZ,
+        "N",
+        phases=phases,
+        events=(RiskyEvent(7.0, None, 8.0),) if risky else (),
+    )
 
 
 def made_set(n_trials: int = 24, groups: int = 8) -> DataSet:
     rng = np.random.default_rng(0)
     recordings = [made_trial(k, rng, f"person_{k // 2 % groups}") for k in range(n_trials)]
-    return DataSet("made", recordings, {}, RATE_HZ, "N", Preparation(), "simulated", True, "Made up.")
+    return DataSet(
+        "made", recordings, {}, RATE_HZ, "N", Preparation(), "simulated", True, "Made up."
+    )
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +91,12 @@ def points(data: DataSet) -> Points:
 def test_the_thesis_numbers_stand_as_published():
     """Tables 4.1 and 4.2, read again from the thesis."""
     assert LEARNERS == (
-        "random forest", "k-nearest neighbours", "naive Bayes", "gradient boosting", "neural network"
-    )  # fmt: skip
+        "random forest",
+        "k-nearest neighbours",
+        "naive Bayes",
+        "gradient boosting",
+        "neural network",
+    )
     assert ACCURACY_PERCENT == {
         "1": (86.25, 78.57, 64.64, 82.32, 84.57),
         "2": (48.39, 53.57, 49.11, 50.89, 49.29),
@@ -100,14 +119,19 @@ def test_with_other_sensors_the_shapes_scale(sensors):
     samples = np.random.default_rng(0).normal(size=(9, 7, 3 * sensors))
     columns = {case.name: case.features(samples, samples).shape[1:] for case in CASES}
     assert columns == {
-        "1": (7, 3 * sensors), "2": (7, 2 * sensors), "2, bare": (7, 2 * sensors), "3": (7, 3),
-        "4": (7, 3 * sensors), "5": (7, 3 * sensors),
-    }  # fmt: skip
+        "1": (7, 3 * sensors),
+        "2": (7, 2 * sensors),
+        "2, bare": (7, 2 * sensors),
+        "3": (7, 3),
+        "4": (7, 3 * sensors),
+        "5": (7, 3 * sensors),
+    }
 
 
 @pytest.mark.parametrize("name", ["4", "5"])
 def test_a_predicting_window_sees_neither_the_critical_sample_nor_what_follows(data, points, name):
-    """Everything from the point on may be anything, and the features stay; one sample earlier, and they do not."""
+    """Everything from the point on may be anything, and the features stay; one sample earlier, and
+    they do not."""
     case = BY_NAME[name]
 
     def features(from_point: int) -> np.ndarray:
@@ -134,7 +158,11 @@ def test_a_detecting_window_has_the_point_in_its_middle(data, points):
 def test_a_point_is_what_the_truth_says_around_it_and_not_what_a_sensor_does(data, points):
     assert set(points.kind) == set(range(len(KINDS)))
     for trial, row, kind in zip(points.trial, points.row, points.kind, strict=True):
-        near = [p.situation for p in data.recordings[trial].phases if p.first <= row + 3 and row - 3 < p.stop]
+        near = [
+            p.situation
+            for p in data.recordings[trial].phases
+            if p.first <= row + 3 and row - 3 < p.stop
+        ]
         assert {0: 1, 1: 1, 2: 2, 3: 3}[int(kind)] == max(near)
         assert (kind == 1) == (max(near) == 1 and row >= 120 + 90)
 
@@ -148,7 +176,10 @@ def test_points_without_contact_or_without_a_label_are_left_out(data):
 
 def test_critical_points_keep_their_distance_from_each_other_and_from_the_ends(data):
     for recording in data.recordings[:6]:
-        for rows in (cone_rows(recording.samples, RATE_HZ), thesis_cone_rows(recording.samples, RATE_HZ)):
+        for rows in (
+            cone_rows(recording.samples, RATE_HZ),
+            thesis_cone_rows(recording.samples, RATE_HZ),
+        ):
             assert len(rows) > 0
             assert (np.diff(rows) > 30).all()
             assert rows.min() >= 60
@@ -179,18 +210,25 @@ def test_a_ratio_is_shear_over_normal_and_bounded_where_nothing_presses():
     np.testing.assert_allclose(kept, [0.25, -0.5, 0.2 / 0.4, 0.4 / 0.4])
     np.testing.assert_allclose(bare_ratios(window, window)[0, 0], [0.25, -0.5, 0.0, 0.0])
     window[..., 5] = 1e-6
-    assert np.abs(bare_ratios(window, window)).max() > 1e5 > np.abs(friction_ratios(window, window)).max()
+    assert (
+        np.abs(bare_ratios(window, window)).max()
+        > 1e5
+        > np.abs(friction_ratios(window, window)).max()
+    )
 
 
 def test_the_third_case_is_length_direction_and_normal():
     rng = np.random.default_rng(0)
     training = np.zeros((30, 7, 6))
     scale = rng.normal(size=(30, 7, 3))
-    training[..., 0::3] = training[..., 1::3] = training[..., 2::3] = scale[..., :2].sum(axis=-1)[..., None]
+    training[..., 0::3] = training[..., 1::3] = training[..., 2::3] = scale[..., :2].sum(axis=-1)[
+        ..., None
+    ]
     window = np.zeros((1, 7, 6))
     window[..., 0::3], window[..., 1::3], window[..., 2::3] = 3.0, 4.0, 2.0
     np.testing.assert_allclose(
-        first_components(training, window)[0, 0], [5.0 * np.sqrt(2.0), np.arctan2(4.0, 3.0), 2.0 * np.sqrt(2.0)]
+        first_components(training, window)[0, 0],
+        [5.0 * np.sqrt(2.0), np.arctan2(4.0, 3.0), 2.0 * np.sqrt(2.0)],
     )
 
 
@@ -199,7 +237,9 @@ def test_what_a_case_learns_it_learns_from_the_training_windows_alone(name):
     rng = np.random.default_rng(0)
     training, test = rng.normal(size=(20, 7, 18)), rng.normal(size=(8, 7, 18))
     features = BY_NAME[name].features
-    np.testing.assert_allclose(features(training, test)[:3], features(training, test[:3]), rtol=1e-12)
+    np.testing.assert_allclose(
+        features(training, test)[:3], features(training, test[:3]), rtol=1e-12
+    )
     assert (features(3.0 * training[:5], test) != features(training, test)).any()
 
 
@@ -243,7 +283,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         def made(seed: int) -> Any:
             learner = make(seed)
             trees = isinstance(learner, (RandomForestClassifier, HistGradientBoostingClassifier))
-            return learner.set_params(**{k: n for k, n in few.items() if trees and k in learner.get_params()})
+            return learner.set_params(
+                **{k: n for k, n in few.items() if trees and k in learner.get_params()}
+            )
 
         return made
 
@@ -273,19 +315,27 @@ def test_labels_drawn_by_lot_are_answered_by_chance(data, points):
 def test_how_many_marks_come_too_late_is_counted(points):
     since = np.array([np.nan, 1.0, 0.0, 5.0, 7.0])
     some = replace(
-        points, trial=np.arange(5), row=np.arange(5), kind=np.array([SLIPPING] * 4 + [0]),
-        group=np.array(list("abcde")), since_onset=since,
-    )  # fmt: skip
+        points,
+        trial=np.arange(5),
+        row=np.arange(5),
+        kind=np.array([SLIPPING] * 4 + [0]),
+        group=np.array(list("abcde")),
+        since_onset=since,
+    )
     assert late_share(some) == pytest.approx(2 / 3)
     assert late_share(replace(some, since_onset=np.full(5, np.nan))) is None
     slips = points.since_onset[points.kind == SLIPPING]
     np.testing.assert_array_equal(slips, points.row[points.kind == SLIPPING] - 420)
 
 
-def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(tmp_path, data, monkeypatch):
+def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(
+    tmp_path, data, monkeypatch
+):
     monkeypatch.setattr(program, "read_scene", lambda folder: data)
     monkeypatch.setattr(
-        program, "load", lambda *_, **__: replace(data, name="people", kind="real, recorded by others: made up")
+        program,
+        "load",
+        lambda *_, **__: replace(data, name="people", kind="real, recorded by others: made up"),
     )
     monkeypatch.setattr(learners, "MAKE", dict.fromkeys(LEARNERS, lambda seed: GaussianNB()))
     lines = []
@@ -293,7 +343,16 @@ def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(tm
     assert len(lines) + 1 == program.STAGES
     json.dumps(figures, allow_nan=False)
     page = write_preliminary_report(tmp_path / "report.html", figures).read_text("utf-8")
-    for word in ("thesis, published", "made, simulated", "people, real", "86.25", "17", "SoftHand", "<svg", "chance"):
+    for word in (
+        "thesis, published",
+        "made, simulated",
+        "people, real",
+        "86.25",
+        "17",
+        "SoftHand",
+        "<svg",
+        "chance",
+    ):
         assert word in page
     assert len(summary(figures)) == 1 + len(CASES)
     assert "case 1: 86.25 |" in "\n".join(summary(figures))
@@ -319,7 +378,9 @@ def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path
     assert len(set(found.group)) > 20
 
 
-def test_the_real_set_has_every_kind_of_point_and_people_as_groups(real_set: Callable[[str], Path], monkeypatch):
+def test_the_real_set_has_every_kind_of_point_and_people_as_groups(
+    real_set: Callable[[str], Path], monkeypatch
+):
     monkeypatch.setattr(learners, "MAKE", {"random forest": MAKE["random forest"]})
     data = keep_groups(load(real_set("human_slip_uskin"), channels=48), 5)
     found = points_of(data)

@@ -55,19 +55,28 @@ def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(small: S
     data, features, _ = small
     people = np.unique(data.group_of("situations"), return_inverse=True)[1]
     rows = data.tasks["situations"]
-    named = DataSet(**{**vars(data), "tasks": {"situations": type(rows)(rows.trial, rows.row, people, rows.classes)}})
+    named = DataSet(
+        **{
+            **vars(data),
+            "tasks": {"situations": type(rows)(rows.trial, rows.row, people, rows.classes)},
+        }
+    )
     votes = cross_validate(named, {"situations": features["situations"]}, PLAN).votes["situations"]
     assert not votes[np.arange(len(votes)), people].any()
 
 
-def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out_row(small: Small) -> None:
+def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out_row(
+    small: Small,
+) -> None:
     data, _, held_out = small
     checked = verification_of(held_out)
     assert checked["heldout_rows"] == sum(len(rows) for rows in data.tasks.values())
     assert (checked["folds"], checked["label_mismatches"], checked["vote_mismatches"]) == (3, 0, 0)
 
 
-def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(small: Small, tmp_path: Path) -> None:
+def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
+    small: Small, tmp_path: Path
+) -> None:
     data, features, held_out = small
     streamed = stream_one_fold(data, features, PLAN, held_out, tmp_path, 0)
     assert streamed["label_mismatches"] == 0
@@ -77,13 +86,17 @@ def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(small
 
 def test_a_leaky_split_flatters(small: Small, monkeypatch: pytest.MonkeyPatch) -> None:
     data, _, _ = small
-    monkeypatch.setattr(baselines, "RAW_BASELINE", TrainingPlan(groups=("window",), situation=FEW, prediction=FEW))
+    monkeypatch.setattr(
+        baselines, "RAW_BASELINE", TrainingPlan(groups=("window",), situation=FEW, prediction=FEW)
+    )
     honest, wrong = baselines.raw_forest(data, folds=3), baselines.leaky(data)
     assert wrong["situations"]["macro_f1"] > honest["situations"]["macro_f1"]
     assert wrong["predict_250ms"]["auc"] > honest["predict_250ms"]["auc"]
 
 
-def test_eflesh_stands_beside_one_threshold_with_a_delay_for_every_tug_that_departs(eflesh: EfleshStudy) -> None:
+def test_eflesh_stands_beside_one_threshold_with_a_delay_for_every_tug_that_departs(
+    eflesh: EfleshStudy,
+) -> None:
     figures = eflesh.figures
     assert figures["one_threshold"]["trial_accuracy"] == pytest.approx(136 / 137)
     assert 0.9 < figures["trial_vote_accuracy"] <= 1.0
@@ -92,19 +105,35 @@ def test_eflesh_stands_beside_one_threshold_with_a_delay_for_every_tug_that_depa
         assert delay["p5"] <= delay["p50"] <= delay["p95"] < 0.5
 
 
-def test_two_slips_are_replayed_one_that_recovers_and_one_that_fails(replays: list[ReplayPicture]) -> None:
-    assert sorted(picture.title for picture in replays) == ["a slip that ends in failure", "a slip that recovers"]
+def test_two_slips_are_replayed_one_that_recovers_and_one_that_fails(
+    replays: list[ReplayPicture],
+) -> None:
+    assert sorted(picture.title for picture in replays) == [
+        "a slip that ends in failure",
+        "a slip that recovers",
+    ]
     for picture in replays:
         assert 3 in picture.truth if "failure" in picture.title else 2 in picture.truth
         assert (picture.answer[: picture.settled_from] == -1).all()
 
 
 @pytest.fixture
-def evidence(small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture], tmp_path: Path) -> Evidence:
+def evidence(
+    small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture], tmp_path: Path
+) -> Evidence:
     data, _, held_out = small
     figures: dict[str, Any] = held_out_figures(data, held_out)
-    figures |= {"data": data.name, "caveat": data.caveat, "clock_free": "nothing old", "seed": 0, "seconds": 1.0}
-    figures |= {"rows": {"ours": dict(figures), "WARNING: a clock": dict(figures)}, "versions": versions()}
+    figures |= {
+        "data": data.name,
+        "caveat": data.caveat,
+        "clock_free": "nothing old",
+        "seed": 0,
+        "seconds": 1.0,
+    }
+    figures |= {
+        "rows": {"ours": dict(figures), "WARNING: a clock": dict(figures)},
+        "versions": versions(),
+    }
     figures |= {"eflesh_slip": eflesh.figures, "verification": verification_of(held_out)}
     figures["streamed_fold"] = {"rows": 1, "label_mismatches": 0}
     figures["features_cost"] = cpu_cost(data, spec_for(data, PLAN.groups))
@@ -140,5 +169,7 @@ def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free
     assert all(f"without {group}" in rows for group in CLOCK_FREE_GROUPS)
     assert "bands" in rows["with bands"]
     cost = {"macro_f1": 0.5, "auc": 0.5, "us": 1.0, "nodes": 3, "features": 2}
-    text = table({"default": cost | {"clock_free": True}, "with bands": cost | {"clock_free": False}})
+    text = table(
+        {"default": cost | {"clock_free": True}, "with bands": cost | {"clock_free": False}}
+    )
     assert [line.rsplit("| ", 1)[1] for line in text.splitlines()[2:]] == ["yes |", "NO |"]

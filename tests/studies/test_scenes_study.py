@@ -1,4 +1,5 @@
-"""The study of simulated scenes: what its figures mean, what nobody was trained on, and the page it leaves."""
+"""The study of simulated scenes: what its figures mean, what nobody was trained on, and the page it
+leaves."""
 
 from __future__ import annotations
 
@@ -98,7 +99,8 @@ class Commanded:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Sixty trials of the thesis and twelve of an apple at 50 Hz; nobody's other styles. Read only."""
+    """Sixty trials of the thesis and twelve of an apple at 50 Hz; nobody's other styles. Read
+    only."""
     made = tmp_path_factory.mktemp("scenes")
     for card, trials in (("thesis", 60), ("apple", 12)):
         write_set(Scene(read_card(card, rate_hz=50.0), 0), made / "50hz" / card, trials)
@@ -138,15 +140,23 @@ def of_rows(data: DataSet, label: npt.NDArray[np.int64]) -> DataSet:
 
 
 def a_set(samples: FloatArray, rows: list[int], rate_hz: float = 100.0) -> DataSet:
-    """One recording with windows that end at these rows, on everything else that the fixture's sets have."""
-    task = LabelledRows(np.zeros(len(rows), np.int64), np.array(rows), np.zeros(len(rows), np.int64), CLASSES)
-    trial = Recording("a/pull/trial_1", "a", samples, np.ones((len(samples), 1), dtype=bool), rate_hz, "N")
+    """One recording with windows that end at these rows, on everything else that the fixture's sets
+    have."""
+    task = LabelledRows(
+        np.zeros(len(rows), np.int64), np.array(rows), np.zeros(len(rows), np.int64), CLASSES
+    )
+    trial = Recording(
+        "a/pull/trial_1", "a", samples, np.ones((len(samples), 1), dtype=bool), rate_hz, "N"
+    )
     preparation: Any = None
-    return DataSet("made", [trial], {"classes": task}, rate_hz, "N", preparation, "made up", True, "")
+    return DataSet(
+        "made", [trial], {"classes": task}, rate_hz, "N", preparation, "made up", True, ""
+    )
 
 
 def shear(*summed_n: float) -> FloatArray:
-    """[T, 6]: two sensors whose summed shear is as given, one along -x and the other along y; normals wander."""
+    """[T, 6]: two sensors whose summed shear is as given, one along -x and the other along y;
+    normals wander."""
     samples = np.zeros((len(summed_n), 6))
     samples[:, 0], samples[:, 4] = -np.array(summed_n) / 2, np.array(summed_n) / 2
     samples[:, 2] = 3.0 * np.arange(len(summed_n))
@@ -177,12 +187,21 @@ def test_a_tie_goes_to_the_riskier_class_at_every_level() -> None:
     assert answers_at(votes, "four").tolist() == [SAFE_SLIP, GRASP, RISKY_SLIP]
 
 
-def test_votes_that_know_everything_score_one_and_of_the_wrong_weight_only_situations_are_right(data: DataSet) -> None:
+def test_votes_that_know_everything_score_one_and_of_the_wrong_weight_only_situations_are_right(
+    data: DataSet,
+) -> None:
     label = data.tasks["classes"].label
     right, wrong_weight = scores(data, one_hot(label)), scores(data, one_hot(label ^ 1))
     assert [right[level]["accuracy"] for level in ("eight", "seven", "four")] == [1.0, 1.0, 1.0]
-    assert [wrong_weight[level]["accuracy"] for level in ("eight", "seven", "four")] == [0.0, 0.25, 1.0]
-    assert (right["n_windows"], right["n_trials"]) == (len(label), len(set(data.group_of("classes"))))
+    assert [wrong_weight[level]["accuracy"] for level in ("eight", "seven", "four")] == [
+        0.0,
+        0.25,
+        1.0,
+    ]
+    assert (right["n_windows"], right["n_trials"]) == (
+        len(label),
+        len(set(data.group_of("classes"))),
+    )
     assert {level: right[level]["present"] for level in ("eight", "seven", "four")} == {
         "eight": 8,
         "seven": 7,
@@ -224,11 +243,14 @@ def test_the_weight_within_nothing_is_a_leak_however_bad_the_rest_is(data: DataS
     assert bad["leak"]
     assert bad["eight_class_accuracy"] == 0.25
     outvoted = one_hot(np.where(label < 2, 5, label))
-    outvoted[label < 2, label[label < 2]] = 1  # the answer is safe slip, and yet the votes know the weight
+    # the answer is safe slip, and yet the votes know the weight
+    outvoted[label < 2, label[label < 2]] = 1
     assert leak_check(data, outvoted)["leak"]
 
 
-def test_honest_coin_votes_are_no_leak_though_they_know_all_that_can_be_known(data: DataSet) -> None:
+def test_honest_coin_votes_are_no_leak_though_they_know_all_that_can_be_known(
+    data: DataSet,
+) -> None:
     label = data.tasks["classes"].label
     coin = np.random.default_rng(0).integers(0, 2, len(label))
     told = leak_check(data, one_hot(np.where(label < 2, coin, label)))
@@ -240,7 +262,9 @@ def test_honest_coin_votes_are_no_leak_though_they_know_all_that_can_be_known(da
     assert low < CEILING < high
 
 
-def test_who_is_right_on_every_second_window_of_nothing_reaches_the_ceiling_and_not_more(data: DataSet) -> None:
+def test_who_is_right_on_every_second_window_of_nothing_reaches_the_ceiling_and_not_more(
+    data: DataSet,
+) -> None:
     label = data.tasks["classes"].label
     told = leak_check(data, one_hot(np.maximum(label, 1)))
     assert told["eight_class_accuracy"] == told["ceiling"] == CEILING == 0.875
@@ -271,13 +295,17 @@ def test_a_window_alone_sees_its_first_row_and_nothing_before_it(data: DataSet) 
 
     assert first > 0
     np.testing.assert_array_equal(raw_windows(with_raised(slice(0, first))), raw_windows(one))
-    np.testing.assert_array_equal(raw_windows(with_raised(slice(first + n, None))), raw_windows(one))
+    np.testing.assert_array_equal(
+        raw_windows(with_raised(slice(first + n, None))), raw_windows(one)
+    )
     assert (raw_windows(with_raised(slice(first, first + 1))) != raw_windows(one)).any()
 
 
 def test_a_window_alone_is_a_recording_of_its_own_that_ends_at_its_row(data: DataSet) -> None:
     task, alone = data.tasks["classes"], windows_alone(data)
-    assert {len(recording.samples) for recording in alone.recordings} == {window_samples(data.rate_hz)}
+    assert {len(recording.samples) for recording in alone.recordings} == {
+        window_samples(data.rate_hz)
+    }
     assert len(alone.recordings) == len(task)
     for k in (0, 17, len(task) - 1):
         np.testing.assert_array_equal(
@@ -301,7 +329,9 @@ def test_the_one_line_is_silent_at_half_a_newton_on_a_slow_ramp_and_about_normal
 
 
 def test_the_one_line_is_causal(data: DataSet) -> None:
-    samples = max((recording.samples for recording in data.recordings), key=lambda one: one_line(one).sum())
+    samples = max(
+        (recording.samples for recording in data.recordings), key=lambda one: one_line(one).sum()
+    )
     said = one_line(samples)
     assert said.any()
     for row in (2, len(samples) // 2, len(samples) - 1):
@@ -312,7 +342,8 @@ def test_the_one_line_is_causal(data: DataSet) -> None:
 
 
 def test_the_one_line_is_asked_at_a_windows_last_sample_or_anywhere_in_its_reach() -> None:
-    made = a_set(shear(0, 0, 0, 1, 1, 1, 1, 1, 1, 1), [2, 3, 4, 5, 6, 7])  # says slip at rows 3 and 4
+    # says slip at rows 3 and 4
+    made = a_set(shear(0, 0, 0, 1, 1, 1, 1, 1, 1, 1), [2, 3, 4, 5, 6, 7])
     assert one_line_at(made).tolist() == [False, True, True, False, False, False]
     assert one_line_at(made, 3).tolist() == [False, True, True, True, True, False]
     assert one_line_at(made, 100).tolist() == [False, True, True, True, True, True]
@@ -332,8 +363,11 @@ def test_the_clock_tells_seconds_since_the_last_contact_and_the_summed_force() -
 
 
 def test_no_window_of_a_held_out_object_is_trained_on(data: DataSet) -> None:
-    """Labels that only say which object it is cannot be learned from other objects; with a leak they would be."""
-    names = np.array([recording.object_name or "" for recording in data.recordings])[data.tasks["classes"].trial]
+    """Labels that only say which object it is cannot be learned from other objects; with a leak
+    they would be."""
+    names = np.array([recording.object_name or "" for recording in data.recordings])[
+        data.tasks["classes"].trial
+    ]
     objects = sorted(set(names.tolist()) - {""})
     number = np.unique(names, return_inverse=True)[1].astype(np.int64)
     features = np.eye(len(CLASSES), dtype=np.float32)[number]
@@ -351,7 +385,10 @@ def test_no_window_of_a_held_out_object_is_trained_on(data: DataSet) -> None:
 def halves(data: DataSet) -> dict[str, DataSet]:
     """The trials dealt to two styles, each named after its own."""
     names = sorted(one.trial_id for one in data.recordings)
-    parts = {"even": data.of_groups(frozenset(names[::2])), "odd": data.of_groups(frozenset(names[1::2]))}
+    parts = {
+        "even": data.of_groups(frozenset(names[::2])),
+        "odd": data.of_groups(frozenset(names[1::2])),
+    }
     return {style: replace(part, name=style) for style, part in parts.items()}
 
 
@@ -380,7 +417,9 @@ def test_a_learning_curve_asks_for_no_more_trials_than_there_are(data: DataSet) 
     assert rows[1][OURS]["eight"]["macro_f1"] > 0.3
 
 
-def test_trials_of_the_streams_are_met_by_no_forest_that_answers_them(folder: Path, data: DataSet) -> None:
+def test_trials_of_the_streams_are_met_by_no_forest_that_answers_them(
+    folder: Path, data: DataSet
+) -> None:
     """Risky slip exists in the shown trials only: a forest that met none of them cannot say it."""
     shown, task = shown_trials(data), data.tasks["classes"]
     assert [data.recordings[k].action for k in shown] == list(SHOWN)
@@ -402,7 +441,9 @@ def test_streams_answer_every_sample_after_settling_and_bear_the_truth(studied: 
         assert len(picture.answer) == len(picture.acts) == length
         assert (picture.answer[:25] == UNKNOWN).all()
         assert (picture.answer[25:] != UNKNOWN).all()
-        assert {SHOWN[str(picture.recording.action)]} <= {phase.situation for phase in picture.phases}
+        assert {SHOWN[str(picture.recording.action)]} <= {
+            phase.situation for phase in picture.phases
+        }
         assert (picture.phases[0].first, picture.phases[-1].stop) == (0, length)
         assert all(0.0 < at_s < length / 50.0 for at_s in picture.events.values())
 
@@ -421,7 +462,9 @@ def test_a_thesis_in_another_unit_is_refused(folder: Path, tmp_path: Path) -> No
         read_trained(tmp_path / "50hz", 0)
 
 
-def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_asked_about(studied: Studied) -> None:
+def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_asked_about(
+    studied: Studied,
+) -> None:
     figures = studied.rate.figures
     assert list(figures["rows"]) == [OURS, RAW, CLOCK, LINE]
     assert list(figures["objects"]) == [OURS, RAW, CLOCK]
@@ -433,7 +476,8 @@ def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_aske
 
 
 def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: Studied) -> None:
-    assert len(studied.said) == STAGES - 5  # p1 and p2 are not there, so no style is left out either
+    # p1 and p2 are not there, so no style is left out either
+    assert len(studied.said) == STAGES - 5
 
 
 # Retrainings
@@ -477,7 +521,17 @@ def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there
 
 
 def test_the_hand_is_asked_to_act_exactly_where_the_decision_would() -> None:
-    two_then_released = [RISKY_SLIP, GRASP, RISKY_SLIP, RISKY_SLIP, GRASP, *[NOTHING] * 4, UNKNOWN, NOTHING, GRASP]
+    two_then_released = [
+        RISKY_SLIP,
+        GRASP,
+        RISKY_SLIP,
+        RISKY_SLIP,
+        GRASP,
+        *[NOTHING] * 4,
+        UNKNOWN,
+        NOTHING,
+        GRASP,
+    ]
     acts = decided(np.array(two_then_released), np.ones(12), 50.0)
     assert acts.tolist() == [False] * 3 + [True] * 7 + [False] * 2
     rng = np.random.default_rng(3)
@@ -493,7 +547,9 @@ def test_the_hand_is_asked_to_act_exactly_where_the_decision_would() -> None:
 # The command and its page
 
 
-def test_the_command_leaves_json_that_says_it_is_simulated_and_with_what_it_was_made(commanded: Commanded) -> None:
+def test_the_command_leaves_json_that_says_it_is_simulated_and_with_what_it_was_made(
+    commanded: Commanded,
+) -> None:
     figures = commanded.figures
     assert (figures["kind"], figures["seed"], figures["headline_hz"]) == ("simulated", 0, "50")
     assert figures["caveat"].startswith("Simulated")
@@ -502,7 +558,9 @@ def test_the_command_leaves_json_that_says_it_is_simulated_and_with_what_it_was_
     assert figures["versions"]
 
 
-def test_the_command_and_the_study_in_it_give_the_same_figures(commanded: Commanded, studied: Studied) -> None:
+def test_the_command_and_the_study_in_it_give_the_same_figures(
+    commanded: Commanded, studied: Studied
+) -> None:
     assert commanded.figures["rates"]["50"] == json.loads(json.dumps(studied.rate.figures))
 
 
@@ -516,8 +574,12 @@ def test_the_page_says_simulated_beside_its_tables_and_its_pictures(commanded: C
     assert html.escape(commanded.figures["caveat"]) in commanded.page
 
 
-def test_the_page_has_its_sections_and_a_picture_of_every_stream(commanded: Commanded, studied: Studied) -> None:
-    titles = [re.sub(r" <em.*", "", title) for title in re.findall(r"<h2>(.*?)</h2>", commanded.page)]
+def test_the_page_has_its_sections_and_a_picture_of_every_stream(
+    commanded: Commanded, studied: Studied
+) -> None:
+    titles = [
+        re.sub(r" <em.*", "", title) for title in re.findall(r"<h2>(.*?)</h2>", commanded.page)
+    ]
     assert titles == [
         "No leak of weight",
         "What it stands beside",
@@ -530,25 +592,42 @@ def test_the_page_has_its_sections_and_a_picture_of_every_stream(commanded: Comm
     for stream in studied.rate.streams:
         trial = re.escape(stream.recording.trial_id)
         assert re.search(rf"<h3>{trial} \(simulated\)</h3>\s*<svg", commanded.page)
-    assert commanded.page.count("<svg") == commanded.page.count("</svg>") == 4 + len(studied.rate.streams)
+    assert (
+        commanded.page.count("<svg")
+        == commanded.page.count("</svg>")
+        == 4 + len(studied.rate.streams)
+    )
 
 
-def test_the_page_asks_nobody_for_anything_and_shows_the_figures_of_the_json(commanded: Commanded) -> None:
+def test_the_page_asks_nobody_for_anything_and_shows_the_figures_of_the_json(
+    commanded: Commanded,
+) -> None:
     assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", commanded.page) == []
     best = commanded.figures["rates"]["50"]["rows"][OURS]
-    for figure in (best["four"]["macro_f1"], best["seven"]["accuracy"], best["calls"]["risky"]["share"]):
+    for figure in (
+        best["four"]["macro_f1"],
+        best["seven"]["accuracy"],
+        best["calls"]["risky"]["share"],
+    ):
         assert f"<b>{figure:.3f}</b>" in commanded.page
 
 
-def test_a_second_rate_has_a_section_and_a_leak_is_said_loudly(studied: Studied, tmp_path: Path) -> None:
-    leaking = studied.rate.figures | {"leak": studied.rate.figures["leak"] | {"leak": True}, "rate_hz": 100.0}
+def test_a_second_rate_has_a_section_and_a_leak_is_said_loudly(
+    studied: Studied, tmp_path: Path
+) -> None:
+    leaking = studied.rate.figures | {
+        "leak": studied.rate.figures["leak"] | {"leak": True},
+        "rate_hz": 100.0,
+    }
     figures = command.gathered([studied.rate, replace(studied.rate, figures=leaking)])
     assert (figures["leak"], figures["headline_hz"]) == (True, "100")
     lines = command.leak_lines(figures)
     assert len(lines) == 1
     assert lines[0].startswith("LEAK at 100 Hz")
     rate = studied.rate
-    page = write_scene_report(tmp_path / "r.html", SceneEvidence(figures, rate.data, rate.held_out, [])).read_text()
+    page = write_scene_report(
+        tmp_path / "r.html", SceneEvidence(figures, rate.data, rate.held_out, [])
+    ).read_text()
     assert "<h2>LEAK: weight is known where nothing shows it" in page
     assert "<h2>Rates <em class=note>(simulated)</em></h2>" in page
     assert "<h3>" not in page
@@ -560,7 +639,9 @@ def test_the_demo_makes_the_same_page_from_one_set_and_leaves_out_what_is_not_th
     rate = studied.rate
     demo = replace(rate.data, kind="made <up>")
     held_out = HeldOut({"classes": rate.held_out.votes["classes"]})
-    page = demo_report(tmp_path / "demo.html", demo, held_out, {"seed": 0}, rate.streams[:1]).read_text()
+    page = demo_report(
+        tmp_path / "demo.html", demo, held_out, {"seed": 0}, rate.streams[:1]
+    ).read_text()
     assert f"<b>{rate.figures['rows'][OURS]['four']['macro_f1']:.3f}</b>" in page
     assert "Where it is right" in page
     assert "Objects it never met" not in page
@@ -583,7 +664,10 @@ def test_a_folder_without_rates_says_which_command_makes_one(tmp_path: Path) -> 
     for place in (tmp_path / "empty", tmp_path / "nowhere"):
         with pytest.raises(DataNotFound) as told:
             command.main([str(place), "--out", str(tmp_path / "out")])
-        assert told.value.next_step == f"holdfast simulate thesis --rate 150 --out {place / '150hz' / 'thesis'}"
+        assert (
+            told.value.next_step
+            == f"holdfast simulate thesis --rate 150 --out {place / '150hz' / 'thesis'}"
+        )
 
 
 def test_rates_are_studied_slowest_first_by_number(tmp_path: Path) -> None:
@@ -619,7 +703,10 @@ def test_every_finger_has_its_own_colour_of_okabe_and_ito() -> None:
 def test_only_what_stands_between_the_markers_is_replaced(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     kept = "<!-- other: by x -->\nkeep\n<!-- /other -->\nafter\n"
-    page.write_text(f"before\n<!-- real: by make real -->\nstale\nlines\n<!-- /real -->\n{kept}", encoding="utf-8")
+    page.write_text(
+        f"before\n<!-- real: by make real -->\nstale\nlines\n<!-- /real -->\n{kept}",
+        encoding="utf-8",
+    )
     fresh = "µT \\1 \\g<0> 10 %\n"
     for _ in range(2):
         write_between(page, "real", fresh)
@@ -629,7 +716,11 @@ def test_only_what_stands_between_the_markers_is_replaced(tmp_path: Path) -> Non
 
 def test_a_page_without_its_markers_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    for text in ("nothing here\n", "<!-- real: by make -->\nno end\n", "no start\n<!-- /real -->\n"):
+    for text in (
+        "nothing here\n",
+        "<!-- real: by make -->\nno end\n",
+        "no start\n<!-- /real -->\n",
+    ):
         page.write_text(text)
         with pytest.raises(DataNotFound, match="no markers <!-- real: -->"):
             write_between(page, "real", "fresh\n")

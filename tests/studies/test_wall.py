@@ -1,4 +1,5 @@
-"""The study of what tells a fast hand-over from a pull: ideas, learners, the bound, and the whole on a few trials."""
+"""The study of what tells a fast hand-over from a pull: ideas, learners, the bound, and the whole
+on a few trials."""
 
 from __future__ import annotations
 
@@ -27,8 +28,15 @@ from training.plan import ForestPlan
 from training.recording import Recording
 
 SMALL = ForestPlan(n_estimators=8, max_depth=8)
-CARDS = {"thesis": "thesis", "broad": "broad", CHOOSE: "daily",
-         "author": "thesis", "p1": "p1", "p2": "p2", "asked-holds": "perturbed-hold"}  # fmt: skip
+CARDS = {
+    "thesis": "thesis",
+    "broad": "broad",
+    CHOOSE: "daily",
+    "author": "thesis",
+    "p1": "p1",
+    "p2": "p2",
+    "asked-holds": "perturbed-hold",
+}
 TRIALS = {"thesis": 45, "broad": 27, "p1": 45, "p2": 45, "daily": 6, "perturbed-hold": 9}
 
 
@@ -66,7 +74,9 @@ def test_every_learner_learns_what_is_plain_to_see(learner: Learner):
 
 def test_what_is_timed_of_boosting_gives_its_scores():
     label = np.repeat(np.arange(8), 60)
-    features = (np.random.default_rng(0).normal(0.0, 1.0, (480, 3)) + label[:, None] / 4).astype(np.float32)
+    features = (np.random.default_rng(0).normal(0.0, 1.0, (480, 3)) + label[:, None] / 4).astype(
+        np.float32
+    )
     learner = Boosting(10, 8)
     learner.fit(features, label, 0)
     session = session_of(learner.model, features)
@@ -76,7 +86,9 @@ def test_what_is_timed_of_boosting_gives_its_scores():
 
 def test_the_dearer_a_missed_slip_the_more_is_called():
     label = np.random.default_rng(1).integers(0, 8, 800)
-    features = np.random.default_rng(2).normal(0.0, 1.0, (800, 2)).astype(np.float32) + label[:, None] / 4
+    features = (
+        np.random.default_rng(2).normal(0.0, 1.0, (800, 2)).astype(np.float32) + label[:, None] / 4
+    )
     called = []
     for weight in (1 / 3, 1.0, 3.0):
         learner = Forest(ForestPlan(n_estimators=20, max_depth=4), risky_weight=weight)
@@ -110,7 +122,11 @@ def test_an_object_left_out_is_in_no_window(folder):
     name = str(part.held_object[part.held_object != ""][0])
     rest = without(part, name)
     assert name not in rest.held_object
-    assert len(rest.label) == len(rest.features) == len(part.label) - int((part.held_object == name).sum())
+    assert (
+        len(rest.label)
+        == len(rest.features)
+        == len(part.label) - int((part.held_object == name).sum())
+    )
 
 
 # -- the bound, and the opening command
@@ -140,12 +156,17 @@ def test_the_opening_command_is_when_the_scene_opens_the_hand(card, tmp_path):
     scene = Scene(read_card(card, rate_hz=50), 0)
     write_set(scene, tmp_path / "set", 45)
     drawn = {trial.number: trial for trial in scene.trials(45)}
-    told = [json.loads(path.read_text("utf-8")) for path in (tmp_path / "set").rglob("*.truth.json")]
+    told = [
+        json.loads(path.read_text("utf-8")) for path in (tmp_path / "set").rglob("*.truth.json")
+    ]
     opening = {one["number"]: opens_at_s(Grasp(one)) for one in told}
     for number, opens_s in opening.items():
         if opens_s is not None:
             assert opens_s == pytest.approx(Times.of(drawn[number]).open, abs=1e-4)
-    assert {drawn[n].action for n, opens_s in opening.items() if opens_s is not None} == {"pass", "put-down"}
+    assert {drawn[n].action for n, opens_s in opening.items() if opens_s is not None} == {
+        "pass",
+        "put-down",
+    }
 
 
 # -- the whole

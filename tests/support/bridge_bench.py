@@ -35,9 +35,11 @@ FIRST, SECOND = Transfer(0x70, bytes([1])), Transfer(0x70, bytes([2]))
 WHO = Transfer(A, bytes([ID]), 3)
 THRESHOLD = REGISTERS["X_THR_CONFIG"].address
 SIX = (
-    FIRST, *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B, C, D)),
-    SECOND, *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B)),
-)  # fmt: skip
+    FIRST,
+    *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B, C, D)),
+    SECOND,
+    *(Transfer(a, bytes([RESULTS]), PACKET_BYTES) for a in (A, B)),
+)
 TINY = tuple(FIRMWARES)
 ON_USB = (*TINY, "mcp2221", "ft232h")
 ALL = (*ON_USB, "native")
@@ -59,10 +61,13 @@ class Bench:
             self.open = lambda: NativeI2C(1)
         else:
             emulated: dict[str, Callable[[], Device]] = {
-                "mcp2221": lambda: VirtualMcp2221(self.hand), "ft232h": lambda: VirtualFt232h(self.hand),
-            }  # fmt: skip
+                "mcp2221": lambda: VirtualMcp2221(self.hand),
+                "ft232h": lambda: VirtualFt232h(self.hand),
+            }
             self.device = emulated.get(kind, lambda: VirtualTinyUsb(self.hand, kind))()
-            self.backend = VirtualBackend(self.device, self.clock, self.hand.faults, self.hand.power_off)
+            self.backend = VirtualBackend(
+                self.device, self.clock, self.hand.faults, self.hand.power_off
+            )
             driver: Any = {"mcp2221": Mcp2221, "ft232h": Ft232h}.get(kind, TinyUsb)
             self.open = lambda: driver(self.backend)
         self.bus = self.open()
@@ -77,7 +82,9 @@ class Bench:
 
     def configure(self, address: int, **told: bool) -> None:
         """Write a chip's settings over the first channel."""
-        self.bus.scan([FIRST, *(Transfer(address, bytes(byte)) for byte in Setup(**told).registers())])
+        self.bus.scan(
+            [FIRST, *(Transfer(address, bytes(byte)) for byte in Setup(**told).registers())]
+        )
 
     def engine(self) -> VirtualMcp2221:
         assert isinstance(self.device, VirtualMcp2221)

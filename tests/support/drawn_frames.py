@@ -1,4 +1,5 @@
-"""Frames of tags drawn in a known motion, and depthai in processes of its own: what crashes it fails one test."""
+"""Frames of tags drawn in a known motion, and depthai in processes of its own: what crashes it
+fails one test."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def camera(**said: float) -> Camera:
 
 
 def command(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    """The command line in a process of its own; what the machine says about depthai is not heard."""
+    """The command line in a process of its own; what the machine says about depthai is not
+    heard."""
     return process("-m", "holdfast", *map(str, words), environment=environment)
 
 
@@ -40,10 +42,20 @@ def process(
         if file_limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
 
-    plain = {key: value for key, value in os.environ.items() if key not in QUIET and not key.startswith("DEPTHAI_")}
+    plain = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in QUIET and not key.startswith("DEPTHAI_")
+    }
     told = plain | dict(environment or {})
     return subprocess.run(
-        [sys.executable, *words], cwd=ROOT, env=told, capture_output=True, text=True, check=False, preexec_fn=limit
+        [sys.executable, *words],
+        cwd=ROOT,
+        env=told,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=limit,
     )
 
 
@@ -69,7 +81,8 @@ quiet = lambda line: None
 
 
 def motion_m(t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """[T, 3] of object in the hand and of the hand: it sways, and lets the object slide from 0.5 s on."""
+    """[T, 3] of object in the hand and of the hand: it sways, and lets the object slide from 0.5 s
+    on."""
     thing, hand = np.zeros((len(t_s), 3)), np.zeros((len(t_s), 3))
     thing[:, 2] = -0.015 * np.maximum(t_s - 0.5, 0.0) ** 2
     hand[:, 0], hand[:, 2] = 2e-3 * np.sin(5.0 * t_s), 1e-3 * np.sin(3.0 * t_s)
@@ -84,18 +97,25 @@ def write_frames(path: Path, stamps_s: FloatArray, frames: Frames, **said: float
 
 @pytest.fixture(scope="session")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray, Frames]:
-    """Frames of a known motion; the hand's tag is covered for a while, and the object's seen twice for a while."""
+    """Frames of a known motion; the hand's tag is covered for a while, and the object's seen twice
+    for a while."""
     t_s = np.arange(N_FRAMES + 1) / FPS
     stamps_s, frames = camera().film(t_s, *motion_m(t_s), np.random.default_rng(0))
     for k in COVERED:
         frames[k, :, 90:150] = GREY
     for k in TWICE:
         frames[k, 10:80, 10:80] = frames[k, 113:183, 165:235]
-    return write_frames(tmp_path_factory.mktemp("drawn") / "known.frames.npz", stamps_s, frames), stamps_s, frames
+    return (
+        write_frames(tmp_path_factory.mktemp("drawn") / "known.frames.npz", stamps_s, frames),
+        stamps_s,
+        frames,
+    )
 
 
 @pytest.fixture(scope="session")
-def recorded(drawn: tuple[Path, FloatArray, Frames], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(
+    drawn: tuple[Path, FloatArray, Frames], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """The folder that watching them leaves. Read only."""
     out = tmp_path_factory.mktemp("recorded") / "trial"
     done = command("watch", "--camera", drawn[0], "--out", out)

@@ -1,6 +1,8 @@
-"""Chips of others on the wire, as their data sheets have them, for tests of what a scan does to them.
+"""Chips of others on the wire, as their data sheets have them, for tests of what a scan does to
+them.
 
-Each tells in `state` what it would lose: its memory, outputs and settings, but not its pointer, which any read moves.
+Each tells in `state` what it would lose: its memory, outputs and settings, but not its pointer,
+which any read moves.
 """
 
 from __future__ import annotations
@@ -53,14 +55,16 @@ def eeprom(address: int = 0x50) -> Registers:
 
 
 class Pca9685(Registers):
-    """A 16-channel PWM driver (NXP): it also answers at its all-call address, and the general call 06 resets it."""
+    """A 16-channel PWM driver (NXP): it also answers at its all-call address, and the general call
+    06 resets it."""
 
     ALL_CALL = 0x70
     FRESH = bytes([0x11, 0x04, 0xE2, 0xE4, 0xE8, 0xE0]) + bytes(250)
 
     def __init__(self, address: int = 0x40) -> None:
         in_use = bytearray(self.FRESH)
-        in_use[0], in_use[6:10] = 0x01, bytes([0x10, 0x00, 0x33, 0x01])  # awake, a servo at its angle
+        # awake, a servo at its angle
+        in_use[0], in_use[6:10] = 0x01, bytes([0x10, 0x00, 0x33, 0x01])
         super().__init__(address, bytes(in_use), increments=False)
         self.reset_calls = 0
         self._general = False
@@ -81,7 +85,8 @@ class Pca9685(Registers):
 
 
 class Ads1115(Registers):
-    """An analog-to-digital converter (TI): four registers of two bytes, its pointer has two bits."""
+    """An analog-to-digital converter (TI): four registers of two bytes, its pointer has two
+    bits."""
 
     def __init__(self, address: int = 0x48) -> None:
         super().__init__(address, bytes([0x12, 0x34, 0x85, 0x83, 0x80, 0x00, 0x7F, 0xFF]))

@@ -1,4 +1,5 @@
-"""A virtual hand on an emulated FT232H with its driver, for the tests of what the hand does when something fails."""
+"""A virtual hand on an emulated FT232H with its driver, for the tests of what the hand does when
+something fails."""
 
 from __future__ import annotations
 
@@ -32,17 +33,26 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.virtual = VirtualHand(
-            self.clock, track=self.track, layout=self.on_wire or self.layout, seed=0,
+            self.clock,
+            track=self.track,
+            layout=self.on_wire or self.layout,
+            seed=0,
             faults=[read_fault(one) for one in self.faults],
-        )  # fmt: skip
+        )
         virtual = self.virtual
-        self.backend = VirtualBackend(VirtualFt232h(virtual), self.clock, virtual.faults, virtual.power_off)
+        self.backend = VirtualBackend(
+            VirtualFt232h(virtual), self.clock, virtual.faults, virtual.power_off
+        )
         self.said: list[str] = []
         self.hand = Hand(
-            self.open_bus, read_layout(self.layout), setup=self.setup, crc=self.crc,
-            now_ns=self.clock.now_ns, pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
+            self.open_bus,
+            read_layout(self.layout),
+            setup=self.setup,
+            crc=self.crc,
+            now_ns=self.clock.now_ns,
+            pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
             say=self.said.append,
-        )  # fmt: skip
+        )
 
     def open_bus(self) -> Bus:
         """A driver on the bridge, opened."""

@@ -1,17 +1,16 @@
 """The catalogue of hard cases, made of tests: a mark names the case, a run writes down how it went.
 
-    @pytest.mark.hard_case(
-        "Filter and features", "large offset", elsewhere="a cascade of filters loses the slip in rounding",
-        here="only differences enter the bank",
+    @pytest.mark.hard_case( "Filter and features", "large offset", elsewhere="a cascade of filters
+        loses the slip in rounding", here="only differences enter the bank",
     )
     def test_a_slip_on_an_offset_of_ten_thousand_is_seen(record_property): ...
 
-Hazards (hazard_marks.py, `--hazards=FILE`) are written down in the same way, and safety_page.py makes docs/safety.md
-of them.
+Hazards (hazard_marks.py, `--hazards=FILE`) are written down in the same way, and safety_page.py
+makes docs/safety.md of them.
 
-`pytest -m hard_case --hard-cases=FILE` writes area, case, both sentences, test, outcome and what the test recorded with
-`record_property` as JSON; hard_cases_page.py makes docs/hard-cases.md of it. A test that shows what happens
-without a guard carries the same mark and `unguarded=True`.
+`pytest -m hard_case --hard-cases=FILE` writes area, case, both sentences, test, outcome and what
+the test recorded with `record_property` as JSON; hard_cases_page.py makes docs/hard-cases.md of it.
+A test that shows what happens without a guard carries the same mark and `unguarded=True`.
 """
 
 from __future__ import annotations
@@ -24,8 +23,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-AREAS = ("Filter and features", "Forest and ONNX", "Calibration and metrics", "Simulation", "Time and schedule",
-         "What comes from outside")  # fmt: skip
+AREAS = (
+    "Filter and features",
+    "Forest and ONNX",
+    "Calibration and metrics",
+    "Simulation",
+    "Time and schedule",
+    "What comes from outside",
+)
 Row = dict[str, Any]
 PLACE = pytest.StashKey[int]()
 OPTIONS = {"hard_case": "--hard-cases", "hazard": "--hazards"}
@@ -35,7 +40,9 @@ OPTIONS = {"hard_case": "--hard-cases", "hazard": "--hazards"}
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Where the results go."""
     for mark, option in OPTIONS.items():
-        parser.addoption(option, type=Path, help=f"write how the tests marked {mark} went to this JSON file")
+        parser.addoption(
+            option, type=Path, help=f"write how the tests marked {mark} went to this JSON file"
+        )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -51,7 +58,9 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Attach what its marks say to the report of a test that was run, or was skipped."""
     report = yield
     if report.when == "call" or report.skipped:
@@ -65,18 +74,23 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 
 class Catalogue:
-    """Gathers the reports of marked tests, whichever process ran them, and writes the files that were asked for."""
+    """Gathers the reports of marked tests, whichever process ran them, and writes the files that
+    were asked for."""
 
     def __init__(self, config: pytest.Config) -> None:
-        self.paths: dict[str, Path | None] = {mark: config.getoption(option) for mark, option in OPTIONS.items()}
+        self.paths: dict[str, Path | None] = {
+            mark: config.getoption(option) for mark, option in OPTIONS.items()
+        }
         self.rows: dict[str, dict[int, Row]] = {mark: {} for mark in OPTIONS}
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Note one test down."""
         for mark, said in getattr(report, "catalogued", {}).items():
             self.rows[mark][report.place] = said | {
-                "test": report.nodeid, "outcome": report.outcome, "measured": dict(report.user_properties),
-            }  # fmt: skip
+                "test": report.nodeid,
+                "outcome": report.outcome,
+                "measured": dict(report.user_properties),
+            }
 
     def pytest_sessionfinish(self) -> None:
         """Write the tests in the order in which they were collected."""
@@ -99,11 +113,20 @@ def hazard(mark: pytest.Mark) -> dict[str, Any]:
 
 
 def told(mark: pytest.Mark) -> dict[str, Any]:
-    """What a mark says. Raises ValueError for an area there is not, and TypeError for a sentence that lacks."""
+    """What a mark says. Raises ValueError for an area there is not, and TypeError for a sentence
+    that lacks."""
     return _told(*mark.args, **mark.kwargs)
 
 
-def _told(area: str, case: str, *, elsewhere: str, here: str, unguarded: bool = False) -> dict[str, Any]:
+def _told(
+    area: str, case: str, *, elsewhere: str, here: str, unguarded: bool = False
+) -> dict[str, Any]:
     if area not in AREAS:
         raise ValueError(f"{area!r} is none of {AREAS}")
-    return {"area": area, "case": case, "elsewhere": elsewhere, "here": here, "unguarded": unguarded}
+    return {
+        "area": area,
+        "case": case,
+        "elsewhere": elsewhere,
+        "here": here,
+        "unguarded": unguarded,
+    }

@@ -32,7 +32,9 @@ def page(results: list[dict[str, Any]]) -> str:
 def _case(case: str, rows: list[dict[str, Any]]) -> str:
     first = rows[0]
     by_test = dict.fromkeys(row["test"].partition("[")[0] for row in rows)
-    lines = "\n".join(_line([row for row in rows if row["test"].partition("[")[0] == test]) for test in by_test)
+    lines = "\n".join(
+        _line([row for row in rows if row["test"].partition("[")[0] == test]) for test in by_test
+    )
     return f"### {case}\n\nElsewhere: {first['elsewhere']}. Here: {first['here']}.\n\n{lines}\n"
 
 
@@ -40,10 +42,14 @@ def _line(rows: list[dict[str, Any]]) -> str:
     """One test, all its variants."""
     name = rows[0]["test"].partition("[")[0].rpartition("::")[2]
     outcomes = [row["outcome"] for row in rows]
-    counts = ", ".join(f"{outcome} {outcomes.count(outcome)} times" for outcome in dict.fromkeys(outcomes))
+    counts = ", ".join(
+        f"{outcome} {outcomes.count(outcome)} times" for outcome in dict.fromkeys(outcomes)
+    )
     outcome = outcomes[0] if len(rows) == 1 else counts
     begins = "without: " if rows[0]["unguarded"] else ""
-    measured = "; ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in _measured(rows).items())
+    measured = "; ".join(
+        f"{key.replace('_', ' ')} {_short(value)}" for key, value in _measured(rows).items()
+    )
     sentence = name.removeprefix("test_").replace("_", " ")
     return f"- {outcome}: {begins}{sentence}" + (f" ({measured})" if measured else "")
 

@@ -1,4 +1,5 @@
-"""The hard cases of filter, forest and metrics by name, each with what happens elsewhere and what happens here.
+"""The hard cases of filter, forest and metrics by name, each with what happens elsewhere and what
+happens here.
 
 @SILENCE.mark
 def test_silence_ends_in_exact_zeros(): ...

@@ -1,4 +1,5 @@
-"""The hazards by name: what can go wrong, what the software does, and what is left to the hand's own controller.
+"""The hazards by name: what can go wrong, what the software does, and what is left to the hand's
+own controller.
 
 @FOREIGN_CHIP.mark
 def test_a_scan_leaves_an_eeprom_as_it_was(): ...

@@ -1,4 +1,5 @@
-"""Stands in for the module `hid` (hidapi's libusb backend), with a virtual USB device instead of libusb below it."""
+"""Stands in for the module `hid` (hidapi's libusb backend), with a virtual USB device instead of
+libusb below it."""
 
 from __future__ import annotations
 
@@ -39,7 +40,9 @@ class HidDevice:
         self._module = module
         self._device: Any = None
 
-    def open(self, vendor_id: int = 0, product_id: int = 0, serial_number: str | None = None) -> None:
+    def open(
+        self, vendor_id: int = 0, product_id: int = 0, serial_number: str | None = None
+    ) -> None:
         """The first with these ids. Raises OSError."""
         for shown in self._module.enumerate(vendor_id, product_id):
             if serial_number in (None, shown["serial_number"]):
@@ -61,7 +64,9 @@ class HidDevice:
         except usb.core.USBError:
             raise OSError("open failed") from None
         self._device = device
-        self._in, self._out = sorted(device[0][(interface, 0)], key=lambda one: -one.bEndpointAddress)
+        self._in, self._out = sorted(
+            device[0][(interface, 0)], key=lambda one: -one.bEndpointAddress
+        )
 
     def close(self) -> None:
         """Give it back; twice does no harm."""
@@ -74,7 +79,8 @@ class HidDevice:
         self.close()
 
     def write(self, report: list[int] | bytes) -> int:
-        """The number of the report first, 0 here and not sent; how many bytes, with it. -1: it failed."""
+        """The number of the report first, 0 here and not sent; how many bytes, with it. -1: it
+        failed."""
         try:
             return int(self._opened().write(self._out, bytes(report)[1:])) + 1
         except usb.core.USBError:
@@ -83,7 +89,11 @@ class HidDevice:
     def read(self, max_length: int, timeout_ms: int = 0) -> list[int]:
         """A report, or nothing after the time-out; without one it waits. Raises OSError."""
         try:
-            return list(self._opened().read(self._in, max_length, timeout_ms if timeout_ms > 0 else FOREVER_MS))
+            return list(
+                self._opened().read(
+                    self._in, max_length, timeout_ms if timeout_ms > 0 else FOREVER_MS
+                )
+            )
         except usb.core.USBTimeoutError:
             if timeout_ms > 0:
                 return []
@@ -104,8 +114,12 @@ def _interfaces(device: Any) -> list[dict[str, Any]]:
 def _shown(device: Any, interface: Any) -> dict[str, Any]:
     number = interface.bInterfaceNumber
     return {
-        "path": f"1-1:1.{number}".encode(), "vendor_id": device.idVendor, "product_id": device.idProduct,
-        "serial_number": device.serial_number or "", "release_number": device.bcdDevice,
-        "manufacturer_string": device.manufacturer, "product_string": device.product,
+        "path": f"1-1:1.{number}".encode(),
+        "vendor_id": device.idVendor,
+        "product_id": device.idProduct,
+        "serial_number": device.serial_number or "",
+        "release_number": device.bcdDevice,
+        "manufacturer_string": device.manufacturer,
+        "product_string": device.product,
         "interface_number": number,
-    }  # fmt: skip
+    }

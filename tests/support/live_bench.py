@@ -42,11 +42,17 @@ class Steady:
         pass
 
 
-def go(model: Model, source: Any, clock: VirtualClock, **told: Any) -> tuple[Summary, list[Prediction], list[Sample]]:
+def go(
+    model: Model, source: Any, clock: VirtualClock, **told: Any
+) -> tuple[Summary, list[Prediction], list[Sample]]:
     said: list[tuple[Prediction, Sample]] = []
     summary = run_live(
-        source, GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18), clock,
+        source,
+        GripMonitor(model, clock.now_ns),
+        Tare(model.card.preparation, 18),
+        clock,
         lambda prediction, sample, measured: said.append((prediction, sample)),
-        stopped=told.pop("stopped", lambda: False), **told,
-    )  # fmt: skip
+        stopped=told.pop("stopped", lambda: False),
+        **told,
+    )
     return summary, [one for one, _ in said], [one for _, one in said]

@@ -1,4 +1,5 @@
-"""The recorder on a virtual clock or as a process, a source of a plain signal, and two people recorded."""
+"""The recorder on a virtual clock or as a process, a source of a plain signal, and two people
+recorded."""
 
 from __future__ import annotations
 
@@ -58,7 +59,12 @@ count = 3
 [effects.dipole]
 [effects.hall_noise]
 """
-OF_TRIAL = [("soft-ball", "pull"), ("soft-ball", "pass"), ("hard-ball", "pass"), ("hard-ball", "fall")] * 2
+OF_TRIAL = [
+    ("soft-ball", "pull"),
+    ("soft-ball", "pass"),
+    ("hard-ball", "pass"),
+    ("hard-ball", "fall"),
+] * 2
 """What the trials of that card are."""
 PROTOCOL = """
 title = "Two objects"
@@ -109,14 +115,20 @@ def columns_of(folder: Path) -> dict[str, list[str]]:
 
 
 class Hand:
-    """A source of a plain signal: row k after what shifts[k] adds to its stamp, and at row k says[k] happens."""
+    """A source of a plain signal: row k after what shifts[k] adds to its stamp, and at row k
+    says[k] happens."""
 
     unit, n_channels, rate_hz = "N", 18, None
 
     def __init__(
-        self, clock: VirtualClock, n: int, *, stalls: Mapping[int, float] | None = None,
-        shifts: Mapping[int, float] | None = None, says: Mapping[int, Callable[[], object]] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        clock: VirtualClock,
+        n: int,
+        *,
+        stalls: Mapping[int, float] | None = None,
+        shifts: Mapping[int, float] | None = None,
+        says: Mapping[int, Callable[[], object]] | None = None,
+    ) -> None:
         self.clock, self.n, self.k = clock, n, 0
         self.stalls, self.shifts, self.says = stalls or {}, shifts or {}, says or {}
         self.offset_ns = 0
@@ -137,14 +149,26 @@ class Hand:
 
 
 def session(
-    out: Path, source: Any, keys: Keys, tasks: list[Task], *, at_once: bool = True, seconds: float | None = None,
-    stopped: Callable[[], bool] = never, said: list[str] | None = None,
-) -> tuple[int, list[str]]:  # fmt: skip
+    out: Path,
+    source: Any,
+    keys: Keys,
+    tasks: list[Task],
+    *,
+    at_once: bool = True,
+    seconds: float | None = None,
+    stopped: Callable[[], bool] = never,
+    said: list[str] | None = None,
+) -> tuple[int, list[str]]:
     said = [] if said is None else said
     made = Session(
-        SessionOptions(out, "p01", 100.0, seconds, at_once, {}), source, source.clock, keys, said.append,
-        bias=np.zeros(18), about={"unit": "N"},
-    )  # fmt: skip
+        SessionOptions(out, "p01", 100.0, seconds, at_once, {}),
+        source,
+        source.clock,
+        keys,
+        said.append,
+        bias=np.zeros(18),
+        about={"unit": "N"},
+    )
     return made.run(tasks, stopped), said
 
 
@@ -184,7 +208,13 @@ def people(card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def start(*words: object, stdin: Any = subprocess.DEVNULL, **told: Any) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
     return subprocess.Popen(
-        command, cwd=ROOT, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **told
+        command,
+        cwd=ROOT,
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **told,
     )
 
 

@@ -17,7 +17,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "studies": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
     "benchmarks": {"edge_runtime", "drivers", "simulation", "export", "training", "evaluation"},
     "holdfast": {
-        "edge_runtime", "drivers", "simulation", "export", "training", "evaluation", "studies", "benchmarks",
+        "edge_runtime",
+        "drivers",
+        "simulation",
+        "export",
+        "training",
+        "evaluation",
+        "studies",
+        "benchmarks",
     },
 }
 """A room, and the rooms it may import."""

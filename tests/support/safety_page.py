@@ -1,4 +1,5 @@
-"""The tables of docs/safety.md, made of how the tests went: `make safety`. The prose around them is the page's own."""
+"""The tables of docs/safety.md, made of how the tests went: `make safety`. The prose around them is
+the page's own."""
 
 from __future__ import annotations
 
@@ -14,11 +15,15 @@ BEGIN, END = "<!-- hazards: written by `make safety` -->\n", "<!-- /hazards -->"
 def tables(results: list[dict[str, Any]]) -> str:
     """A section an area, a row a hazard, with its tests below."""
     parts = []
-    for area, rows in groupby(sorted(results, key=lambda row: str(row["area"])), key=lambda row: row["area"]):
+    for area, rows in groupby(
+        sorted(results, key=lambda row: str(row["area"])), key=lambda row: row["area"]
+    ):
         by_hazard: dict[str, list[dict[str, Any]]] = {}
         for row in rows:
             by_hazard.setdefault(row["hazard"], []).append(row)
-        parts.append(f"## {area}\n\n" + "\n".join(_hazard(name, tests) for name, tests in by_hazard.items()))
+        parts.append(
+            f"## {area}\n\n" + "\n".join(_hazard(name, tests) for name, tests in by_hazard.items())
+        )
     return "\n".join(parts)
 
 
@@ -37,8 +42,12 @@ def _lines(rows: list[dict[str, Any]]) -> list[str]:
 
 def _line(test: str, told: list[str]) -> str:
     path, _, name = test.rpartition("::")
-    counts = ", ".join(f"{told.count(one)} {one}" if len(told) > 1 else one for one in dict.fromkeys(told))
-    return f"- {name.removeprefix('test_').replace('_', ' ')} (`{path.partition('::')[0]}`, {counts})"
+    counts = ", ".join(
+        f"{told.count(one)} {one}" if len(told) > 1 else one for one in dict.fromkeys(told)
+    )
+    return (
+        f"- {name.removeprefix('test_').replace('_', ' ')} (`{path.partition('::')[0]}`, {counts})"
+    )
 
 
 def rewritten(page: str, results: list[dict[str, Any]]) -> str:

@@ -1,4 +1,5 @@
-"""Small models by the exporter itself, and model files that were altered and sealed again by its rules alone."""
+"""Small models by the exporter itself, and model files that were altered and sealed again by its
+rules alone."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ from training.plan import ForestPlan
 EXTRA_HEAD = "p_risky_250ms"
 
 
-def spec(groups: Sequence[str] = ("now",), unit: Unit = "N", n_sensors: int = 2, rate_hz: float = 50.0) -> StepSpec:
+def spec(
+    groups: Sequence[str] = ("now",), unit: Unit = "N", n_sensors: int = 2, rate_hz: float = 50.0
+) -> StepSpec:
     """What a small model is built for."""
     return StepSpec(n_sensors=n_sensors, rate_hz=rate_hz, unit=unit, groups=tuple(groups))
 
@@ -41,11 +44,15 @@ def head(spec: StepSpec, name: str, classes: tuple[str, ...], plan: ForestPlan =
     """A head, fitted on noise."""
     rng = np.random.default_rng(0)
     forest = plan.build(0, n_jobs=1)
-    forest.fit(rng.normal(size=(40, feature_count(spec))).astype(np.float32), np.arange(40) % len(classes))
+    forest.fit(
+        rng.normal(size=(40, feature_count(spec))).astype(np.float32), np.arange(40) % len(classes)
+    )
     return Head(name, classes, forest, Calibration(np.eye(len(classes)), np.zeros(len(classes))))
 
 
-def artifact(spec: StepSpec, eight: bool = True, extra: bool = True, plan: ForestPlan = SMALL) -> Artifact:
+def artifact(
+    spec: StepSpec, eight: bool = True, extra: bool = True, plan: ForestPlan = SMALL
+) -> Artifact:
     """What training would hand to the exporter."""
     heads = [head(spec, "situation", CLASSES if eight else SITUATIONS, plan)]
     heads += [head(spec, EXTRA_HEAD, ("no", "yes"), plan)] if extra else []
@@ -62,18 +69,23 @@ def graph_of(made: Artifact) -> onnx.ModelProto:
 
 @cache
 def sealed_bytes(eight: bool = True) -> bytes:
-    """A sealed model of two sensors at 50 Hz: eight classes and a further head, or four situations."""
+    """A sealed model of two sensors at 50 Hz: eight classes and a further head, or four
+    situations."""
     made = artifact(spec(), eight)
     return seal(graph_of(made), model_card(made), made.spec)
 
 
 def card_of(data: bytes) -> dict[str, Any]:
     """The card inside a model file."""
-    (text,) = [entry.value for entry in onnx.load_from_string(data).metadata_props if entry.key == CARD_KEY]
+    (text,) = [
+        entry.value for entry in onnx.load_from_string(data).metadata_props if entry.key == CARD_KEY
+    ]
     return dict(json.loads(text))
 
 
-def resealed(model: onnx.ModelProto, card: dict[str, Any] | None = None, golden: bool = False) -> bytes:
+def resealed(
+    model: onnx.ModelProto, card: dict[str, Any] | None = None, golden: bool = False
+) -> bytes:
     """The file with another card (None: its own) and a seal that holds, made from the rule alone.
 
     golden: the golden sequences are made again, from what the altered graph answers.
@@ -82,7 +94,9 @@ def resealed(model: onnx.ModelProto, card: dict[str, Any] | None = None, golden:
     card = json.loads(told[CARD_KEY]) if card is None else card
     if golden:
         session = open_session(model.SerializeToString())
-        answers = golden_answers(session, 3 * card["spec"]["n_sensors"], card["spec"]["unit"], card["settle_samples"])
+        answers = golden_answers(
+            session, 3 * card["spec"]["n_sensors"], card["spec"]["unit"], card["settle_samples"]
+        )
         told[GOLDEN_KEY] = json.dumps(golden_to_json(answers))
     told |= {CARD_KEY: json.dumps(card), SEAL_KEY: "0" * 64}
     onnx.helper.set_model_props(model, told)
@@ -101,7 +115,8 @@ def metadata_of(data: bytes) -> dict[str, str]:
 
 
 def with_metadata(data: bytes, **changed: str | None) -> bytes:
-    """The file with other metadata (None: without), and a seal that holds, made from the rule alone."""
+    """The file with other metadata (None: without), and a seal that holds, made from the rule
+    alone."""
     model = onnx.load_from_string(data)
     entries = {**metadata_of(data), **changed, SEAL_KEY: "0" * 64}
     del model.metadata_props[:]

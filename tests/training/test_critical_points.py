@@ -1,4 +1,5 @@
-"""Offline critical points: the laws of the filter bank, the friction cone, and the rules in seconds."""
+"""Offline critical points: the laws of the filter bank, the friction cone, and the rules in
+seconds."""
 
 from __future__ import annotations
 
@@ -25,12 +26,15 @@ GRASP_S, SLIP_S = 3.0, 6.0
 
 
 def held_object(rate_hz: float = 50.0, seed: int = 0, slip_s: float = SLIP_S) -> FloatArray:
-    """[T, 6]: two sensors close on something at 3 s, feel it shake and shift at `slip_s`; 9 s in all."""
+    """[T, 6]: two sensors close on something at 3 s, feel it shake and shift at `slip_s`; 9 s in
+    all."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(round(9.0 * rate_hz)) / rate_hz
     grip = 2.0 * np.clip((t_s - GRASP_S) / 0.1, 0.0, 1.0)
     shift = 0.8 * np.clip((t_s - slip_s) / 0.1, 0.0, 1.0)
-    burst = ((t_s >= slip_s) & (t_s < slip_s + 0.2)) * 0.5 * np.sin(2 * np.pi * 15.0 * (t_s - slip_s))
+    burst = (
+        ((t_s >= slip_s) & (t_s < slip_s + 0.2)) * 0.5 * np.sin(2 * np.pi * 15.0 * (t_s - slip_s))
+    )
     x = 0.4 * grip + shift + burst
     clean = np.stack([x, 0.2 * x, grip, 0.5 * x, -x, 1.2 * grip], axis=1)
     return clean + rng.normal(0.0, 0.005, clean.shape)
@@ -87,7 +91,11 @@ def test_one_threshold_serves_every_object() -> None:
     trial = recording(held_object())
     light = replace(trial, object_name="soft-ball", action="pass")
     heavy = replace(trial, object_name="full-bottle", action="fall")
-    assert offline_critical_points(light) == offline_critical_points(heavy) == offline_critical_points(trial)
+    assert (
+        offline_critical_points(light)
+        == offline_critical_points(heavy)
+        == offline_critical_points(trial)
+    )
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
@@ -101,7 +109,9 @@ def test_a_point_names_the_methods_that_found_it() -> None:
     t_s = np.arange(450) / 50.0
     samples = held_object()
     grasp, slip = offline_critical_points(recording(samples))
-    assert (grasp.source, slip.source) == ("friction", "both"), "closing shifts the force but hardly shakes"
+    assert (grasp.source, slip.source) == ("friction", "both"), (
+        "closing shifts the force but hardly shakes"
+    )
     samples[:, 0] += 0.1 * np.sin(2 * np.pi * 15.0 * t_s) * (abs(t_s - 4.5) < 0.1)
     _, hum, _ = offline_critical_points(recording(samples))
     assert hum.source == "band-pass", "a shake that moves nothing"
@@ -130,7 +140,9 @@ def test_the_order_of_the_sensors_changes_nothing(order: list[int], seed: int) -
 
 
 @SIGN.mark
-@given(mirror=st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4), seed=st.integers(0, 50))
+@given(
+    mirror=st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4), seed=st.integers(0, 50)
+)
 @settings(max_examples=20)
 def test_the_sign_of_a_shear_axis_changes_nothing(mirror: list[float], seed: int) -> None:
     samples = held_object(seed=seed)
@@ -140,7 +152,9 @@ def test_the_sign_of_a_shear_axis_changes_nothing(mirror: list[float], seed: int
 
 @given(seed=st.integers(0, 1000), rate_hz=st.sampled_from(RATES_HZ), slip_s=st.floats(0.0, 9.0))
 @settings(max_examples=30)
-def test_points_keep_off_both_ends_and_apart_from_each_other(seed: int, rate_hz: float, slip_s: float) -> None:
+def test_points_keep_off_both_ends_and_apart_from_each_other(
+    seed: int, rate_hz: float, slip_s: float
+) -> None:
     points = offline_critical_points(recording(held_object(rate_hz, seed, slip_s), rate_hz))
     times = np.array([point.t_s for point in points])
     assert np.all((times >= 1.0) & (times < 8.0))
@@ -152,7 +166,9 @@ def test_excursions_that_follow_within_three_tenths_of_a_second_are_one() -> Non
     t_s = np.arange(1500) / 150.0
     samples = np.random.default_rng(0).normal(0.0, 0.002, (1500, 3))
     for start_s in (4.0, 4.9, 5.8):  # the bank rings on: less than 0.3 s of quiet between them
-        samples[:, 0] += ((t_s >= start_s) & (t_s < start_s + 0.6)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
+        samples[:, 0] += (
+            ((t_s >= start_s) & (t_s < start_s + 0.6)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
+        )
     assert band_pass_rows(samples, 150.0) == pytest.approx([600], abs=15)
     samples[:, 0] += ((t_s >= 7.6) & (t_s < 8.0)) * 0.4 * np.sin(2 * np.pi * 10.0 * t_s)
     assert band_pass_rows(samples, 150.0) == pytest.approx([600, 1140], abs=15)
@@ -163,7 +179,8 @@ def test_a_normal_force_that_crosses_zero_makes_no_friction_point() -> None:
     rng = np.random.default_rng(0)
     t_s = np.arange(500) / 50.0
     samples = rng.normal(0.0, 0.01, (500, 3))
-    samples[:, 0] += 1.0  # steady shear; the quotient x / z has a pole wherever z passes through zero
+    # steady shear; the quotient x / z has a pole wherever z passes through zero
+    samples[:, 0] += 1.0
     samples[:, 2] += np.sin(2 * np.pi * 0.3 * t_s)
     assert not friction_rows(samples, 50.0).size
 

@@ -55,7 +55,9 @@ def write_pads(root: Path, slip: str, fail: str) -> Path:
     return folder
 
 
-def test_a_set_is_found_by_name_in_the_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_set_is_found_by_name_in_the_data_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path))
     (tmp_path / "eflesh_slip").mkdir()
     write_eflesh(tmp_path / "eflesh_slip")
@@ -68,10 +70,14 @@ def test_a_format_is_recognised_whatever_the_folder_is_called(tmp_path: Path) ->
     assert load(write_eflesh(other_name)).name == "eflesh_slip"
 
 
-def test_a_set_that_is_not_there_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_set_that_is_not_there_says_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path / "nowhere"))
-    with pytest.raises(DataNotFound, match=r"points elsewhere; next: set HOLDFAST_DATA to .* eflesh_slip/"):
+    with pytest.raises(
+        DataNotFound, match=r"points elsewhere; next: set HOLDFAST_DATA to .* eflesh_slip/"
+    ):
         load("eflesh_slip")
     with pytest.raises(DataNotFound, match="no such data set or folder"):
         load("eflesh_slop")
@@ -132,7 +138,11 @@ def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
 
 def test_one_threshold_separates_what_amplitude_separates(tmp_path: Path) -> None:
     figures = eflesh_slip.threshold_baseline(load(write_eflesh(tmp_path)), n_folds=4)
-    assert figures == {"trial_accuracy": 1.0, "trial_accuracy_in_sample": 1.0, "window_accuracy": 1.0}
+    assert figures == {
+        "trial_accuracy": 1.0,
+        "trial_accuracy_in_sample": 1.0,
+        "window_accuracy": 1.0,
+    }
 
 
 def test_a_threshold_lies_in_the_middle_of_the_widest_of_the_best_gaps() -> None:
@@ -159,7 +169,9 @@ def test_labels_that_are_not_zero_or_one_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_slip_is_named_by_how_it_ends() -> None:
-    slip, fail = (np.array([int(c) for c in word], bool) for word in ("001100110011", "000000001100"))
+    slip, fail = (
+        np.array([int(c) for c in word], bool) for word in ("001100110011", "000000001100")
+    )
     assert situations(slip, fail).tolist() == [1, 1, 2, 2, 1, 1, 3, 3, 3, 3, -1, -1]
 
 
@@ -234,8 +246,12 @@ def test_the_real_eflesh_set_falls_to_one_threshold(real_set: Callable[[str], Pa
     tugged = [recording for recording in data.recordings if recording.action == "tug"]
     assert len(tugged) == 103
     figures = eflesh_slip.threshold_baseline(data)
-    assert figures["trial_accuracy"] == figures["trial_accuracy_in_sample"] == pytest.approx(136 / 137)
-    departed_s = [(eflesh_slip.departure_row(recording.samples) or 0) / 100.0 for recording in tugged]
+    assert (
+        figures["trial_accuracy"] == figures["trial_accuracy_in_sample"] == pytest.approx(136 / 137)
+    )
+    departed_s = [
+        (eflesh_slip.departure_row(recording.samples) or 0) / 100.0 for recording in tugged
+    ]
     assert np.percentile(departed_s, [5, 50, 95]) == pytest.approx([0.7, 1.17, 1.55], abs=0.01)
 
 
@@ -251,7 +267,10 @@ def test_the_real_pads_slip_in_three_of_seven_trials(real_set: Callable[[str], P
         "22-11-23-11": [GRASP, SAFE_SLIP],
         "22-15-15-00": [GRASP, RISKY_SLIP],
     }
-    assert (len(data.recordings), sum(len(recording.samples) for recording in data.recordings)) == (7, 2195)
+    assert (len(data.recordings), sum(len(recording.samples) for recording in data.recordings)) == (
+        7,
+        2195,
+    )
     assert all(59.7 <= recording.rate_hz <= 60.0 for recording in data.recordings)
 
 
@@ -260,11 +279,21 @@ def test_joined_sets_keep_every_recording_and_window_apart_by_name(fixture_folde
     other = replace(load(fixture_folder), name="other", redistributable=False, kind="recorded")
     both = join([one, other])
     n, windows = len(one.recordings), len(one.tasks["classes"])
-    names = [f"{data.name}/{recording.trial_id}" for data in (one, other) for recording in data.recordings]
+    names = [
+        f"{data.name}/{recording.trial_id}"
+        for data in (one, other)
+        for recording in data.recordings
+    ]
     assert [recording.trial_id for recording in both.recordings] == names
     assert len(both.groups()) == len(one.groups()) + len(other.groups())
-    assert both.tasks["classes"].trial[windows:].tolist() == (other.tasks["classes"].trial + n).tolist()
-    assert both.tasks["classes"].label.tolist() == [*one.tasks["classes"].label, *other.tasks["classes"].label]
+    assert (
+        both.tasks["classes"].trial[windows:].tolist()
+        == (other.tasks["classes"].trial + n).tolist()
+    )
+    assert both.tasks["classes"].label.tolist() == [
+        *one.tasks["classes"].label,
+        *other.tasks["classes"].label,
+    ]
     assert not both.redistributable
     assert both.kind == f"{one.kind} + recorded"
 

@@ -1,4 +1,5 @@
-"""Hard cases of calibration and metrics: certainty, absence, alarms that were on already, matrices that are singular.
+"""Hard cases of calibration and metrics: certainty, absence, alarms that were on already, matrices
+that are singular.
 
 Tests marked unguarded compute the figure the usual way, and watch what happens.
 """
@@ -47,11 +48,18 @@ Record = Any
 
 @pytest.mark.parametrize("steepness", [1.0, 30.0, 1e4])
 @CERTAIN.mark
-def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference(steepness: float) -> None:
+def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference(
+    steepness: float,
+) -> None:
     """One tree of pure leaves: every share is 0 or 1."""
     x = np.repeat(np.arange(4.0, dtype=np.float32)[:, None], 6, axis=1)
     forest = ExtraTreesClassifier(1, bootstrap=False, random_state=0).fit(x, np.arange(4))
-    head = Head("situation", SITUATIONS, forest, Calibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)))
+    head = Head(
+        "situation",
+        SITUATIONS,
+        forest,
+        Calibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)),
+    )
     session = open_session(cut_forests(whole_graph(StepSpec(2, 50.0, "N", ("now",)), [head])))
     (got,) = session.run(["p_situation"], {"features": x})
     expected = reference_probability(head, reference_votes(forest, x, 4))
@@ -74,7 +82,9 @@ def test_shares_that_are_always_right_are_calibrated_to_less_than_certainty() ->
 def probability(shares: FloatArray, calibration: Calibration) -> FloatArray:
     """As `reference_probability`, of shares."""
     forest = ExtraTreesClassifier(1).fit(np.zeros((4, 1)), np.arange(4))
-    return reference_probability(Head("situation", SITUATIONS, forest, calibration), (1000 * shares).astype(np.int64))
+    return reference_probability(
+        Head("situation", SITUATIONS, forest, calibration), (1000 * shares).astype(np.int64)
+    )
 
 
 @CERTAIN.mark
@@ -85,7 +95,9 @@ def test_scores_of_exactly_0_and_1_rank_like_any_other() -> None:
 
 
 @CERTAIN.unguarded
-def test_bare_vote_shares_lose_everything_on_one_surprise_and_a_naive_softmax_is_nan(record_property: Record) -> None:
+def test_bare_vote_shares_lose_everything_on_one_surprise_and_a_naive_softmax_is_nan(
+    record_property: Record,
+) -> None:
     label = np.array([0, 1, 2, 3] * 25 + [0])
     shares = np.eye(4)[[*label[:-1], 1]]  # the last is a surprise: no vote for what it was
     with np.errstate(divide="ignore"):
@@ -121,7 +133,9 @@ def test_so_it_is_with_only_one_class_or_two(present: list[int]) -> None:
 
 
 @ABSENT.unguarded
-def test_scikit_learns_macro_f1_over_all_classes_counts_an_absent_one_as_zero(record_property: Record) -> None:
+def test_scikit_learns_macro_f1_over_all_classes_counts_an_absent_one_as_zero(
+    record_property: Record,
+) -> None:
     truth = np.array([0, 1, 3] * 10)
     usual = f1_score(truth, truth, labels=range(4), average="macro", zero_division=0.0)
     record_property("macro_f1_of_a_perfect_answer", float(usual))
@@ -145,13 +159,19 @@ def test_figures_of_no_window_are_none_and_have_all_their_names() -> None:
     assert reference_votes(forest, np.zeros((0, 1), np.float32), 2).shape == (0, 2)
 
 
-PLAN = TrainingPlan(situation=ForestPlan(n_estimators=2), prediction=ForestPlan(n_estimators=2), folds=3)
+PLAN = TrainingPlan(
+    situation=ForestPlan(n_estimators=2), prediction=ForestPlan(n_estimators=2), folds=3
+)
 
 
 def two_tasks(first: str, second: str) -> tuple[DataSet, dict[str, npt.NDArray[np.float32]]]:
-    """A set of people a, b, c .., who have windows of the one task and of the other; two of each label a person."""
+    """A set of people a, b, c .., who have windows of the one task and of the other; two of each
+    label a person."""
     names = sorted({*first, *second})
-    recordings = [Recording(one, one, np.zeros((2, 3)), np.ones((2, 1), np.bool_), RATE_HZ, "N") for one in names]
+    recordings = [
+        Recording(one, one, np.zeros((2, 3)), np.ones((2, 1), np.bool_), RATE_HZ, "N")
+        for one in names
+    ]
 
     def task(people: str, classes: tuple[str, ...]) -> LabelledRows:
         trial = np.repeat([names.index(one) for one in people], 2 * len(classes)).astype(np.int64)
@@ -161,10 +181,14 @@ def two_tasks(first: str, second: str) -> tuple[DataSet, dict[str, npt.NDArray[n
     tasks = {"situations": task(first, SITUATIONS), "predict_250ms": task(second, ("no", "yes"))}
     data = DataSet("made", recordings, tasks, RATE_HZ, "N", Preparation(), "made", True, "")
     rng = np.random.default_rng(0)
-    return data, {name: rng.normal(size=(len(rows), 3)).astype(np.float32) for name, rows in tasks.items()}
+    return data, {
+        name: rng.normal(size=(len(rows), 3)).astype(np.float32) for name, rows in tasks.items()
+    }
 
 
-@pytest.mark.parametrize(("first", "second"), [("abcdef", "ab"), ("abc", "abcdef"), ("abcdef", "abcdefgh")])
+@pytest.mark.parametrize(
+    ("first", "second"), [("abcdef", "ab"), ("abc", "abcdef"), ("abcdef", "abcdefgh")]
+)
 @EMPTY.mark
 def test_a_fold_without_a_window_of_a_task_is_no_trouble_and_every_window_is_held_out_once(
     first: str, second: str
@@ -224,9 +248,14 @@ def test_counted_in_cells_an_answer_of_minus_one_is_an_answer_withheld_from_anot
 
 
 def shaking() -> FloatArray:
-    """[1000, 3] at 100 Hz: one slip of 0.4 s, in which the object sticks and slides; y follows 0.45 s after x."""
+    """[1000, 3] at 100 Hz: one slip of 0.4 s, in which the object sticks and slides; y follows 0.45
+    s after x."""
     t_s = np.arange(1000) / RATE_HZ
-    slip = ((t_s >= 5.0) & (t_s < 5.4)) * np.sin(2.0 * np.pi * 20.0 * t_s) * (np.sin(2.0 * np.pi * 5.0 * t_s) > 0.0)
+    slip = (
+        ((t_s >= 5.0) & (t_s < 5.4))
+        * np.sin(2.0 * np.pi * 20.0 * t_s)
+        * (np.sin(2.0 * np.pi * 5.0 * t_s) > 0.0)
+    )
     both = np.stack([slip, np.roll(slip, 45), np.zeros(1000)], axis=1)
     return np.random.default_rng(0).normal(0.0, 0.002, (1000, 3)) + 0.5 * both
 
@@ -237,7 +266,9 @@ def test_a_slip_that_sticks_and_slides_is_one_critical_point() -> None:
 
 
 @COLLAR.unguarded
-def test_without_a_collar_such_a_slip_is_counted_again_with_every_swing(record_property: Record) -> None:
+def test_without_a_collar_such_a_slip_is_counted_again_with_every_swing(
+    record_property: Record,
+) -> None:
     envelope = band_pass_envelope(shaking(), RATE_HZ)[:, 0]
     above = envelope > 6.0 * np.median(envelope)
     edges = int((np.diff(above.astype(int)) == 1).sum())
@@ -261,7 +292,11 @@ SINGULAR_MATRICES: dict[str, list[list[float]]] = {
     "one row twice another": [ROW, [2 * x for x in ROW], [0.0, 0.0, 0.01]],
     "normal and shear alike": [ROW, [0.0] * 3, ROW],
     "rank two": [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]],
-    "rank two and subnormal": [[1e-310, 2e-310, 3e-310], [4e-310, 5e-310, 6e-310], [7e-310, 8e-310, 9e-310]],
+    "rank two and subnormal": [
+        [1e-310, 2e-310, 3e-310],
+        [4e-310, 5e-310, 6e-310],
+        [7e-310, 8e-310, 9e-310],
+    ],
 }
 
 
@@ -269,13 +304,21 @@ SINGULAR_MATRICES: dict[str, list[list[float]]] = {
 @SINGULAR.mark
 def test_a_singular_matrix_is_refused_and_its_sensor_named(name: str, tmp_path: Path) -> None:
     path = write_calibration(tmp_path / "c.json", field_calibration(SINGULAR_MATRICES[name]))
-    with pytest.raises(DataError, match=r"c\.json: matrix_n_per_ut of sensor 2 is singular.*holdfast calibrate"):
+    with pytest.raises(
+        DataError, match=r"c\.json: matrix_n_per_ut of sensor 2 is singular.*holdfast calibrate"
+    ):
         read_calibration(path)
 
 
-@pytest.mark.parametrize("matrix", [
-    [[0.0] * 3, [0.0] * 3, ROW], [ROW, [0.0] * 3, [0.0, 0.0, 0.01]], [ROW, [0.0, 1e-9, 0.0], [0.0, 0.0, 1e6]],
-], ids=["normal alone", "one shear axis", "axes of very different size"])  # fmt: skip
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        [[0.0] * 3, [0.0] * 3, ROW],
+        [ROW, [0.0] * 3, [0.0, 0.0, 0.01]],
+        [ROW, [0.0, 1e-9, 0.0], [0.0, 0.0, 1e6]],
+    ],
+    ids=["normal alone", "one shear axis", "axes of very different size"],
+)
 @SINGULAR.mark
 def test_an_axis_that_was_never_loaded_is_a_row_of_zeros_and_singular_it_is_not(
     matrix: list[list[float]], tmp_path: Path
@@ -288,7 +331,9 @@ def test_an_axis_that_was_never_loaded_is_a_row_of_zeros_and_singular_it_is_not(
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
 @pytest.mark.parametrize("where", ["matrix_n_per_ut", "rest_ut"])
 @SINGULAR.mark
-def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(number: str, where: str, tmp_path: Path) -> None:
+def test_a_number_that_is_not_finite_is_refused_wherever_it_stands(
+    number: str, where: str, tmp_path: Path
+) -> None:
     there = replace(field_calibration(np.eye(3)), rest_ut=np.full((2, 3), 7.0))
     path = write_calibration(tmp_path / "c.json", there)
     content = json.loads(path.read_text("utf-8"))

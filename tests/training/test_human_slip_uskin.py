@@ -1,4 +1,5 @@
-"""human_slip_uskin: the labeller against a slow loop of its definition, the known counts, bad folders."""
+"""human_slip_uskin: the labeller against a slow loop of its definition, the known counts, bad
+folders."""
 
 from __future__ import annotations
 
@@ -32,7 +33,9 @@ def made_trial(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray
     xela = 3.0 + 0.02 * rng.standard_normal((n, 48)) + force[:, None] * rng.uniform(0.0, 0.4, 48)
     turn = np.radians(np.clip(np.arange(n) - 150.0, 0.0, 40.0) * rng.uniform(0.3, 0.8))
     imu = np.zeros((n, 7))
-    imu[:, [0, 2]] = np.round(np.column_stack([np.cos(turn / 2.0 + 0.4), np.sin(turn / 2.0 + 0.4)]), 2)
+    imu[:, [0, 2]] = np.round(
+        np.column_stack([np.cos(turn / 2.0 + 0.4), np.sin(turn / 2.0 + 0.4)]), 2
+    )
     return xela, imu
 
 
@@ -47,12 +50,19 @@ def made_parts() -> tuple[Arrays, Lines]:
     }
     lines: Lines = [
         {
-            "subject": 1 + k // 2, "stage": "baseline", "sample": f"sample_{k}", "n": n, "offset": offset[k],
-            "frequency_hz": 58.0 + k, "start_index": 150, "middle_index": 0, "end_index": 200 + 30 * k,
+            "subject": 1 + k // 2,
+            "stage": "baseline",
+            "sample": f"sample_{k}",
+            "n": n,
+            "offset": offset[k],
+            "frequency_hz": 58.0 + k,
+            "start_index": 150,
+            "middle_index": 0,
+            "end_index": 200 + 30 * k,
             "task_completion_time": 1.0,
         }
         for k, n in enumerate(LENGTHS)
-    ]  # fmt: skip
+    ]
     return arrays, lines
 
 
@@ -70,8 +80,11 @@ def brute_force(xela: np.ndarray, imu: np.ndarray, s: int, t: int) -> tuple[list
     n = len(xela)
     xb = xela.astype(np.float64) - np.median(xela[:60].astype(np.float64), axis=0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # gimbal lock: the middle angle is right all the same
-        e = [Rotation.from_quat(q[[1, 2, 3, 0]]).as_euler("xyx", degrees=True)[1] for q in imu[:, :4]]
+        # gimbal lock: the middle angle is right all the same
+        warnings.simplefilter("ignore", UserWarning)
+        e = [
+            Rotation.from_quat(q[[1, 2, 3, 0]]).as_euler("xyx", degrees=True)[1] for q in imu[:, :4]
+        ]
     r = np.median(e[max(0, s - 30) : s - 3])
     z = [sum(row[2::3]) for row in xb]
     d = [abs(angle - r) for angle in e]
@@ -129,8 +142,12 @@ def test_channels_change_the_samples_and_never_the_labels(folder: Path) -> None:
     for task, rows in six.tasks.items():
         np.testing.assert_array_equal(rows.label, all_taxels.tasks[task].label)
     # txl5 is the fifth taxel: channels 12, 13, 14; txl13 comes last.
-    np.testing.assert_array_equal(six.recordings[1].samples[:, :3], all_taxels.recordings[1].samples[:, 12:15])
-    np.testing.assert_array_equal(six.recordings[1].samples[:, 15:], all_taxels.recordings[1].samples[:, 36:39])
+    np.testing.assert_array_equal(
+        six.recordings[1].samples[:, :3], all_taxels.recordings[1].samples[:, 12:15]
+    )
+    np.testing.assert_array_equal(
+        six.recordings[1].samples[:, 15:], all_taxels.recordings[1].samples[:, 36:39]
+    )
 
 
 def test_a_set_says_what_it_is(folder: Path) -> None:
@@ -169,7 +186,8 @@ def test_unusable_trials_are_left_out_and_counted(tmp_path: Path) -> None:
 def test_rows_that_are_not_finite_are_invalid_and_unlabelled(tmp_path: Path) -> None:
     arrays, lines = made_parts()
     arrays["xela"][131, 12] = np.nan  # a row that ends a window; txl5 is the first of the six
-    arrays["xela"][137, [2, 5]] = np.inf, -np.inf  # normals that count for contact, but not of the six
+    # normals that count for contact, but not of the six
+    arrays["xela"][137, [2, 5]] = np.inf, -np.inf
     arrays["object_imu"][143, :4] = 0.0
     data = load(write(tmp_path, arrays, lines))
     first = data.recordings[0]
@@ -294,10 +312,14 @@ def one_array(whole: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("spoil", [cut_short, damaged, emptied, pickled, one_array])
-def test_what_is_no_archive_of_numbers_is_refused(folder: Path, spoil: Callable[[bytes], bytes]) -> None:
+def test_what_is_no_archive_of_numbers_is_refused(
+    folder: Path, spoil: Callable[[bytes], bytes]
+) -> None:
     signals = folder / "signals.npz"
     signals.write_bytes(spoil(signals.read_bytes()))
-    with pytest.raises(NotANumber, match=r"signals.npz: cannot be read .* next: copy the data set again"):
+    with pytest.raises(
+        NotANumber, match=r"signals.npz: cannot be read .* next: copy the data set again"
+    ):
         load(folder)
 
 
@@ -319,20 +341,30 @@ def quaternions(turn: Rotation) -> np.ndarray:
 
 def test_the_orientation_in_the_hand_forgets_the_wrist() -> None:
     rng = np.random.default_rng(0)
-    hand = Rotation.from_euler("xyz", np.cumsum(rng.normal(0.0, 1.0, (200, 3)), axis=0), degrees=True)
-    held = Rotation.from_euler("xyz", [30.0, -70.0, 10.0], degrees=True) * Rotation.random(200, rng=rng)
-    found = Rotation.from_quat(in_hand(quaternions(hand * held), quaternions(hand)), scalar_first=True)
+    hand = Rotation.from_euler(
+        "xyz", np.cumsum(rng.normal(0.0, 1.0, (200, 3)), axis=0), degrees=True
+    )
+    held = Rotation.from_euler("xyz", [30.0, -70.0, 10.0], degrees=True) * Rotation.random(
+        200, rng=rng
+    )
+    found = Rotation.from_quat(
+        in_hand(quaternions(hand * held), quaternions(hand)), scalar_first=True
+    )
     assert (found.inv() * held).magnitude().max() < 1e-6
 
 
 def test_where_an_imu_gave_nothing_the_rotation_in_the_hand_is_not_known() -> None:
     held, hand = (np.tile([1.0, 0.0, 0.0, 0.0], (200, 1)) for _ in range(2))
     held[150], hand[160] = 0.0, np.nan
-    assert np.flatnonzero(~np.isfinite(middle_angle_deg(in_hand(held, hand)))).tolist() == [150, 160]
+    assert np.flatnonzero(~np.isfinite(middle_angle_deg(in_hand(held, hand)))).tolist() == [
+        150,
+        160,
+    ]
 
 
 def test_labels_by_the_rotation_in_the_hand_forget_what_the_wrist_did(tmp_path: Path) -> None:
-    """Of a hand that turns with its object nothing slips; of one that stands still the object's own labels stay."""
+    """Of a hand that turns with its object nothing slips; of one that stands still the object's own
+    labels stay."""
     arrays, lines = made_parts()
     (tmp_path / "with").mkdir()
     (tmp_path / "still").mkdir()

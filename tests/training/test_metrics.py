@@ -1,4 +1,5 @@
-"""Metrics: equal to scikit-learn's, unmoved by the order of rows, and honest about what is absent."""
+"""Metrics: equal to scikit-learn's, unmoved by the order of rows, and honest about what is
+absent."""
 
 from __future__ import annotations
 
@@ -28,7 +29,13 @@ def answers(seed: int, n_rows: int = 600, n_groups: int = 8) -> dict[str, Any]:
     groups = np.sort(rng.integers(0, n_groups, n_rows)).astype(str)
     slips = (rng.random(n_rows) < 0.2).astype(int)
     score = np.round(slips * 0.3 + rng.random(n_rows), 1)
-    return {"truth": truth, "predicted": predicted, "groups": groups, "slips": slips, "score": score}
+    return {
+        "truth": truth,
+        "predicted": predicted,
+        "groups": groups,
+        "slips": slips,
+        "score": score,
+    }
 
 
 def flat(values: dict[str, Any]) -> dict[str, Any]:
@@ -47,7 +54,9 @@ def test_permuting_the_rows_changes_nothing(seed: int) -> None:
     mixed = np.random.default_rng(seed).permutation(len(one["truth"]))
     other = {name: values[mixed] for name, values in one.items()}
     assert situations_of(one) == situations_of(other)
-    for figure, same in zip(predictions_of(one).values(), predictions_of(other).values(), strict=True):
+    for figure, same in zip(
+        predictions_of(one).values(), predictions_of(other).values(), strict=True
+    ):
         assert figure == pytest.approx(same)
 
 
@@ -64,8 +73,12 @@ def predictions_of(a: dict[str, Any], n_draws: int = 50) -> dict[str, Any]:
 def test_figures_equal_scikit_learns(seed: int) -> None:
     a = answers(seed)
     values = situations_of(a)
-    assert values["macro_f1"] == pytest.approx(f1_score(a["truth"], a["predicted"], average="macro"))
-    assert list(values["f1"].values()) == pytest.approx(f1_score(a["truth"], a["predicted"], average=None))
+    assert values["macro_f1"] == pytest.approx(
+        f1_score(a["truth"], a["predicted"], average="macro")
+    )
+    assert list(values["f1"].values()) == pytest.approx(
+        f1_score(a["truth"], a["predicted"], average=None)
+    )
     assert predictions_of(a)["auc"] == roc_auc_score(a["slips"], a["score"])
     assert predictions_of(a)["average_precision"] == average_precision_score(a["slips"], a["score"])
 
@@ -106,7 +119,8 @@ def test_a_perfect_answer_scores_one() -> None:
 def test_the_seed_decides_the_intervals_and_nothing_else() -> None:
     a = answers(3)
     one, same, other = (
-        situation_scores(a["truth"], a["predicted"], a["groups"], n_draws=50, seed=seed) for seed in (0, 0, 1)
+        situation_scores(a["truth"], a["predicted"], a["groups"], n_draws=50, seed=seed)
+        for seed in (0, 0, 1)
     )
     assert one == same
     assert one["macro_f1_ci"] != other["macro_f1_ci"]
@@ -142,18 +156,26 @@ def test_a_report_has_the_promised_keys_and_is_json() -> None:
     trial = a["groups"].astype(np.int64)
     empty = np.zeros((2, 3))
     recordings = [
-        Recording(str(k), f"person {k}", empty, np.ones((2, 1), bool), 60.0, "N") for k in range(trial.max() + 1)
+        Recording(str(k), f"person {k}", empty, np.ones((2, 1), bool), 60.0, "N")
+        for k in range(trial.max() + 1)
     ]
     tasks = {
         "situations": LabelledRows(trial, np.arange(len(trial)), a["truth"], ("n", "g", "s", "r")),
         "predict_250ms": LabelledRows(trial, np.arange(len(trial)), a["slips"], ("no", "yes")),
     }
     data = DataSet("made", recordings, tasks, 60.0, "N", Preparation(), "made", True, "")
-    values = json.loads(json.dumps(report(data, a["predicted"], a["score"], n_draws=10), allow_nan=False))
+    values = json.loads(
+        json.dumps(report(data, a["predicted"], a["score"], n_draws=10), allow_nan=False)
+    )
     assert (values["n_trials"], values["n_groups"]) == (8, 8)
     assert values["situations"].keys() == {"macro_f1", "macro_f1_ci", "f1", "f1_ci"}
     assert values["situations"]["f1"].keys() == {"nothing", "grasp", "safe_slip", "risky_slip"}
-    assert values["predict_250ms"].keys() == {"auc", "auc_ci", "average_precision", "average_precision_ci"}
+    assert values["predict_250ms"].keys() == {
+        "auc",
+        "auc_ci",
+        "average_precision",
+        "average_precision_ci",
+    }
     assert "predict_250ms" not in report(data, a["predicted"], n_draws=10)
 
 

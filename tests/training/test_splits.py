@@ -16,7 +16,9 @@ GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
 
 @EMPTY.mark
 @given(groups=GROUPS, n_folds=st.integers(2, 6), seed=st.integers(0, 9))
-def test_no_group_is_on_both_sides_and_every_window_is_tested_once(groups: list[str], n_folds: int, seed: int) -> None:
+def test_no_group_is_on_both_sides_and_every_window_is_tested_once(
+    groups: list[str], n_folds: int, seed: int
+) -> None:
     if len(set(groups)) < n_folds:
         with pytest.raises(TooFewGroups):
             grouped_folds(groups, n_folds, seed=seed)
@@ -45,7 +47,9 @@ def test_folds_are_balanced(groups: list[str], seed: int) -> None:
 def test_a_split_depends_on_the_seed_and_on_nothing_else() -> None:
     groups = list("aabbbccccdeffg")
     assert assign_groups(groups, 3, seed=1) == assign_groups(groups[::-1], 3, seed=1)
-    assert len({tuple(sorted(assign_groups(groups, 3, seed=seed).items())) for seed in range(10)}) > 1
+    assert (
+        len({tuple(sorted(assign_groups(groups, 3, seed=seed).items())) for seed in range(10)}) > 1
+    )
 
 
 def test_two_tasks_hold_out_the_same_people() -> None:

@@ -14,7 +14,9 @@ from training.stepping import stepped
 def recordings_of(lengths: list[int]) -> list[Recording]:
     rng = np.random.default_rng(0)
     return [
-        Recording(f"t{k}", f"t{k}", rng.normal(size=(n, 6)), np.ones((n, 2), dtype=np.bool_), 50.0, "N")
+        Recording(
+            f"t{k}", f"t{k}", rng.normal(size=(n, 6)), np.ones((n, 2), dtype=np.bool_), 50.0, "N"
+        )
         for k, n in enumerate(lengths)
     ]
 
@@ -27,6 +29,8 @@ def test_threads_change_no_bit_and_every_share_done_is_told() -> None:
     found = stepped(session, recordings, ["features"], rows, told.append)
     values, valid = [one.samples for one in recordings], [one.valid for one in recordings]
     alone = run_recordings(session, values, valid, ["features"], rows)
-    assert all(np.array_equal(a["features"], b["features"]) for a, b in zip(found, alone, strict=True))
+    assert all(
+        np.array_equal(a["features"], b["features"]) for a, b in zip(found, alone, strict=True)
+    )
     assert told == sorted(told)
     assert told[-1] == 1.0

@@ -1,4 +1,5 @@
-"""The thesis' folders: what is recognised, how it is prepared, whom its labels believe, what is refused."""
+"""The thesis' folders: what is recognised, how it is prepared, whom its labels believe, what is
+refused."""
 
 from __future__ import annotations
 
@@ -57,7 +58,11 @@ def test_the_layout_is_recognised_and_others_are_not(made: Path, tmp_path: Path)
 
 def test_every_trial_and_the_empty_hand_become_recordings(data: DataSet) -> None:
     assert len(data.recordings) == 5 * 3 * 2 + 1
-    trial = next(recording for recording in data.recordings if recording.trial_id == "full-bottle/fall/trial_2")
+    trial = next(
+        recording
+        for recording in data.recordings
+        if recording.trial_id == "full-bottle/fall/trial_2"
+    )
     assert (trial.object_name, trial.action, trial.group) == ("full-bottle", "fall", trial.trial_id)
     assert (data.rate_hz, data.unit, data.n_sensors) == (50.0, "N", 6)
     empty = next(recording for recording in data.recordings if recording.object_name is None)
@@ -106,7 +111,9 @@ def test_notes_tell_the_natural_and_the_balanced_counts(data: DataSet) -> None:
     json.dumps(data.notes)
 
 
-def test_kind_and_licence_come_from_meta_and_are_careful_without_it(copied: Path, data: DataSet) -> None:
+def test_kind_and_licence_come_from_meta_and_are_careful_without_it(
+    copied: Path, data: DataSet
+) -> None:
     assert (data.kind, data.redistributable) == (KIND, True)
     (copied / "meta.json").unlink()
     bare = thesis.load(copied)
@@ -137,7 +144,9 @@ def test_without_truth_the_labels_follow_the_script(made: Path) -> None:
 
 def follow(path: Path) -> tuple:
     trial = read_trial(path)
-    return scripted(trial, thesis.preparation("N").apply(trial.raw), path.parent.name, path.parent.parent.name)
+    return scripted(
+        trial, thesis.preparation("N").apply(trial.raw), path.parent.name, path.parent.parent.name
+    )
 
 
 def test_contact_is_read_from_the_forces_close_to_where_the_truth_says(made: Path) -> None:
@@ -187,7 +196,9 @@ def retime(path: Path, clock: Callable[[np.ndarray], np.ndarray]) -> None:
 def write_trial(path: Path, t_s: np.ndarray, raw: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     header = ",".join(["Time", *channel_names(raw.shape[1] // 3)])
-    np.savetxt(path, np.column_stack([t_s, raw]), delimiter=",", header=header, comments="", fmt="%.6f")
+    np.savetxt(
+        path, np.column_stack([t_s, raw]), delimiter=",", header=header, comments="", fmt="%.6f"
+    )
 
 
 TRIAL = "hard-ball/pass/trial_1.csv"
@@ -278,7 +289,7 @@ def slowed_down_until_no_band_is_left(root: Path) -> None:
         (without_heavy_objects, ClassMissing, "grasp_heavy"),
         (slowed_down_until_no_band_is_left, RateError, "more than 21.74 Hz"),
     ],
-)  # fmt: skip
+)
 def test_a_set_is_refused_in_one_line_that_names_the_fault(
     copied: Path, spoil: Callable[[Path], None], error: type[DataError], names: str
 ) -> None:
@@ -307,7 +318,9 @@ def test_a_weighed_object_is_read_like_the_known_ones(copied: Path) -> None:
     as_object_nobody_weighed(copied)
     (copied / "brick" / "meta.json").write_text('{"mass_g": 900}')
     data = thesis.load(copied)
-    brick = [index for index, recording in enumerate(data.recordings) if recording.object_name == "brick"]
+    brick = [
+        index for index, recording in enumerate(data.recordings) if recording.object_name == "brick"
+    ]
     task = data.tasks["classes"]
     assert (task.label[np.isin(task.trial, brick)] % 2 == 1).all()
 
@@ -339,7 +352,9 @@ def test_the_fixture_serves_every_rate_with_all_classes(tmp_path: Path, rate_hz:
     assert min(data.notes["windows"].values()) >= 3
 
 
-def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(tmp_path: Path) -> None:
+def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(
+    tmp_path: Path,
+) -> None:
     write_fixture(tmp_path / "all", trials_per_cell=1)
     shutil.copytree(tmp_path / "all" / "soft-ball", tmp_path / "one" / "soft-ball")
     with pytest.raises(ClassMissing):

@@ -71,7 +71,9 @@ def slips(windows: pd.DataFrame) -> list[tuple[int, int]]:
 def tables(draw: st.DrawFn) -> pd.DataFrame:
     """A table of windows with every class, of any imbalance."""
     cell = st.tuples(
-        st.sampled_from(["a", "b", "c"]), st.sampled_from(["pass", "pull"]), st.sampled_from(["keep", "both"])
+        st.sampled_from(["a", "b", "c"]),
+        st.sampled_from(["pass", "pull"]),
+        st.sampled_from(["keep", "both"]),
     )
     lines: list[tuple[int | str, ...]] = []
     for label in range(len(CLASSES)):
@@ -104,7 +106,9 @@ def test_the_cells_of_a_class_give_as_equally_as_they_can(windows: pd.DataFrame,
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=10)
 def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(seed: int) -> None:
-    windows = pd.DataFrame([(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=list(COLUMNS))
+    windows = pd.DataFrame(
+        [(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=list(COLUMNS)
+    )
     np.random.seed(1)
     first = balance(windows, seed)
     np.random.seed(2)
@@ -112,7 +116,9 @@ def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(s
 
 
 def test_another_seed_draws_other_windows() -> None:
-    windows = pd.DataFrame([(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)], columns=list(COLUMNS))
+    windows = pd.DataFrame(
+        [(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)], columns=list(COLUMNS)
+    )
     assert not balance(windows, 0).equals(balance(windows, 1))
 
 
@@ -124,14 +130,18 @@ def test_a_class_without_a_window_is_named() -> None:
     assert "risky_slip_light" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("rate_hz", "rows"), [(50.0, 6), (58.9, 6), (150.0, 16), (300.0, 31), (8.0, 2)])
+@pytest.mark.parametrize(
+    ("rate_hz", "rows"), [(50.0, 6), (58.9, 6), (150.0, 16), (300.0, 31), (8.0, 2)]
+)
 def test_a_window_spans_a_tenth_of_a_second_at_every_rate(rate_hz: float, rows: int) -> None:
     assert window_samples(rate_hz) == rows == StepSpec(6, rate_hz, "N", ()).window_samples
 
 
 def test_a_point_bears_the_situation_of_the_phase_it_falls_in() -> None:
     trial = TimedTrial(
-        shaken(3.2, 7.3, 9.5), phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (8, NOTHING)), heavy=True
+        shaken(3.2, 7.3, 9.5),
+        phases((0, NOTHING), (3, GRASP), (7, RISKY_SLIP), (8, NOTHING)),
+        heavy=True,
     )
     assert [label for _, label in slips(natural_windows([trial]))] == [3, 7]
 
@@ -141,12 +151,19 @@ def test_at_an_edge_the_higher_situation_takes_the_points_within_one_window() ->
     found = slips(natural_windows([TimedTrial(shaken(2.92, 6.92, 8.02), times, heavy=False)]))
     assert [label for _, label in found] == [2, 4, 4]
     early = slips(natural_windows([TimedTrial(shaken(2.6, 6.6, 8.4), times, heavy=False)]))
-    assert [label for _, label in early] == [2], "before contact and after the release a point is no window"
+    assert [label for _, label in early] == [2], (
+        "before contact and after the release a point is no window"
+    )
 
 
 def test_keep_windows_show_steady_holding_before_and_between_actions() -> None:
-    times = phases((0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, GRASP), (10, SAFE_SLIP), (11, NOTHING))
-    quiet, disturbed = (natural_windows([TimedTrial(shaken(*at), times, heavy=False)]) for at in ((7.2,), (5.1, 7.2)))
+    times = phases(
+        (0, NOTHING), (3, GRASP), (7, SAFE_SLIP), (8, GRASP), (10, SAFE_SLIP), (11, NOTHING)
+    )
+    quiet, disturbed = (
+        natural_windows([TimedTrial(shaken(*at), times, heavy=False)])
+        for at in ((7.2,), (5.1, 7.2))
+    )
     keep = quiet[quiet["source"] == "keep"]
     assert (keep["label"] == 2).all()
     assert keep["row"].tolist() == [250, 334, 450, 484]
@@ -186,12 +203,16 @@ def test_classes_that_were_402_250_760_580_634_433_282_291_in_the_thesis_are_equ
     data: DataSet,
 ) -> None:
     natural, balanced = data.notes["windows_natural"], data.notes["windows"]
-    assert len(set(natural.values())) > 1, "the fixture would prove nothing if it were balanced already"
+    assert len(set(natural.values())) > 1, (
+        "the fixture would prove nothing if it were balanced already"
+    )
     assert set(balanced.values()) == {min(natural.values())}
     assert np.bincount(data.tasks["classes"].label).tolist() == list(balanced.values())
 
 
-def test_no_soft_ball_is_ever_labelled_heavy_nor_any_other_object_against_its_mass(data: DataSet) -> None:
+def test_no_soft_ball_is_ever_labelled_heavy_nor_any_other_object_against_its_mass(
+    data: DataSet,
+) -> None:
     task = data.tasks["classes"]
     for trial, label in zip(task.trial, task.label, strict=True):
         name = data.recordings[trial].object_name
@@ -199,7 +220,9 @@ def test_no_soft_ball_is_ever_labelled_heavy_nor_any_other_object_against_its_ma
             assert label % 2 == is_heavy(MASSES_G[name])
 
 
-def test_grasping_a_soft_ball_before_its_release_is_a_grasp_and_not_a_risky_slip(data: DataSet) -> None:
+def test_grasping_a_soft_ball_before_its_release_is_a_grasp_and_not_a_risky_slip(
+    data: DataSet,
+) -> None:
     task = data.tasks["classes"]
     for trial, label in zip(task.trial, task.label, strict=True):
         if data.recordings[trial].action in ("pass", "put-down"):
@@ -213,16 +236,25 @@ def test_test_windows_never_come_from_a_trial_that_was_trained_on(data: DataSet)
         assert not set(task.trial[train]) & set(task.trial[test])
 
 
-def test_loading_twice_with_one_seed_gives_one_table_and_another_seed_another(data: DataSet, tmp_path: Path) -> None:
+def test_loading_twice_with_one_seed_gives_one_table_and_another_seed_another(
+    data: DataSet, tmp_path: Path
+) -> None:
     write_fixture(tmp_path)
-    again, other = thesis.load(tmp_path).tasks["classes"], thesis.load(tmp_path, seed=1).tasks["classes"]
+    again, other = (
+        thesis.load(tmp_path).tasks["classes"],
+        thesis.load(tmp_path, seed=1).tasks["classes"],
+    )
     for name in ("trial", "row", "label"):
         np.testing.assert_array_equal(getattr(again, name), getattr(data.tasks["classes"], name))
     assert again.row.tolist() != other.row.tolist()
 
 
 def test_the_counts_table_names_classes_objects_actions_sources_and_totals() -> None:
-    lines = [(0, 5, 2, "apple", "pass", "keep"), (0, 9, 7, "brick", "fall", "both"), (1, 9, 7, "brick", "fall", "both")]
+    lines = [
+        (0, 5, 2, "apple", "pass", "keep"),
+        (0, 9, 7, "brick", "fall", "both"),
+        (1, 9, 7, "brick", "fall", "both"),
+    ]
     cells, sources = counts_table(pd.DataFrame(lines, columns=list(COLUMNS))).split("\n\n")
     brick = next(line for line in cells.splitlines() if "brick" in line)
     assert brick.split() == ["risky_slip_heavy", "brick", "2", "0", "2"], "fall, pass, all"

@@ -37,10 +37,12 @@ def load(
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
     channels: which of the set's channel choices, None for its usual 18. groups: keep only so many
-    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows: in the
-    thesis' layout equal class counts, or every window there is (to score on), or dense (training/windows.py).
+    people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows:
+    in the thesis' layout equal class counts, or every window there is (to score on), or dense
+    (training/windows.py).
 
-    Raises DataNotFound, ChannelError, TooFewGroups, UsageError, or what the reader says about its files.
+    Raises DataNotFound, ChannelError, TooFewGroups, UsageError, or what the reader says about its
+    files.
     """
     root = find(name_or_path)
     data = _read(root, channels, seed, windows, part)
@@ -59,23 +61,29 @@ def find(name_or_path: str | Path) -> Path:
     for place in places:
         if place.is_dir() and place.resolve() == Path(place.resolve().anchor):
             raise DataNotFound(
-                "the whole file system is no data set", where=place, cause="a path that was cut short",
+                "the whole file system is no data set",
+                where=place,
+                cause="a path that was cut short",
                 next_step="give the folder of the set",
-            )  # fmt: skip
+            )
         if place.is_dir():
             return place
     if named:
         told = os.environ.get(FOLDER_VARIABLE)
         raise DataNotFound(
-            f"data set {name_or_path} is not there", where=places[0],
-            cause=f"{FOLDER_VARIABLE} points elsewhere" if told else f"{FOLDER_VARIABLE} is not set",
+            f"data set {name_or_path} is not there",
+            where=places[0],
+            cause=f"{FOLDER_VARIABLE} points elsewhere"
+            if told
+            else f"{FOLDER_VARIABLE} is not set",
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
-        )  # fmt: skip
+        )
     raise DataNotFound(
         "a file where a folder belongs" if places[0].exists() else "no such data set or folder",
-        where=places[0], cause="a name misspelt, or a path from another folder",
+        where=places[0],
+        cause="a name misspelt, or a path from another folder",
         next_step=f"give a folder, or one of {', '.join(PUBLIC_SETS)}",
-    )  # fmt: skip
+    )
 
 
 def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
@@ -88,7 +96,8 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
         raise UsageError(f"groups={n_groups} keeps nobody", next_step=f"keep 1 to {len(names)}")
     if n_groups > len(names):
         raise TooFewGroups(
-            f"{len(names)} groups (people, blocks), {n_groups} asked for", next_step=f"keep 1 to {len(names)}"
+            f"{len(names)} groups (people, blocks), {n_groups} asked for",
+            next_step=f"keep 1 to {len(names)}",
         )
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
     part = data.of_groups(kept)
@@ -106,12 +115,16 @@ def _read(root: Path, channels: int | None, seed: int, windows: Choice, part: Pa
     fits = [one for one in readers if one.recognises(root)]
     if not fits:
         raise DataNotFound(
-            "no known data set in this folder", where=root, cause="a level too high or too low, or an empty copy",
+            "no known data set in this folder",
+            where=root,
+            cause="a level too high or too low, or an empty copy",
             next_step="give the folder of a public set, one of holdfast record, or <object>/<action>/trial_<n>.csv",
-        )  # fmt: skip
+        )
     data: DataSet = fits[0].load(root, seed=seed, windows=windows, part=part)
     if channels is not None and channels != 3 * data.n_sensors:
         raise ChannelError(
-            f"{3 * data.n_sensors} channels, {channels} asked for", where=root, next_step="leave channels out"
+            f"{3 * data.n_sensors} channels, {channels} asked for",
+            where=root,
+            next_step="leave channels out",
         )
     return data

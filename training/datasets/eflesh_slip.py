@@ -1,8 +1,9 @@
 """Reader of eflesh_slip: a gripper holds an object, and in some trials somebody tugs at it.
 
 V. Pattabiraman et al., "eFlesh: Highly customizable Magnetic Touch Sensing using Cut-Cell
-Microstructures", arXiv:2506.09994 (2025), MIT. An easy set: one threshold on the amplitude does as well
-as a forest. It shows that the pipeline runs on licensed real Hall data, and how late it answers.
+Microstructures", arXiv:2506.09994 (2025), MIT. An easy set: one threshold on the amplitude does as
+well as a forest. It shows that the pipeline runs on licensed real Hall data, and how late it
+answers.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     arrays = read_arrays(root / ARRAYS, {"X": (None, TRIAL_ROWS, 30), "y": (None,)})
     tugged = arrays["y"]
     if len(tugged) != len(arrays["X"]) or not np.isin(tugged, (0, 1)).all() or not len(tugged):
-        raise LabelError("y is not one 0 or 1 for each trial of X", where=root / ARRAYS, next_step=COPY_AGAIN)
+        raise LabelError(
+            "y is not one 0 or 1 for each trial of X", where=root / ARRAYS, next_step=COPY_AGAIN
+        )
     raw = arrays["X"][:, :, columns].astype(np.float64)
     row = np.arange(LAST_SECOND.start + WINDOW_ROWS - 1, LAST_SECOND.stop, WINDOW_ROWS)
     windows = [(row, np.full(len(row), RISKY_SLIP if tug else GRASP)) for tug in tugged]
@@ -71,14 +74,17 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     )
 
 
-def threshold_baseline(data: DataSet, *, n_folds: int | None = None, seed: int = 0) -> dict[str, float]:
-    """Accuracy of one threshold on the amplitude of the field (norm over channels), the line to beat.
+def threshold_baseline(
+    data: DataSet, *, n_folds: int | None = None, seed: int = 0
+) -> dict[str, float]:
+    """Accuracy of one threshold on the amplitude of the field (norm over channels), the line to
+    beat.
 
     trial_accuracy: largest amplitude in the last second, threshold from the other blocks;
     trial_accuracy_in_sample: threshold from the same trials; window_accuracy: amplitude at each
-    window's last row, threshold from the other blocks' windows. n_folds: None leaves out one block at
-    a time, which needs no luck; with 6 folds the seed moves trial_accuracy between 0.971 and 0.993.
-    Raises TooFewGroups.
+    window's last row, threshold from the other blocks' windows. n_folds: None leaves out one block
+    at a time, which needs no luck; with 6 folds the seed moves trial_accuracy between 0.971 and
+    0.993. Raises TooFewGroups.
     """
     field = [amplitude(recording.samples) for recording in data.recordings]
     largest = np.array([trial[LAST_SECOND].max() for trial in field])
@@ -86,10 +92,14 @@ def threshold_baseline(data: DataSet, *, n_folds: int | None = None, seed: int =
     blocks = np.array([recording.group for recording in data.recordings])
     n_folds = n_folds or len(data.groups())
     rows = data.tasks["situations"]
-    at_window = np.array([field[trial][row] for trial, row in zip(rows.trial, rows.row, strict=True)])
+    at_window = np.array(
+        [field[trial][row] for trial, row in zip(rows.trial, rows.row, strict=True)]
+    )
     return {
         "trial_accuracy": _held_out_accuracy(largest, tugged, blocks, n_folds, seed),
-        "trial_accuracy_in_sample": float(np.mean((largest > fit_threshold(largest, tugged)) == tugged)),
+        "trial_accuracy_in_sample": float(
+            np.mean((largest > fit_threshold(largest, tugged)) == tugged)
+        ),
         "window_accuracy": _held_out_accuracy(
             at_window, rows.label == RISKY_SLIP, data.group_of("situations"), n_folds, seed
         ),
@@ -102,20 +112,25 @@ def amplitude(samples: FloatArray) -> FloatArray:
 
 
 def fit_threshold(value: FloatArray, positive: BoolArray) -> float:
-    """The cut of [M] values with most on the right side; of several equally good the widest gap's middle."""
+    """The cut of [M] values with most on the right side; of several equally good the widest gap's
+    middle."""
     cuts = np.concatenate([[value.min() - 1.0], np.unique(value)])
     # Cut k calls the values up to cuts[k] negative, and the rest positive.
     order = np.searchsorted(cuts, value)
-    right = np.cumsum(np.bincount(order, weights=np.where(positive, -1.0, 1.0), minlength=len(cuts)))
+    right = np.cumsum(
+        np.bincount(order, weights=np.where(positive, -1.0, 1.0), minlength=len(cuts))
+    )
     gap = np.append(np.diff(cuts), 0.0)
     best = np.lexsort((gap, right))[-1]
     return float(cuts[best] + gap[best] / 2.0)
 
 
 def departure_row(samples: FloatArray) -> int | None:
-    """First row at which some channel leaves its baseline by over 100 uT and stays so for 0.1 s; or None.
+    """First row at which some channel leaves its baseline by over 100 uT and stays so for 0.1 s; or
+    None.
 
-    The set has no onset in it. This stands in for one, so that a delay can be measured from somewhere.
+    The set has no onset in it. This stands in for one, so that a delay can be measured from
+    somewhere.
     """
     far = np.abs(samples).max(axis=1) > DEPARTURE_UT
     stays = np.lib.stride_tricks.sliding_window_view(far, DEPARTURE_ROWS).all(axis=1)
@@ -146,13 +161,19 @@ def _held_out_accuracy(
 def _columns(channels: int) -> list[int]:
     magnetometers = {18: SIX_MAGNETOMETERS, 30: tuple(range(10))}.get(channels)
     if magnetometers is None:
-        raise ChannelError(f"eflesh_slip has no {channels}-channel case", next_step="ask for 18 or 30")
+        raise ChannelError(
+            f"eflesh_slip has no {channels}-channel case", next_step="ask for 18 or 30"
+        )
     return [3 * magnetometer + axis for magnetometer in magnetometers for axis in range(3)]
 
 
 def _recording(number: int, raw: FloatArray, tug: bool) -> Recording:
     return Recording(
-        trial_id=f"trial_{number:03d}", group=f"block_{number // BLOCK_TRIALS:02d}",
-        samples=PREPARATION.apply(raw), valid=finite_sensors(raw), rate_hz=RATE_HZ, unit="uT",
+        trial_id=f"trial_{number:03d}",
+        group=f"block_{number // BLOCK_TRIALS:02d}",
+        samples=PREPARATION.apply(raw),
+        valid=finite_sensors(raw),
+        rate_hz=RATE_HZ,
+        unit="uT",
         action="tug" if tug else "hold",
-    )  # fmt: skip
+    )

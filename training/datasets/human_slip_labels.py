@@ -1,7 +1,8 @@
-"""The labeller of human_slip_uskin: situations from the rotation of the object, which no model sees.
+"""The labeller of human_slip_uskin: situations from the rotation of the object, which no model
+sees.
 
-Per trial, with x the 48 channels, e the middle angle of the object quaternion's xyx decomposition in
-degrees (the authors' own measure of slip), s and t the rows where the move starts and ends::
+Per trial, with x the 48 channels, e the middle angle of the object quaternion's xyx decomposition
+in degrees (the authors' own measure of slip), s and t the rows where the move starts and ends::
 
     bias       xb = x - median(x[0:60])               contact   z = sum of the 16 normals of xb, z >= 1 N
     reference  r = median(e[max(0, s-30) : s-3])      rotation  d = |e - r|
@@ -31,16 +32,18 @@ UNLABELLED = -1
 
 def contact_force_n(prepared: FloatArray) -> FloatArray:
     """[T, 48] prepared -> z [T], the summed normal force in N."""
-    with np.errstate(invalid="ignore"):  # inf - inf: not finite, hence no label, and no reason to warn
+    # inf - inf: not finite, hence no label, and no reason to warn
+    with np.errstate(invalid="ignore"):
         return prepared[:, NORMAL_AXIS::3].sum(axis=1)
 
 
 def middle_angle_deg(quaternion: npt.NDArray[np.floating]) -> FloatArray:
-    """[T, 4] quaternions (w, x, y, z) -> [T] middle angle of the xyx Euler decomposition, 0..180 degrees.
+    """[T, 4] quaternions (w, x, y, z) -> [T] middle angle of the xyx Euler decomposition, 0..180
+    degrees.
 
-    The closed form of scipy's `Rotation.from_quat([x, y, z, w]).as_euler("xyx")[1]`: R_xx = cos(angle),
-    hence angle = 2 atan2(|(y, z)|, |(w, x)|). It needs no unit norm and has no gimbal lock; a zero or
-    non-finite quaternion is no rotation and gives nan.
+    The closed form of scipy's `Rotation.from_quat([x, y, z, w]).as_euler("xyx")[1]`: R_xx =
+    cos(angle), hence angle = 2 atan2(|(y, z)|, |(w, x)|). It needs no unit norm and has no gimbal
+    lock; a zero or non-finite quaternion is no rotation and gives nan.
 
     >>> middle_angle_deg(np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]]))
     array([  0., 180.,  nan])
@@ -59,16 +62,21 @@ def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
 
 
 def in_hand(object_q: npt.NDArray[np.floating], hand_q: npt.NDArray[np.floating]) -> FloatArray:
-    """[T, 4] the object's orientation in the hand, hand^-1 object, of quaternions [T, 4], w first; 0 where one is none.
+    """[T, 4] the object's orientation in the hand, hand^-1 object, of quaternions [T, 4], w first;
+    0 where one is none.
 
     The wrist, which turns both, cancels.
     """
     w, x, y, z = object_q.astype(np.float64).T
     a, b, c, d = hand_q.astype(np.float64).T
-    product = np.column_stack([
-        a * w + b * x + c * y + d * z, a * x - b * w - c * z + d * y,
-        a * y + b * z - c * w - d * x, a * z - b * y + c * x - d * w,
-    ])  # fmt: skip
+    product = np.column_stack(
+        [
+            a * w + b * x + c * y + d * z,
+            a * x - b * w - c * z + d * y,
+            a * y + b * z - c * w - d * x,
+            a * z - b * y + c * x - d * w,
+        ]
+    )
     return np.where(np.isfinite(product).all(axis=1, keepdims=True), product, 0.0)
 
 
@@ -81,16 +89,20 @@ def situations(force_n: FloatArray, rotation_deg: FloatArray) -> npt.NDArray[np.
 
 
 def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> tuple[Phase, ...]:
-    """Runs of one situation, from the tare to 60 rows after the move; rows without a label are in none."""
+    """Runs of one situation, from the tare to 60 rows after the move; rows without a label are in
+    none."""
     label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
     label[:BIAS_ROWS] = UNLABELLED
     edges = np.flatnonzero(np.diff(label)) + 1
     runs = zip([0, *edges.tolist()], [*edges.tolist(), len(label)], strict=True)
-    return tuple(Phase(first, stop, int(label[first])) for first, stop in runs if label[first] != UNLABELLED)
+    return tuple(
+        Phase(first, stop, int(label[first])) for first, stop in runs if label[first] != UNLABELLED
+    )
 
 
 def events(found: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
-    """Slips that become risky: onset where 5 deg are passed, gross slip where 15 deg are, end where all is well again.
+    """Slips that become risky: onset where 5 deg are passed, gross slip where 15 deg are, end where
+    all is well again.
 
     When the load comes on nobody recorded; the onset here is the object's, later than the load's.
     """
@@ -109,15 +121,19 @@ def events(found: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
 
 
 def situation_windows(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> TrialRows:
-    """Windows of 6 rows side by side, from the tare to 60 rows after the move; labelled by their last row."""
+    """Windows of 6 rows side by side, from the tare to 60 rows after the move; labelled by their
+    last row."""
     stop = min(len(force_n), end + AROUND_MOVE_ROWS)
     row = _last_rows(BIAS_ROWS, stop, SITUATION_STEP_ROWS)
     label = situations(force_n, rotation_deg)[row]
     return row[label != UNLABELLED], label[label != UNLABELLED]
 
 
-def prediction_windows(force_n: FloatArray, rotation_deg: FloatArray, start: int, end: int) -> TrialRows:
-    """Grasp rows around the move: 1 where the rotation exceeds 15 deg within the 15 rows that follow."""
+def prediction_windows(
+    force_n: FloatArray, rotation_deg: FloatArray, start: int, end: int
+) -> TrialRows:
+    """Grasp rows around the move: 1 where the rotation exceeds 15 deg within the 15 rows that
+    follow."""
     n = len(force_n)
     row = _last_rows(max(BIAS_ROWS, start - AROUND_MOVE_ROWS), min(end, n), PREDICTION_STEP_ROWS)
     has_future = row + 1 < n
@@ -126,8 +142,11 @@ def prediction_windows(force_n: FloatArray, rotation_deg: FloatArray, start: int
     return row, over[np.minimum(row + 1 + HORIZON_ROWS, n)] > over[row + 1]
 
 
-def frames_since_contact(force_n: FloatArray, contact_n: float = CONTACT_N) -> npt.NDArray[np.int64]:
-    """[T] rows since z last rose through contact_n, -1 before it ever did: the clock a scripted set contains."""
+def frames_since_contact(
+    force_n: FloatArray, contact_n: float = CONTACT_N
+) -> npt.NDArray[np.int64]:
+    """[T] rows since z last rose through contact_n, -1 before it ever did: the clock a scripted set
+    contains."""
     touching = force_n >= contact_n
     rises = touching & ~np.concatenate([[False], touching[:-1]])
     row = np.arange(len(force_n))

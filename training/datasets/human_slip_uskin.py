@@ -1,8 +1,10 @@
-"""Reader of human_slip_uskin: people pinch a book-shaped object and move it fast; uSkin at the grip.
+"""Reader of human_slip_uskin: people pinch a book-shaped object and move it fast; uSkin at the
+grip.
 
-K. Nazari et al., "Bioinspired trajectory modulation for effective slip control in robot manipulation",
-Nature Machine Intelligence (2025), doi 10.1038/s42256-025-01062-2. No licence is stated: evaluate
-locally, redistribute nothing. Any folder with the same two files can be read, also of other people.
+K. Nazari et al., "Bioinspired trajectory modulation for effective slip control in robot
+manipulation", Nature Machine Intelligence (2025), doi 10.1038/s42256-025-01062-2. No licence is
+stated: evaluate locally, redistribute nothing. Any folder with the same two files can be read, also
+of other people.
 """
 
 from __future__ import annotations
@@ -54,34 +56,43 @@ class _Move:
 
 
 def recognises(root: Path) -> bool:
-    """Whether a folder is in this format: one of its two files is there (load names a missing other)."""
+    """Whether a folder is in this format: one of its two files is there (load names a missing
+    other)."""
     return (root / SIGNALS).is_file() or (root / TRIALS).is_file()
 
 
 def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     """Read and label a folder in this format, 18 channels (six taxels) or all 48, unit N.
 
-    in_hand: label by the object's rotation in the hand (both IMUs), in which the wrist has no part, and not by the
-    object's alone, which is the set's usual measure.
+    in_hand: label by the object's rotation in the hand (both IMUs), in which the wrist has no part,
+    and not by the object's alone, which is the set's usual measure.
 
-    Tasks: "situations" (0..3) and "predict_250ms" (0/1: over 15 deg within 0.25 s, from grasp rows).
-    Unusable trials (not 60 < start < end <= n) are left out and counted in notes. Columns of
+    Tasks: "situations" (0..3) and "predict_250ms" (0/1: over 15 deg within 0.25 s, from grasp
+    rows). Unusable trials (not 60 < start < end <= n) are left out and counted in notes. Columns of
     trials.csv beyond the set's own are ignored: they describe trials and are read by name.
 
     Raises DataNotFound, ColumnError, NotANumber, ChannelError or EmptyRecording.
     """
     columns = _columns(channels)
-    wanted: dict[str, tuple[int | None, ...]] = {"xela": (None, 48), "object_imu": (None, 7), "offset": (None,)}
+    wanted: dict[str, tuple[int | None, ...]] = {
+        "xela": (None, 48),
+        "object_imu": (None, 7),
+        "offset": (None,),
+    }
     arrays = read_arrays(root / SIGNALS, wanted | ({"hand_imu": (None, 7)} if in_hand else {}))
     moves = list(_moves(read_table(root / TRIALS), arrays))
     usable = [move for move in moves if move.usable]
     if not usable:
         raise EmptyRecording(
-            "no usable trial", where=root, cause="no trial with 60 < start_index < end_index <= n",
+            "no usable trial",
+            where=root,
+            cause="no trial with 60 < start_index < end_index <= n",
             next_step="check start_index and end_index in trials.csv",
-        )  # fmt: skip
+        )
     turned = arrays["object_imu"][:, :4]
-    angle_deg = labels.middle_angle_deg(labels.in_hand(turned, arrays["hand_imu"][:, :4]) if in_hand else turned)
+    angle_deg = labels.middle_angle_deg(
+        labels.in_hand(turned, arrays["hand_imu"][:, :4]) if in_hand else turned
+    )
     trials = [_trial(move, arrays["xela"], angle_deg, columns) for move in usable]
     recordings, situations, predictions = map(list, zip(*trials, strict=True))
     return DataSet(
@@ -102,10 +113,12 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
 
 
 def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
-    """[M, 2]: frames since contact (last rise of z through 1 N; -1 before any) and z in N, at each window.
+    """[M, 2]: frames since contact (last rise of z through 1 N; -1 before any) and z in N, at each
+    window.
 
     A warning baseline, never an input. `data` must hold all 48 channels, because z sums all 16
-    normals; `rows` may come from the 18-channel set, whose windows are the same. Raises ChannelError.
+    normals; `rows` may come from the 18-channel set, whose windows are the same. Raises
+    ChannelError.
     """
     if data.n_sensors != N_TAXELS:
         raise ChannelError(
@@ -124,17 +137,23 @@ def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
 def _columns(channels: int) -> list[int]:
     taxels = {18: SIX_TAXELS, 48: tuple(range(1, N_TAXELS + 1))}.get(channels)
     if taxels is None:
-        raise ChannelError(f"human_slip_uskin has no {channels}-channel case", next_step="ask for 18 or 48")
+        raise ChannelError(
+            f"human_slip_uskin has no {channels}-channel case", next_step="ask for 18 or 48"
+        )
     return [3 * (taxel - 1) + axis for taxel in taxels for axis in range(3)]
 
 
 def _moves(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> Iterator[_Move]:
     """The rows of trials.csv, once they and the signals are seen to agree."""
-    table.require(["subject", "stage", "sample", "n", "frequency_hz", "start_index", "end_index", "offset"])
+    table.require(
+        ["subject", "stage", "sample", "n", "frequency_hz", "start_index", "end_index", "offset"]
+    )
     bounds = _bounds(table, arrays)
     rate_hz = table.numbers("frequency_hz")
     if np.any(rate_hz <= 0.0):
-        raise NotANumber("frequency_hz must be positive", where=table.path, next_step="correct that line")
+        raise NotANumber(
+            "frequency_hz must be positive", where=table.path, next_step="correct that line"
+        )
     start, end = table.whole_numbers("start_index"), table.whole_numbers("end_index")
     identity = zip(table.text("subject"), table.text("stage"), table.text("sample"), strict=True)
     for k, (subject, stage, sample) in enumerate(identity):
@@ -156,8 +175,10 @@ def _bounds(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np
     if not agree:
         raise ColumnError(
             f"offsets and lengths of {len(table)} trials do not cover the {n_rows} rows of {SIGNALS}",
-            where=table.path, cause="signals and trials of different versions", next_step=COPY_AGAIN,
-        )  # fmt: skip
+            where=table.path,
+            cause="signals and trials of different versions",
+            next_step=COPY_AGAIN,
+        )
     return bounds
 
 
@@ -168,10 +189,15 @@ def _trial(
     raw = xela[move.rows].astype(np.float64)
     prepared = PREPARATION.apply(raw)
     recording = Recording(
-        trial_id=move.name, group=move.subject, samples=prepared[:, columns],
-        valid=finite_sensors(raw[:, columns]), rate_hz=move.rate_hz, unit="N",
-        object_name="book", action=move.stage,
-    )  # fmt: skip
+        trial_id=move.name,
+        group=move.subject,
+        samples=prepared[:, columns],
+        valid=finite_sensors(raw[:, columns]),
+        rate_hz=move.rate_hz,
+        unit="N",
+        object_name="book",
+        action=move.stage,
+    )
     force_n = labels.contact_force_n(prepared)
     rotation_deg = labels.rotation_from_start_deg(angle_deg[move.rows], move.start)
     phases = labels.phases(force_n, rotation_deg, move.end)

@@ -1,4 +1,5 @@
-"""Several sets as one: recordings side by side, their names behind the set's, their windows together."""
+"""Several sets as one: recordings side by side, their names behind the set's, their windows
+together."""
 
 from __future__ import annotations
 
@@ -15,8 +16,9 @@ from training.recording import DataSet, LabelledRows, Recording
 def join(sets: Sequence[DataSet]) -> DataSet:
     """One set of several, each balanced as it was, at the rate of the first.
 
-    Trials and groups get their set's name before theirs, so that nobody of two sets is taken for one.
-    Redistributable only if all are. Raises RateError, UnitError, ChannelError, LabelError or DataError.
+    Trials and groups get their set's name before theirs, so that nobody of two sets is taken for
+    one. Redistributable only if all are. Raises RateError, UnitError, ChannelError, LabelError or
+    DataError.
     """
     first, *others = sets
     for other in others:
@@ -31,7 +33,10 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         first,
         name=" + ".join(names),
         recordings=[_named(recording, data.name) for data in sets for recording in data.recordings],
-        tasks={task: _together([data.tasks[task] for data in sets], starts.tolist()) for task in first.tasks},
+        tasks={
+            task: _together([data.tasks[task] for data in sets], starts.tolist())
+            for task in first.tasks
+        },
         kind=" + ".join(dict.fromkeys(data.kind for data in sets)),
         redistributable=all(data.redistributable for data in sets),
         caveat=" ".join(dict.fromkeys(data.caveat for data in sets)),
@@ -41,16 +46,30 @@ def join(sets: Sequence[DataSet]) -> DataSet:
 
 
 def require_alike(other: DataSet, first: DataSet) -> None:
-    """See that one model can be asked about both. Raises RateError, UnitError, ChannelError, LabelError, DataError."""
+    """See that one model can be asked about both. Raises RateError, UnitError, ChannelError,
+    LabelError, DataError."""
     wrong = (
-        (RateError, abs(other.rate_hz / first.rate_hz - 1.0) > RATE_TOLERANCE, f"at {other.rate_hz:g} Hz",
-         f"{first.rate_hz:g} Hz"),
+        (
+            RateError,
+            abs(other.rate_hz / first.rate_hz - 1.0) > RATE_TOLERANCE,
+            f"at {other.rate_hz:g} Hz",
+            f"{first.rate_hz:g} Hz",
+        ),
         (UnitError, other.unit != first.unit, f"in {other.unit}", first.unit),
-        (ChannelError, other.n_sensors != first.n_sensors, f"of {other.n_sensors} sensors", str(first.n_sensors)),
-        (LabelError, set(other.tasks) != set(first.tasks), f"with the tasks {', '.join(other.tasks)}",
-         ", ".join(first.tasks)),
+        (
+            ChannelError,
+            other.n_sensors != first.n_sensors,
+            f"of {other.n_sensors} sensors",
+            str(first.n_sensors),
+        ),
+        (
+            LabelError,
+            set(other.tasks) != set(first.tasks),
+            f"with the tasks {', '.join(other.tasks)}",
+            ", ".join(first.tasks),
+        ),
         (DataError, other.preparation != first.preparation, "tared in another way", "the same"),
-    )  # fmt: skip
+    )
     for error, differs, has, wanted in wrong:
         if differs:
             raise error(
@@ -62,10 +81,16 @@ def require_alike(other: DataSet, first: DataSet) -> None:
 
 
 def _named(recording: Recording, name: str) -> Recording:
-    return replace(recording, trial_id=f"{name}/{recording.trial_id}", group=f"{name}/{recording.group}")
+    return replace(
+        recording, trial_id=f"{name}/{recording.trial_id}", group=f"{name}/{recording.group}"
+    )
 
 
 def _together(parts: Sequence[LabelledRows], starts: Sequence[int]) -> LabelledRows:
-    trial = np.concatenate([part.trial + start for part, start in zip(parts, starts[:-1], strict=True)])
-    row, label = (np.concatenate([getattr(part, field) for part in parts]) for field in ("row", "label"))
+    trial = np.concatenate(
+        [part.trial + start for part, start in zip(parts, starts[:-1], strict=True)]
+    )
+    row, label = (
+        np.concatenate([getattr(part, field) for part in parts]) for field in ("row", "label")
+    )
     return LabelledRows(trial, row, label, parts[0].classes)

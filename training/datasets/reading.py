@@ -27,22 +27,27 @@ COPY_AGAIN = "copy the data set again from its source"
 def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArray[Any]]:
     """The named arrays of an npz archive; a None in a shape stands for any length.
 
-    Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or NotANumber.
+    Pickled objects are refused. Raises DataNotFound, ColumnError (missing array or shape) or
+    NotANumber.
     """
     try:
         require_modest_archive(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             missing = sorted(set(shapes) - set(archive.files))
             if missing:
-                raise ColumnError(f"arrays missing: {listed(missing)}", where=path, next_step=COPY_AGAIN)
+                raise ColumnError(
+                    f"arrays missing: {listed(missing)}", where=path, next_step=COPY_AGAIN
+                )
             arrays = {name: archive[name] for name in shapes}
     except FileNotFoundError:
         raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
     except NOT_AN_ARCHIVE as error:
         raise NotANumber(
-            f"cannot be read as an npz archive of numbers ({type(error).__name__})", where=path,
-            cause="a copy cut short, or pickled objects, which are never read", next_step=COPY_AGAIN,
-        ) from None  # fmt: skip
+            f"cannot be read as an npz archive of numbers ({type(error).__name__})",
+            where=path,
+            cause="a copy cut short, or pickled objects, which are never read",
+            next_step=COPY_AGAIN,
+        ) from None
     for name, shape in shapes.items():
         _check_array(arrays[name], name, shape, path)
     return arrays
@@ -50,8 +55,12 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, npt.NDArra
 
 def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -> None:
     if array.dtype.kind not in "iuf":
-        raise NotANumber(f"array {name} holds {array.dtype}, not numbers", where=path, next_step=COPY_AGAIN)
-    if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True)):
+        raise NotANumber(
+            f"array {name} holds {array.dtype}, not numbers", where=path, next_step=COPY_AGAIN
+        )
+    if array.ndim != len(shape) or any(
+        want not in (None, got) for want, got in zip(shape, array.shape, strict=True)
+    ):
         wanted = " x ".join("any" if want is None else str(want) for want in shape)
         got = " x ".join(map(str, array.shape))
         raise ColumnError(f"array {name} is {got}, not {wanted}", where=path, next_step=COPY_AGAIN)
@@ -59,7 +68,8 @@ def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -
 
 @dataclass(frozen=True)
 class Table:
-    """A csv table, cells still text: columns by name, line numbers counted from the header as line 1."""
+    """A csv table, cells still text: columns by name, line numbers counted from the header as line
+    1."""
 
     path: Path
     columns: dict[str, list[str]]
@@ -76,18 +86,27 @@ class Table:
         """Raise ColumnError unless all these columns are there."""
         missing = [name for name in names if name not in self.columns]
         if missing:
-            raise ColumnError(f"columns missing: {listed(missing)}", where=self.path, next_step=COPY_AGAIN)
+            raise ColumnError(
+                f"columns missing: {listed(missing)}", where=self.path, next_step=COPY_AGAIN
+            )
 
     def numbers(self, name: str, *, finite: bool = True) -> FloatArray:
-        """One column as float64. Raises ColumnError, or NotANumber with its line (nan too, if `finite`)."""
+        """One column as float64. Raises ColumnError, or NotANumber with its line (nan too, if
+        `finite`)."""
         cells = self.text(name)
         values = np.array([_number(cell) for cell in cells], dtype=object)
-        bad = [k for k, value in enumerate(values) if value is None or (finite and not np.isfinite(value))]
+        bad = [
+            k
+            for k, value in enumerate(values)
+            if value is None or (finite and not np.isfinite(value))
+        ]
         if bad:
             raise NotANumber(
-                f"line {bad[0] + 2}, column {name}: {cells[bad[0]]!r:.40} is no number", where=self.path,
-                cause="text or an empty cell in the data", next_step="correct or remove that line",
-            )  # fmt: skip
+                f"line {bad[0] + 2}, column {name}: {cells[bad[0]]!r:.40} is no number",
+                where=self.path,
+                cause="text or an empty cell in the data",
+                next_step="correct or remove that line",
+            )
         return values.astype(np.float64)
 
     def whole_numbers(self, name: str) -> npt.NDArray[np.int64]:
@@ -96,9 +115,10 @@ class Table:
         if np.any(values != np.round(values)):
             line = int(np.flatnonzero(values != np.round(values))[0]) + 2
             raise NotANumber(
-                f"line {line}, column {name}: not a whole number", where=self.path,
+                f"line {line}, column {name}: not a whole number",
+                where=self.path,
                 next_step="correct that line",
-            )  # fmt: skip
+            )
         return values.astype(np.int64)
 
 
@@ -112,16 +132,26 @@ def read_table(path: Path) -> Table:
         raise DataNotFound("no such file", where=path, next_step=COPY_AGAIN) from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise NotANumber(
-            f"cannot be read as a csv text file ({type(error).__name__})", where=path, next_step=COPY_AGAIN
+            f"cannot be read as a csv text file ({type(error).__name__})",
+            where=path,
+            next_step=COPY_AGAIN,
         ) from None
     if len(rows) < 2:
-        raise EmptyRecording("no rows of data", where=path, cause="a copy cut short", next_step=COPY_AGAIN)
+        raise EmptyRecording(
+            "no rows of data", where=path, cause="a copy cut short", next_step=COPY_AGAIN
+        )
     header = [name.strip() for name in rows[0]]
     ragged = [k for k, row in enumerate(rows) if len(row) != len(header)]
     if ragged or len(set(header)) < len(header):
-        what = f"line {ragged[0] + 1} has another number of cells" if ragged else "a column occurs twice"
+        what = (
+            f"line {ragged[0] + 1} has another number of cells"
+            if ragged
+            else "a column occurs twice"
+        )
         raise ColumnError(what, where=path, cause="a copy cut short", next_step=COPY_AGAIN)
-    return Table(path, {name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(header)})
+    return Table(
+        path, {name: [row[k].strip() for row in rows[1:]] for k, name in enumerate(header)}
+    )
 
 
 def _number(cell: str) -> float | None:

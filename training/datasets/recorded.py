@@ -1,9 +1,11 @@
-"""Reader of what `holdfast record` leaves: trial folders with tactile.csv, meta.json and tactile.truth.json.
+"""Reader of what `holdfast record` leaves: trial folders with tactile.csv, meta.json and
+tactile.truth.json.
 
-Who did what with which object stands in each meta.json, so a whole recording, one person's folder, or any choice of
-trials is a data set. Only kept trials are read. A person is a group: no split ever tears one apart; where only one
-person is there, every trial is a group of its own, and the figures say nothing about other people.
-Phases are those of tactile.truth.json and no script's; preparation, objects and windows are the thesis'.
+Who did what with which object stands in each meta.json, so a whole recording, one person's folder,
+or any choice of trials is a data set. Only kept trials are read. A person is a group: no split ever
+tears one apart; where only one person is there, every trial is a group of its own, and the figures
+say nothing about other people. Phases are those of tactile.truth.json and no script's; preparation,
+objects and windows are the thesis'.
 """
 
 from __future__ import annotations
@@ -38,18 +40,25 @@ def recognises(root: Path) -> bool:
     return any("recorder" in read_json(path.with_name(META)) for path in _trials(root))
 
 
-def load(root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored) -> DataSet:
-    """All kept trials of a folder, as training.datasets.thesis gives its own. Raises a DataError."""
+def load(
+    root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored
+) -> DataSet:
+    """All kept trials of a folder, as training.datasets.thesis gives its own. Raises a
+    DataError."""
     told = [(path, read_json(path.with_name(META))) for path in _trials(root)]
     kept = [(path, meta) for path, meta in told if meta.get("state") == KEPT]
     if not kept:
         raise DataNotFound(
-            f"no kept trial among {len(told)}", where=root, cause="all of them were interrupted or done again",
+            f"no kept trial among {len(told)}",
+            where=root,
+            cause="all of them were interrupted or done again",
             next_step="record again",
-        )  # fmt: skip
+        )
     units = sorted({str(meta.get("unit")) for _, meta in kept})
     if len(units) > 1:
-        raise UnitError(f"trials in {' and in '.join(units)}", where=root, next_step="keep them in two folders")
+        raise UnitError(
+            f"trials in {' and in '.join(units)}", where=root, next_step="keep them in two folders"
+        )
     people = {str(meta.get("person")) for _, meta in kept}
     trials = []
     for number, (path, meta) in enumerate(kept, 1):
@@ -67,7 +76,10 @@ def load(root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part 
 
 
 def _trials(root: Path) -> list[Path]:
-    return sorted(root.rglob(TACTILE), key=lambda path: (path.parent.parent, len(path.parent.name), path.parent.name))
+    return sorted(
+        root.rglob(TACTILE),
+        key=lambda path: (path.parent.parent, len(path.parent.name), path.parent.name),
+    )
 
 
 def _kind(meta: dict[str, Any]) -> str:
@@ -80,14 +92,20 @@ def _kind(meta: dict[str, Any]) -> str:
 def _timed(path: Path, meta: dict[str, Any], root: Path, unit: Any, people: bool) -> TimedTrial:
     thing, action = str(meta.get("object")), str(meta.get("action"))
     empty = action == EMPTY_HAND
-    place = thesis.Place(path, None if empty else path.parent.parent.parent, None if empty else action)
+    place = thesis.Place(
+        path, None if empty else path.parent.parent.parent, None if empty else action
+    )
     timed = thesis.timed(place, root, unit, phased)
     trial_id = path.parent.relative_to(root).as_posix() if path.parent != root else path.parent.name
     recording = replace(
-        timed.recording, trial_id=trial_id, group=str(meta.get("person")) if people else trial_id,
+        timed.recording,
+        trial_id=trial_id,
+        group=str(meta.get("person")) if people else trial_id,
         object_name=None if empty else object_name(thing),
-    )  # fmt: skip
-    provenances = {str(phase.get("provenance")) for phase in read_json(truth_path(path)).get("phases", [])}
+    )
+    provenances = {
+        str(phase.get("provenance")) for phase in read_json(truth_path(path)).get("phases", [])
+    }
     return replace(timed, recording=recording, timed=bool(provenances & {*TO_THE_MOMENT}))
 
 
@@ -95,7 +113,11 @@ def phased(trial: Trial, recording: Recording) -> tuple[tuple[Phase, ...], tuple
     """Phases and risky events of the truth beside a trial. Raises LabelError."""
     truth = truth_path(trial.path)
     if not truth.exists():
-        raise LabelError("a kept trial without its truth", where=truth, next_step="holdfast repair, or record again")
+        raise LabelError(
+            "a kept trial without its truth",
+            where=truth,
+            next_step="holdfast repair, or record again",
+        )
     if not read_json(truth).get("phases"):
         return (), ()
     return read_truth(truth, trial.t_s), read_events(truth)

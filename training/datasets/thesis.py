@@ -1,11 +1,11 @@
 """Reader of the thesis' layout: `<root>/<object>/<action>/trial_<n>.csv`.
 
-Beside the objects there may be the hand alone, `nothing/trial_<n>.csv` or `nothing.csv`; in the root a
-`meta.json` {"unit", "kind", "name", "recordings by", "redistributable"}; in an object's folder a `meta.json`
-{"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which is believed before the script and which the actions
-`hold` and `daily` cannot do without.
-The preparation is the thesis': magnets turned the right way round, the mean of five rows taken off,
-time from zero. Its moving average is not, because it smooths away what the band-pass bank looks for.
+Beside the objects there may be the hand alone, `nothing/trial_<n>.csv` or `nothing.csv`; in the
+root a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable"}; in an object's
+folder a `meta.json` {"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which is believed
+before the script and which the actions `hold` and `daily` cannot do without. The preparation is the
+thesis': magnets turned the right way round, the mean of five rows taken off, time from zero. Its
+moving average is not, because it smooths away what the band-pass bank looks for.
 """
 
 from __future__ import annotations
@@ -29,7 +29,16 @@ from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
 from training.say import Part, ignored, span
-from training.timeline import UNSCRIPTED, Phase, RiskyEvent, events_of, read_events, read_truth, scripted, whole
+from training.timeline import (
+    UNSCRIPTED,
+    Phase,
+    RiskyEvent,
+    events_of,
+    read_events,
+    read_truth,
+    scripted,
+    whole,
+)
 from training.windows import (
     Choice,
     TimedTrial,
@@ -67,23 +76,32 @@ READING = 0.5
 
 
 def recognises(root: Path) -> bool:
-    """Whether a folder holds at least one `<object>/<action>/trial_<n>.csv` with an action of the thesis."""
-    return any(_action(path.parent) for path in root.glob("*/*/trial_*.csv") if TRIAL_NAME.fullmatch(path.name))
+    """Whether a folder holds at least one `<object>/<action>/trial_<n>.csv` with an action of the
+    thesis."""
+    return any(
+        _action(path.parent)
+        for path in root.glob("*/*/trial_*.csv")
+        if TRIAL_NAME.fullmatch(path.name)
+    )
 
 
 def preparation(unit: Unit) -> Preparation:
     """The thesis'; a first value that is negative by noise alone turns nothing round."""
-    return Preparation(bias_rows=5, statistic="mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR[unit])
+    return Preparation(
+        bias_rows=5, statistic="mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR[unit]
+    )
 
 
-def load(root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored) -> DataSet:
+def load(
+    root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored
+) -> DataSet:
     """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
 
     windows: balanced (drawn by the seed; every class must be there), natural (every one), or dense.
-    Every trial is a group of its own. `notes` has the counts of samples, of all windows and of those kept,
-    and the latter as a table. rate_hz is the median over the trials to three digits, so that a clock that
-    is a microsecond off does not cost the window a sample.
-    Raises a DataError, such as RateError for a trial more than 10 % off the others, which names the place.
+    Every trial is a group of its own. `notes` has the counts of samples, of all windows and of
+    those kept, and the latter as a table. rate_hz is the median over the trials to three digits, so
+    that a clock that is a microsecond off does not cost the window a sample. Raises a DataError,
+    such as RateError for a trial more than 10 % off the others, which names the place.
     """
     meta = _meta(root)
     places, trials = list(_places(root)), []
@@ -92,20 +110,31 @@ def load(root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part 
         part(READING * number / len(places))
     if not trials:
         raise DataNotFound(
-            "no trials", where=root, next_step="give a folder with <object>/<action>/trial_<n>.csv in it"
+            "no trials",
+            where=root,
+            next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
         )
     about = {"name": root.resolve().name, **meta}
     return assembled(about, trials, seed=seed, windows=windows, part=span(part, READING, 1.0))
 
 
 def assembled(
-    meta: dict[str, Any], trials: list[TimedTrial], *, seed: int, windows: Choice, part: Part = ignored
+    meta: dict[str, Any],
+    trials: list[TimedTrial],
+    *,
+    seed: int,
+    windows: Choice,
+    part: Part = ignored,
 ) -> DataSet:
-    """A data set of trials; meta: name, unit, kind, and where they are from. Raises RateError, ChannelError, .."""
+    """A data set of trials; meta: name, unit, kind, and where they are from. Raises RateError,
+    ChannelError, .."""
     rate_hz = _common_rate([trial.recording for trial in trials])
     natural = natural_windows(trials, part)
-    chosen = {"balanced": lambda: balance(natural, seed), "natural": lambda: natural,
-              "dense": lambda: dense_windows(trials)}[windows]()  # fmt: skip
+    chosen = {
+        "balanced": lambda: balance(natural, seed),
+        "natural": lambda: natural,
+        "dense": lambda: dense_windows(trials),
+    }[windows]()
     return DataSet(
         name=str(meta["name"]),
         recordings=[trial.recording for trial in trials],
@@ -159,7 +188,9 @@ def _numbered(folder: Path) -> list[Path]:
 
 
 def _action(folder: Path) -> str | None:
-    return next((action for action in FOLDERS if plain_word(action) == plain_word(folder.name)), None)
+    return next(
+        (action for action in FOLDERS if plain_word(action) == plain_word(folder.name)), None
+    )
 
 
 def _known_action(folder: Path) -> str:
@@ -174,7 +205,8 @@ def _known_action(folder: Path) -> str:
 
 
 def timed(place: Place, root: Path, unit: Any, phased: Phased | None = None) -> TimedTrial:
-    """A trial read, prepared and with its phases: those that phased gives, else those of its truth or the script."""
+    """A trial read, prepared and with its phases: those that phased gives, else those of its truth
+    or the script."""
     trial = read_trial(place.path)
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
     recording = Recording(

@@ -1,0 +1,39 @@
+"""The command line in the process of the test."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+
+import pytest
+
+from holdfast.cli import main
+
+PROGRESS = re.compile(r"warning: | *\d+ s  ")
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run a command in this process: exit code, stdout, stderr. Warnings are printed, as they are
+    for a user."""
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+
+    def command(*words: object) -> tuple[int, str, str]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            code = main([str(word) for word in words])
+        return code, *capsys.readouterr()
+
+    return command
+
+
+def fails(run: Run, code: int, kind: str, *words: object, says: str = "") -> None:
+    """Beside progress, one line on stderr that begins with the error's own name."""
+    got, _, err = run(*words)
+    lines = [line for line in err.splitlines() if not PROGRESS.match(line)]
+    assert (got, len(lines)) == (code, 1), err
+    assert lines[0].startswith(f"error: {kind}: "), err
+    assert says in lines[0]
+    assert "Traceback" not in err
