@@ -6,8 +6,6 @@ depthai runs in processes of its own: what crashes it fails one test, not the ru
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from drawn_frames import (
@@ -23,48 +21,7 @@ from drawn_frames import (
 from scipy.interpolate import CubicSpline
 
 from drivers.camera.recording import read_about, read_tracks
-from holdfast.cli import main
 from simulation.camera.frames import HAND_TAG, OBJECT_TAG
-
-CARD = """
-[record]
-rate_hz = 150
-[[trials]]
-objects = ["soft-ball"]
-action = "pull"
-style = "author"
-hold_s = 1.5
-close_at_s = 0.3
-tail_s = 0.2
-[[trials]]
-objects = ["basket-ball"]
-action = "hold"
-style = "author"
-hold_s = 1.0
-close_at_s = 0.3
-tail_s = 0.2
-load_n = 1.0
-[effects.brush]
-count = 5
-[effects.camera_frames]
-[camera]
-width_px = 240
-height_px = 160
-noise_levels = 2
-"""
-
-
-@pytest.fixture(scope="module")
-def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A pull and a loaded hold, simulated with their frames."""
-    folder = tmp_path_factory.mktemp("filmed")
-    (folder / "card.toml").write_text(CARD, encoding="utf-8")
-    assert (
-        main(["simulate", str(folder / "card.toml"), "--out", str(folder / "set"), "--seed", "1"])
-        == 0
-    )
-    return folder / "set"
-
 
 # -- tracks and video
 
