@@ -122,35 +122,40 @@ def run_recordings(
     results: list[Outputs] = [{} for _ in values]
     for batch in _batches(values):
         graph = StepGraph(session, len(batch), outputs)
-        kept = [_Rows(rows[index], graph.out) for index in batch]
-        last_wanted = max((int(rows[index][-1]) for index in batch if len(rows[index])), default=-1)
+        kept = _KeptRows([rows[index] for index in batch], graph.out)
         stacked, stacked_valid = _pad(values, valid, batch)
-        for t in range(last_wanted + 1):
+        for t in range(kept.n_steps):
             np.copyto(graph.sample, stacked[t])
             np.copyto(graph.valid, stacked_valid[t])
-            out = graph.step()
-            for position, keeper in enumerate(kept):
-                keeper.offer(t, position, out)
-        for index, keeper in zip(batch, kept, strict=True):
-            results[index] = keeper.out
+            kept.collect(t, graph.step())
+        for position, index in enumerate(batch):
+            results[index] = kept.of(position)
     return results
 
 
-class _Rows:
-    """Collects the wanted rows of one recording."""
+class _KeptRows:
+    """Collects the wanted rows of a batch of recordings: one copy an output and step."""
 
-    def __init__(self, rows: npt.NDArray[np.int64], buffers: Outputs) -> None:
-        self._rows = rows.tolist()
-        self._next = 0
-        self.out = {
-            k: np.empty((len(rows), *b.shape[1:]), dtype=b.dtype) for k, b in buffers.items()
-        }
+    def __init__(self, rows: Sequence[npt.NDArray[np.int64]], buffers: Outputs) -> None:
+        t = np.concatenate(rows)
+        position = np.repeat(np.arange(len(rows)), [len(one) for one in rows])
+        order = np.argsort(t, kind="stable")
+        self.n_steps = int(t.max(initial=-1)) + 1
+        self._position = position[order]
+        self._starts = np.searchsorted(t[order], np.arange(self.n_steps + 1)).tolist()
+        self._out = {k: np.empty((len(t), *b.shape[1:]), b.dtype) for k, b in buffers.items()}
 
-    def offer(self, t: int, position: int, out: Outputs) -> None:
-        if self._next < len(self._rows) and self._rows[self._next] == t:
-            for name, array in self.out.items():
-                array[self._next] = out[name][position]
-            self._next += 1
+    def collect(self, t: int, out: Outputs) -> None:
+        """Keep what is wanted of step t."""
+        here = slice(self._starts[t], self._starts[t + 1])
+        if here.start < here.stop:
+            for name, array in self._out.items():
+                np.take(out[name], self._position[here], axis=0, out=array[here], mode="clip")
+
+    def of(self, position: int) -> Outputs:
+        """The wanted rows of one recording of the batch."""
+        own = np.flatnonzero(self._position == position)
+        return {name: array[own] for name, array in self._out.items()}
 
 
 def _batches(values: Sequence[FloatArray]) -> Iterator[list[int]]:

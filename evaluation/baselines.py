@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,14 +20,19 @@ from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, BoolA
 from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.graph import open_session
 from evaluation.alarms import Answers, act_requests
+from evaluation.detector_baselines import (
+    band_pass_fires,
+    cone_fires,
+    detector_signals,
+    is_narrow,
+)
 from evaluation.event_scores import CONFIDENCES, match_alarms
 from evaluation.model_outputs import everywhere, risky_permille
 from evaluation.simple_baselines import shear_jump
 from export.detectors import detector_names
 from export.exporting import whole_graph
 from export.heads import Head
-from export.spec import DetectorSpec, StepSpec
-from export.step_graph import cone_graph, detector_graph
+from export.spec import StepSpec
 from training.crossval import fit_forest, main_task, uncalibrated
 from training.featurise import features_of, spec_for
 from training.plan import RAW_BASELINE
@@ -62,15 +68,30 @@ class Baseline:
 def rivals(spec: StepSpec, rules: DecisionRules, forest: Baseline | None = None) -> list[Baseline]:
     """Everything that can stand beside a model of this step; the forest only where there is
     something to train on."""
-    found = [_detector(BAND, spec, rules, BAND_RATIOS)]
-    if "friction_cone" in detector_names(spec):
-        found.append(_detector(CONE, spec, rules, FRICTIONS))
+    found = _detectors(spec, rules)
     if spec.unit == "N":
         found.append(Baseline(LINE, JUMPS, lambda recordings: _one_line(recordings, rules)))
     bound = Baseline(
         INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings]
     )
     return [*found, *([forest] if forest else []), bound]
+
+
+Computed = TypeVar("Computed")
+
+
+def _kept(
+    compute: Callable[[Sequence[Recording]], Computed],
+) -> Callable[[Sequence[Recording]], Computed]:
+    """The same function, which keeps its last result: a set is matched on and then scored."""
+    last: list[tuple[Sequence[Recording], Computed]] = []
+
+    def on(recordings: Sequence[Recording]) -> Computed:
+        if not last or last[0][0] is not recordings:
+            last[:] = [(recordings, compute(recordings))]
+        return last[0][1]
+
+    return on
 
 
 def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -> Baseline:
@@ -92,26 +113,33 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
             asked[:, 0] for asked in act_requests(answers, rules, [int(permille)])
         ]
 
-    return Baseline(RAW, tuple(float(one) for one in CONFIDENCES), on)
+    return Baseline(RAW, tuple(float(one) for one in CONFIDENCES), _kept(on))
 
 
-def _detector(
-    name: str, spec: StepSpec, rules: DecisionRules, settings: tuple[float, ...]
-) -> Baseline:
-    """A column of the step graph's `detectors`, the graph built anew for every setting."""
-    key, graph = {BAND: ("band_ratio", detector_graph), CONE: ("friction", cone_graph)}[name]
+def _detectors(spec: StepSpec, rules: DecisionRules) -> list[Baseline]:
+    """The bank and, in N, the cone; both read the same pass of guard and bank over a set."""
+    signals = _kept(lambda recordings: detector_signals(spec, recordings))
 
-    def on(recordings: Sequence[Recording]) -> Asked:
-        def at(setting: float) -> list[BoolArray]:
-            varied = replace(spec, detectors=DetectorSpec(**{**vars(spec.detectors), key: setting}))
-            told = everywhere(
-                open_session(graph(varied).SerializeToString()), recordings, ["detectors"]
-            )
-            return held_until_let_go(recordings, [one["detectors"][:, 0] for one in told], rules)
+    def band(recordings: Sequence[Recording]) -> Asked:
+        found, fires = signals(recordings), dict[float, list[BoolArray]]()
+
+        def at(ratio: float) -> list[BoolArray]:
+            if ratio not in fires:
+                ratios = BAND_RATIOS if is_narrow(found, len(BAND_RATIOS)) else (ratio,)
+                fires.update(zip(ratios, band_pass_fires(found, spec, ratios), strict=True))
+            return held_until_let_go(recordings, fires[ratio], rules)
 
         return at
 
-    return Baseline(name, settings, on)
+    def cone(recordings: Sequence[Recording]) -> Asked:
+        found = signals(recordings)
+        return lambda friction: held_until_let_go(
+            recordings, [cone_fires(one, spec, friction) for one in found], rules
+        )
+
+    bank = Baseline(BAND, BAND_RATIOS, _kept(band))
+    has_cone = "friction_cone" in detector_names(spec)
+    return [bank, Baseline(CONE, FRICTIONS, cone)] if has_cone else [bank]
 
 
 def _one_line(recordings: Sequence[Recording], rules: DecisionRules) -> Asked:

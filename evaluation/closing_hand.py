@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -131,42 +132,60 @@ class Slide:
     rests: BoolArray
 
 
+@dataclass(frozen=True)
+class _Course:
+    """What drives E drops and does not depend on how they move, each [K, E] over K steps.
+
+    path_m, path_m_s: the puller's hand. weight_n: of the object that the support has let go.
+    normal_n: of the grip on one side.
+    """
+
+    path_m: FloatArray
+    path_m_s: FloatArray
+    weight_n: FloatArray
+    normal_n: FloatArray
+
+
+def _course(d: dict[str, FloatArray], asked_s: FloatArray, hand: Hand) -> _Course:
+    t_s = np.arange(round(LOOK_S / STEP_S))[:, None] * STEP_S
+    closed_m = hand.travel_m(np.where(np.isfinite(asked_s), t_s - asked_s, 0.0))
+    u = np.minimum(t_s / d["move_s"], 1.0)
+    given = np.where(d["cap_n"] == 0.0, _smooth(t_s / np.maximum(d["vanish_s"], STEP_S)), 1.0)
+    return _Course(
+        d["distance_m"] * _smooth(u),
+        d["distance_m"] / d["move_s"] * 30.0 * (u * (1.0 - u)) ** 2,
+        d["mass_kg"] * GRAVITY_M_S2 * given,
+        np.minimum(
+            d["grip_n"] + d["squeeze_n_per_m"] * closed_m, np.maximum(hand.most_n, d["grip_n"])
+        ),
+    )
+
+
 def slide(drops: Sequence[Drop], asked_s: npt.ArrayLike, hand: Hand) -> Slide:
     """Step the drops from their load onset on, the hand asked at asked_s [E] (inf: never)."""
     d = {
         name: np.array([getattr(one, name) for one in drops]) for name in Drop.__dataclass_fields__
     }
-    asked, mass, skin = np.asarray(asked_s, dtype=np.float64), d["mass_kg"], d["skin_n_per_m"]
-    weight_n = mass * GRAVITY_M_S2
-    falls, skin_damping = d["cap_n"] == 0.0, 2.0 * DAMPING_RATIO * np.sqrt(skin * mass)
-    arm_damping = 2.0 * DAMPING_RATIO * np.sqrt(d["arm_n_per_m"] * mass)
-    at, speed = np.zeros(len(drops)), np.zeros(len(drops))
-    stretch = np.where(falls, 0.0, weight_n / skin)  # a pulled object hangs in the skin already
-    slid, slides_from_s = np.zeros(len(drops)), np.full(len(drops), np.inf)
-    sliding = np.zeros(len(drops), dtype=np.bool_)
-    moved = np.empty((round(LOOK_S / STEP_S), len(drops)))
+    mass, skin, arm = d["mass_kg"], d["skin_n_per_m"], d["arm_n_per_m"]
+    course = _course(d, np.asarray(asked_s, dtype=np.float64), hand)
+    sticks_n, slides_n = (2.0 * d[name] * course.normal_n for name in ("static", "kinetic"))
+    skin_damping, arm_damping = (2.0 * DAMPING_RATIO * np.sqrt(k * mass) for k in (skin, arm))
+    at, speed, slid = np.zeros((3, len(drops)))
+    # a pulled object hangs in the skin already
+    stretch = np.where(d["cap_n"] == 0.0, 0.0, mass * GRAVITY_M_S2 / skin)
+    slides_from_s, sliding = np.full(len(drops), np.inf), np.zeros(len(drops), dtype=np.bool_)
+    moved = np.empty(course.normal_n.shape)
     for k in range(len(moved)):
-        t_s = k * STEP_S
-        closed_m = hand.travel_m(np.where(np.isfinite(asked), t_s - asked, 0.0))
-        normal_n = np.minimum(
-            d["grip_n"] + d["squeeze_n_per_m"] * closed_m, np.maximum(hand.most_n, d["grip_n"])
-        )
-        u = np.minimum(t_s / d["move_s"], 1.0)
-        path_m_s = d["distance_m"] / d["move_s"] * 30.0 * (u * (1.0 - u)) ** 2
-        arm_n = d["arm_n_per_m"] * (d["distance_m"] * _smooth(u) - at) + arm_damping * (
-            path_m_s - speed
-        )
-        given = np.where(falls, _smooth(t_s / np.maximum(d["vanish_s"], STEP_S)), 1.0)
-        load_n = np.clip(arm_n, 0.0, d["cap_n"]) + weight_n * given
-        limit_n = 2.0 * np.where(sliding, d["kinetic"], d["static"]) * normal_n
+        arm_n = arm * (course.path_m[k] - at) + arm_damping * (course.path_m_s[k] - speed)
+        load_n = np.minimum(np.maximum(arm_n, 0.0), d["cap_n"]) + course.weight_n[k]
         stuck_n = skin * stretch + skin_damping * speed
-        starts = ~sliding & (stuck_n > limit_n)
-        sliding = (sliding | starts) & (speed > 0.0)
-        slides_from_s = np.where(sliding & np.isinf(slides_from_s), t_s, slides_from_s)
-        held_n = np.where(sliding, 2.0 * d["kinetic"] * normal_n, np.minimum(stuck_n, limit_n))
+        limit_n = np.where(sliding, slides_n[k], sticks_n[k])
+        sliding = (sliding | (stuck_n > limit_n)) & (speed > 0.0)
+        slides_from_s[sliding & np.isinf(slides_from_s)] = k * STEP_S
+        held_n = np.where(sliding, slides_n[k], np.minimum(stuck_n, limit_n))
         speed = speed + STEP_S * (load_n - held_n) / mass
         speed = np.where(sliding, np.maximum(speed, 0.0), speed)
-        stretch = np.where(sliding, 2.0 * d["kinetic"] * normal_n / skin, stretch + STEP_S * speed)
+        stretch = np.where(sliding, slides_n[k] / skin, stretch + STEP_S * speed)
         slid = slid + np.where(sliding, STEP_S * speed, 0.0)
         at = at + STEP_S * speed
         moved[k] = at
@@ -180,9 +199,15 @@ def _smooth(u: FloatArray) -> FloatArray:
     return risen
 
 
+@lru_cache(maxsize=2)
+def _unasked(drops: tuple[Drop, ...]) -> Slide:
+    """The drops in a hand that is never asked."""
+    return slide(drops, np.full(len(drops), np.inf), Hand())
+
+
 def room_m(drops: Sequence[Drop]) -> FloatArray:
     """[E] how far each object had moved in a hand that did nothing when the truth lost it."""
-    moved = slide(drops, np.full(len(drops), np.inf), Hand()).moved_m
+    moved = _unasked(tuple(drops)).moved_m
     row = np.minimum(
         np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64), len(moved) - 1
     )
@@ -253,7 +278,7 @@ def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
     known = [drop for drop in drops if drop is not None]
     if not known:
         return None
-    from_s = slide(known, np.full(len(known), np.inf), Hand()).slides_from_s
+    from_s = _unasked(tuple(known)).slides_from_s
     off = 1e3 * (from_s - np.array([one.gross_s for one in known]))
     off = off[np.isfinite(off)]
     spread = {f"p{p}": float(np.percentile(off, p)) for p in (5, 50, 95)} if len(off) else {}

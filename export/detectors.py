@@ -64,14 +64,6 @@ def add_detectors(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectifi
     graph.output("detectors", TensorProto.BOOL, len(rows))
 
 
-def add_cone(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> None:
-    """Publish `detectors` [B, 1] bool of the friction cone alone, which needs no bank. Unit N
-    only."""
-    cone = _friction_cone(graph, spec, guarded)
-    graph.node("ReduceMax", cone, graph.ints(2), out="detectors", keepdims=0)
-    graph.output("detectors", TensorProto.BOOL, 1)
-
-
 def _band_pass(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> str:
     """[B, 1, C]: a usable shear signal is above its noise floor. A channel that is not usable hears
     its floor."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import onnx
 
 from export.builder import GraphBuilder
-from export.detectors import add_bank, add_cone, add_detectors
+from export.detectors import add_bank, add_detectors
 from export.features import add_features
 from export.guard import add_guard
 from export.spec import StepSpec
@@ -24,20 +24,4 @@ def feature_graph(spec: StepSpec) -> onnx.ModelProto:
     """A model with outputs features, detectors, settled, unknown, usable_sensors and the state."""
     graph = GraphBuilder(spec.n_sensors)
     add_step(graph, spec)
-    return graph.model()
-
-
-def detector_graph(spec: StepSpec) -> onnx.ModelProto:
-    """The detectors alone, without features: outputs detectors, settled, unknown, usable_sensors
-    and the state."""
-    graph = GraphBuilder(spec.n_sensors)
-    guarded = add_guard(graph, spec)
-    add_detectors(graph, spec, guarded, add_bank(graph, spec, guarded))
-    return graph.model()
-
-
-def cone_graph(spec: StepSpec) -> onnx.ModelProto:
-    """The same with the friction cone as its only detector: a fraction of the time."""
-    graph = GraphBuilder(spec.n_sensors)
-    add_cone(graph, spec, add_guard(graph, spec))
     return graph.model()

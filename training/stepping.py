@@ -1,5 +1,7 @@
-"""A step graph on many recordings at once, on two threads: which of them run together changes no
-bit."""
+"""A step graph on many recordings at once, on two threads.
+
+Which recordings run together changes no bit of the outputs.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from edge_runtime.graph import BATCH, Outputs, run_recordings
+from edge_runtime.graph import Outputs, run_recordings
 from training.recording import Recording
 from training.say import Part, ignored
 
 THREADS = 2
 """The step leaves the interpreter alone while it runs."""
+FEWEST, MOST = 16, 32
+"""Recordings a batch: a step of 5 costs little more than one of 2, and 32 states fit the cache."""
 Rows = npt.NDArray[np.int64]
 
 
@@ -32,7 +36,7 @@ def stepped(
     part: told after every batch which share of all samples is done.
     """
     order = sorted(range(len(recordings)), key=lambda k: len(recordings[k].samples))
-    size = max(1, min(BATCH, -(-len(order) // THREADS)))
+    size = min(MOST, max(FEWEST, -(-len(order) // THREADS)))
     batches = [order[start : start + size] for start in range(0, len(order), size)]
 
     def run(batch: list[int]) -> list[Outputs]:

@@ -32,6 +32,7 @@ from evaluation.baselines import (
 )
 from evaluation.camera import Seen, onsets_by, seen_beside
 from evaluation.closing_hand import Drop, Droppable, Hand, drop_of, model_error_ms, slide
+from evaluation.detector_baselines import band_pass_fires, cone_fires, detector_signals
 from evaluation.evaluate import EvaluationRequest, evaluate_events
 from evaluation.event_scores import event_scores, match_alarms
 from evaluation.figures import (
@@ -52,7 +53,7 @@ from evaluation.real_sets import real_figures
 from evaluation.truths import Grasp, VoluntaryAction, grasp_of, grasps_beside, safe_acts
 from export.detectors import detector_names
 from export.spec import BandsLeftOut, StepSpec
-from export.step_graph import cone_graph, detector_graph
+from export.step_graph import feature_graph
 from holdfast.cli import main
 from simulation.card import read_card
 from simulation.folder import write_set
@@ -253,18 +254,31 @@ def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
     assert firsts[0] < firsts[2]
 
 
-def test_the_cone_alone_fires_where_the_step_graphs_own_does() -> None:
+def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -> None:
     rng = np.random.default_rng(1)
-    of = recording()
-    of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
-    alone, whole = (
-        everywhere(open_session(graph(_spec()).SerializeToString()), [of], ["detectors"])[0][
-            "detectors"
-        ]
-        for graph in (cone_graph, detector_graph)
-    )
-    assert alone.any()
-    assert np.array_equal(alone[:, 0], whole[:, detector_names(_spec()).index("friction_cone")])
+    streams = [shaking(rng, n) for n in (300, 260)]
+    signals, ratios = detector_signals(_spec(), streams), (1.5, 4.0)
+    for ratio, fires in zip(ratios, band_pass_fires(signals, _spec(), ratios), strict=True):
+        rules = replace(_spec().detectors, band_ratio=ratio, friction=ratio / 4.0)
+        graph = feature_graph(replace(_spec(), detectors=rules)).SerializeToString()
+        expected = everywhere(open_session(graph), streams, ["detectors"])
+        for one, fired, of_graph in zip(signals, fires, expected, strict=True):
+            cone = cone_fires(one, _spec(), ratio / 4.0)
+            assert fired.any()
+            assert cone.any()
+            columns = detector_names(_spec())
+            assert np.array_equal(fired, of_graph["detectors"][:, columns.index("band_pass")])
+            assert np.array_equal(cone, of_graph["detectors"][:, columns.index("friction_cone")])
+
+
+def shaking(rng: np.random.Generator, n: int) -> Recording:
+    """A hand that is shaken ever harder, with sensors lost for shorter and longer than 20 ms."""
+    of = recording(n=n)
+    of.samples[:] = np.cumsum(rng.normal(0.0, 0.05, of.samples.shape), axis=0)
+    of.samples[150:] += rng.normal(0.0, 0.5, of.samples[150:].shape)
+    of.samples[:, 2::3] += 2.0
+    of.valid[100:101, 0], of.valid[120:140, 3] = False, False
+    return of
 
 
 def test_the_one_line_exists_only_in_newtons() -> None:
