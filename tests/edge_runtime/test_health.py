@@ -329,12 +329,13 @@ def acted_in_time(model: Model, trial: Trial, *, restart: bool) -> bool:
     assert lost_s is not None
     monitor = GripMonitor(model, None, bias_known=True)
     first = round(150 * (onset_s - (2.0 if restart else 4.5)))
-    acts = [
-        monitor.feed(Sample(round(k * PERIOD_NS), values[k], ALL, k)).act
-        for k in range(first, len(values))
-    ]
-    begun = [k for k in range(1, len(acts)) if acts[k] and not acts[k - 1]]
-    return any(onset_s <= (first + k) / 150 <= lost_s for k in begun)
+    before = False
+    for k in range(first, int(150 * lost_s) + 1):
+        act = monitor.feed(Sample(round(k * PERIOD_NS), values[k], ALL, k)).act
+        if act and not before and k / 150 >= onset_s:
+            return True
+        before = act
+    return False
 
 
 @pytest.mark.parametrize("valid", [ALL, ~ALL])

@@ -25,6 +25,8 @@ DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)
 ROWS = """
 [record]
 rate_hz = 60
+[physics]
+step_s = 0.001
 [[trials]]
 objects = ["soft-ball", "full-bottle"]
 action = "pull"
