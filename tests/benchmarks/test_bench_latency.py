@@ -28,7 +28,8 @@ MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 
 def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):
     monkeypatch.setattr(bench, "TRIALS", 30)
-    figures = latency(MODEL)
+    monkeypatch.setattr(bench, "STREAMED", 2)
+    figures = latency(MODEL, turns=3)
     timed = {row["what"] for row in figures["rows"]}
     assert timed - {WALK} == {STEP, OWN, BARE, SKLEARN, THESIS, FLOOR}  # the walk needs a compiler
     budget = tomllib.loads(BUDGET.read_text("utf-8"))

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
 from sklearn.naive_bayes import GaussianNB
 
 from edge_runtime.errors import ClassMissing, DataNotFound
@@ -33,7 +32,7 @@ from studies.thesis_preliminary.points import (
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
 from studies.thesis_preliminary.report import summary, write_preliminary_report
 from studies.thesis_preliminary.study import MAKE, balanced, case_figures, late_share, repetitions
-from training.datasets import keep_groups, load
+from training.datasets import load
 from training.recording import DataSet, Recording
 from training.timeline import Phase, RiskyEvent
 
@@ -276,16 +275,19 @@ def test_classes_are_equal_and_so_are_the_kinds_within_one():
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The learners themselves, with a few trees each."""
-    few = {"n_estimators": 10, "max_iter": 10}
+    """The learners themselves, with a few trees and neurons each."""
+    few = {
+        "n_estimators": 10,
+        "max_iter": 10,
+        "mlpclassifier__hidden_layer_sizes": (4,),
+        "mlpclassifier__tol": 0.02,
+    }
 
     def small(make: Callable[[int], Any]) -> Callable[[int], Any]:
         def made(seed: int) -> Any:
             learner = make(seed)
-            trees = isinstance(learner, (RandomForestClassifier, HistGradientBoostingClassifier))
-            return learner.set_params(
-                **{k: n for k, n in few.items() if trees and k in learner.get_params()}
-            )
+            known = learner.get_params()
+            return learner.set_params(**{k: value for k, value in few.items() if k in known})
 
         return made
 
@@ -369,7 +371,8 @@ def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path
     from simulation.folder import write_set
     from simulation.scene import Scene
 
-    write_set(Scene(read_card("twenty-sensors"), 0), tmp_path / "scene", 40)
+    card = replace(read_card("twenty-sensors"), step_s=0.003)
+    write_set(Scene(card, 0), tmp_path / "scene", 40)
     data = program.read_scene(tmp_path / "scene")
     assert (data.n_sensors, data.rate_hz) == (20, 60.0)
     found = points_of(data)
@@ -381,8 +384,9 @@ def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path
 def test_the_real_set_has_every_kind_of_point_and_people_as_groups(
     real_set: Callable[[str], Path], monkeypatch
 ):
-    monkeypatch.setattr(learners, "MAKE", {"random forest": MAKE["random forest"]})
-    data = keep_groups(load(real_set("human_slip_uskin"), channels=48), 5)
+    forest = {"random forest": lambda seed: MAKE["random forest"](seed).set_params(n_estimators=20)}
+    monkeypatch.setattr(learners, "MAKE", forest)
+    data = load(real_set("human_slip_uskin"), channels=48, groups=5)
     found = points_of(data)
     assert set(found.kind) == set(range(len(KINDS)))
     assert len(set(found.group)) == 5
