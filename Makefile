@@ -14,8 +14,8 @@ MODEL  ?= models/holdfast-150hz.onnx
 EVALUATED := thesis:thesis:900:1000 thesis-texture:build/evaluate/thesis-texture.toml:300:1001 apple:apple:200:1002 \
     p1:p1:900:1003 p2:p2:900:1004 perturbed-hold:perturbed-hold:300:1005 daily:daily:370:1006 \
     choose:daily:370:1007 train:thesis:500:1008
-# the same, for make wall
-WALL := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
+# the same, for make fast-handover
+FAST_HANDOVER := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
     author:thesis:300:1000 p1:p1:450:1003 p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
 # Tests run in a process a core, a file at a time: what a file sets up is set up once.
 ACROSS := -n auto --dist loadfile
@@ -34,7 +34,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate wall preliminary ablation bench peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real scenes models evaluate fast-handover preliminary ablation bench peers lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -65,7 +65,7 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	    --windows dense --size $(SIZE) --out build/models/$(RATE)hz-$(SIZE)
 	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
 
-evaluate: setup  ## the default model on fresh sets it never met, beside its rivals, into build/evaluate
+evaluate: setup  ## the default model on unseen simulated sets, beside baselines, into build/evaluate
 	rm -rf build/evaluate
 	mkdir -p build/evaluate
 	{ cat simulation/cards/thesis.toml; echo "[effects.texture]"; } > build/evaluate/thesis-texture.toml
@@ -75,11 +75,11 @@ evaluate: setup  ## the default model on fresh sets it never met, beside its riv
 	    --choose build/evaluate/choose --train build/evaluate/train --real build/real \
 	    --json build/evaluate/figures.json --report build/evaluate/report.html $(ARGS)
 
-wall: setup  ## what could tell a fast hand-over from a pull, one idea at a time, into build/wall
-	rm -rf build/wall
-	echo $(WALL) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
-	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/wall/$$0'
-	$(BIN)/python -m studies.fast_handover build/wall --out build/wall $(ARGS)
+fast-handover: setup  ## what tells a fast hand-over from a pull, one change at a time, into build/fast-handover
+	rm -rf build/fast-handover
+	echo $(FAST_HANDOVER) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
+	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/fast-handover/$$0'
+	$(BIN)/python -m studies.fast_handover build/fast-handover --out build/fast-handover $(ARGS)
 
 preliminary: setup  ## the thesis' preliminary study again, into build/preliminary
 	rm -rf build/preliminary
@@ -95,22 +95,22 @@ soak: setup  ## the long tests: a million steps, and the like
 ablation: setup  ## what each part of the method is worth, into build/ablation
 	$(BIN)/python -m studies.ablation --out build/ablation $(ARGS)
 
-docs: setup  ## write the tables of README and docs from build/real, build/bench and the code
-	$(BIN)/python -m export.features_page > docs/features.md
+docs: setup  ## rewrite the tables of README and docs from build and the code; prose stays
+	$(BIN)/python -m studies.tables.features docs/features.md
 	$(BIN)/python -m studies.real.table build/real/metrics.json README.md
-	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json > docs/scenes.md
-	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json > docs/hand.md
-	$(BIN)/python -m benchmarks.cost.page build/bench docs
-	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/wall/wall.json \
-	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json > docs/evaluation.md
-	$(BIN)/python -m benchmarks.camera_page --tags > docs/tags.svg
-	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json > docs/camera.md
+	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
+	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json docs/hand.md
+	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
+	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
+	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
+	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
+	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
 
-hard-cases: setup  ## run the hard cases and write docs/hard-cases.md from how they went
+hard-cases: setup  ## run the hard cases and write their results into docs/hard-cases.md
 	$(BIN)/python -m pytest $(ACROSS) -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)
-	$(BIN)/python tests/support/hard_cases_page.py build/hard-cases.json > docs/hard-cases.md
+	$(BIN)/python tests/support/hard_cases_page.py build/hard-cases.json docs/hard-cases.md
 
-safety: setup  ## run the tests of the hazards and write docs/safety.md from how they went
+safety: setup  ## run the tests of the hazards and write their results into docs/safety.md
 	$(BIN)/python -m pytest $(ACROSS) -m "hazard and not soak" --hazards=build/hazards.json $(ARGS)
 	$(BIN)/python tests/support/safety_page.py build/hazards.json docs/safety.md
 

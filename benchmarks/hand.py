@@ -37,14 +37,14 @@ from edge_runtime.timing import busy_wait, time_in_turns
 
 FAULTS = {
     "nack:3@3+0.3": "finger 3 does not acknowledge for 0.3 s",
-    "frozen:2@3+0.3": "finger 2 converts no more for 0.3 s",
+    "frozen:2@3+0.3": "finger 2 stops converting for 0.3 s",
     "por:4@3": "finger 4 loses its power for an instant",
-    "sleep:5@3": "finger 5 has fallen asleep",
+    "sleep:5@3": "finger 5 is in sleep mode",
     "diag:6@3+0.3": "finger 6 fails its own diagnosis for 0.3 s",
     "stuck@3": "SDA is held low",
     "stall@3+0.1": "the bridge stalls for 0.1 s",
     "late@3+0.1": "the bridge answers too late for 0.1 s",
-    "short@3+0.1": "the bridge answers by halves for 0.1 s",
+    "short@3+0.1": "the bridge answers partially for 0.1 s",
     "unplug@3+0.5": "the bridge is unplugged for 0.5 s",
 }
 FAULT_AT_S, FAULT_RUN_S = 3.0, 6.0

@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.cost.page import figure as cost_figure
+from benchmarks.cost.picture import figure as cost_figure
 from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 Figures = dict[str, Any]

@@ -45,7 +45,7 @@ RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
 LOOK_BACKS_S = (0.05, 0.10, 0.17)
 DEBOUNCES = (1, 2, 3)
-GOOD = {"recall": "slips found", "in_time": "found in time", "macro_f1": "macro F1"}
+GOOD = {"recall": "recall", "in_time": "acted before gross slip", "macro_f1": "macro F1"}
 """What a front is against the step's time of, in words."""
 Set = Literal["scenes", "human"]
 

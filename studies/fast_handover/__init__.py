@@ -1,2 +1,1 @@
-"""Move the wall: what could tell a fast hand-over from a pull, one idea at a time, each with what
-it costs."""
+"""The fast hand-over study: what tells a fast hand-over from a pull, one change at a time."""

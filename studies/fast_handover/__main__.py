@@ -1,5 +1,4 @@
-"""`python -m studies.fast_handover FOLDER --out DIR`: the study of studies/fast_handover/study.py,
-as wall.json."""
+"""`python -m studies.fast_handover FOLDER --out DIR`: runs the study and writes figures.json."""
 
 from __future__ import annotations
 
@@ -18,10 +17,13 @@ from training.progress import stages
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     parser.add_argument(
-        "folder", type=Path, metavar="FOLDER", help="holds the sets that `make wall` simulates"
+        "folder",
+        type=Path,
+        metavar="FOLDER",
+        help="holds the sets that `make fast-handover` simulates",
     )
     parser.add_argument(
-        "--out", type=path_argument, required=True, metavar="DIR", help="where wall.json goes"
+        "--out", type=path_argument, required=True, metavar="DIR", help="where figures.json goes"
     )
     parser.add_argument(
         "--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)"
@@ -34,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     with stages(len(IDEAS)) as say:
         figures = study(args.folder, args.seed, say)
     path = write_whole(
-        args.out / "wall.json", json.dumps({"kind": "simulated", **figures}, indent=1) + "\n"
+        args.out / "figures.json", json.dumps({"kind": "simulated", **figures}, indent=1) + "\n"
     )
     lines = [
         f"{row['f1_author']:.3f} {row['f1_p1']:.3f} {row['f1_p2']:.3f}  {row['idea']}"

@@ -15,6 +15,7 @@ import numpy as np
 from edge_runtime.contract import FloatArray
 from export.forest import Forest
 from export.reference import IntArray, reference_votes, riskier_argmax
+from studies.row_names import LEAKY_FOLDS
 from training.crossval import cross_validate, fit_forest
 from training.datasets.human_slip_uskin import clock_features
 from training.featurise import FloatRows, features_of, spec_for
@@ -24,7 +25,6 @@ from training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from training.recording import DataSet
 from training.splits import leaky_folds
 
-LEAKY_FOLDS = 2
 """Fewer than the honest rows have: a warning need not take longer than what it warns of."""
 
 

@@ -15,6 +15,7 @@ from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 from edge_runtime.contract import SITUATIONS
 from evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, STYLE, WARNING, bars, svg
 from studies.real.proactive import ReplayPicture
+from studies.row_names import shown
 from training.crossval import HeldOut
 from training.metrics import situation_scores
 from training.recording import DataSet
@@ -29,7 +30,7 @@ def table_bars(rows: dict[str, Any]) -> str:
         left, right = figure.subplots(1, 2, sharey=True)
         bars(left, rows, "situations", "macro_f1", "macro F1, four situations", 0.45)
         bars(right, rows, "predict_250ms", "auc", "AUC, risky within 0.25 s", 0.5)
-        left.set_yticks(range(len(rows)), [name.replace("WARNING: ", "warning: ") for name in rows])
+        left.set_yticks(range(len(rows)), [shown(name) for name in rows])
         left.invert_yaxis()
         return svg(figure)
 

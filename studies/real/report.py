@@ -14,6 +14,7 @@ from evaluation.style import SITUATION_COLOURS
 from studies.real import pictures
 from studies.real.eflesh import EfleshStudy
 from studies.real.proactive import ReplayPicture
+from studies.row_names import row_class, shown
 from training.crossval import HeldOut
 from training.recording import DataSet
 
@@ -81,10 +82,9 @@ whom are not in our copy, macro F1 0.563 and 0.586 and AUC 0.777 and 0.797 for t
 
 def _row(name: str, row: dict[str, Any]) -> str:
     situations, head = row["situations"], row["predict_250ms"]
-    kind = "warning" if name.startswith("WARNING") else "ours" if name.startswith("ours") else ""
     each = "".join(f"<td>{situations['f1'][s]:.3f}" for s in SITUATIONS)
     return (
-        f"<tr class='{kind}'><td>{html.escape(name)}<td>{situations['macro_f1']:.3f}"
+        f"<tr class='{row_class(name)}'><td>{html.escape(shown(name))}<td>{situations['macro_f1']:.3f}"
         f"<td>{_range(situations['macro_f1_ci'])}{each}<td>{head['auc']:.3f}<td>{_range(head['auc_ci'])}"
         f"<td>{head['average_precision']:.3f}"
     )

@@ -1,5 +1,4 @@
-"""The table of docs and README, written from metrics.json: `python -m studies.real.table METRICS
-PAGE`."""
+"""The README's tables of `make real`: `python -m studies.real.table METRICS PAGE`."""
 
 from __future__ import annotations
 
@@ -8,34 +7,29 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from evaluation.markers import write_between
+from evaluation.doc_tables import write_tables
+from evaluation.page import markdown
+from studies.row_names import shown
+
+FIGURES = {
+    "macro F1, four situations": ("situations", "macro_f1"),
+    "AUC, risky within 0.25 s": ("predict_250ms", "auc"),
+    "average precision": ("predict_250ms", "average_precision"),
+}
+"""Column -> task and figure."""
 
 
-def table(figures: dict[str, Any]) -> str:
-    """Every row of metrics.json as Markdown, with what must stand beside it."""
-    rows = "\n".join(_row(name, row) for name, row in figures["rows"].items())
-    checked, cost = figures["verification"], figures["features_cost"]
-    return f"""human_slip_uskin: {figures["n_trials"]} trials of {figures["n_groups"]} people, public real data.
-
-| | macro F1, four situations | AUC, risky within 0.25 s | average precision |
-|---|---|---|---|
-{rows}
-
-**Read with it:** {figures["caveat"]} Clock-free: {figures["clock_free"]}.
-Exported files and reference: {checked["label_mismatches"]} of {checked["rows"]:,} labels differ. Features of all
-{cost["samples"]:,} samples: {cost["cpu_s"]:.1f} CPU s. The whole command: {figures["seconds"]:.0f} s.
-"""
+def tables(figures: dict[str, Any]) -> dict[str, str]:
+    """Every method with its figures, and what was checked in the same run."""
+    return {
+        "real": markdown([_row(name, row) for name, row in figures["rows"].items()]),
+        "real-checks": markdown(_checks(figures)),
+    }
 
 
-def _row(name: str, row: dict[str, Any]) -> str:
-    situations, head = row["situations"], row["predict_250ms"]
-    cells = (
-        name,
-        _figure(situations, "macro_f1"),
-        _figure(head, "auc"),
-        _figure(head, "average_precision"),
-    )
-    return f"| {' | '.join(cells)} |"
+def _row(name: str, row: dict[str, Any]) -> dict[str, str]:
+    cells = {head: _figure(row[task], figure) for head, (task, figure) in FIGURES.items()}
+    return {"method": shown(name)} | cells
 
 
 def _figure(row: dict[str, Any], name: str) -> str:
@@ -43,10 +37,18 @@ def _figure(row: dict[str, Any], name: str) -> str:
     return f"{row[name]:.3f} ({low:.3f} to {high:.3f})"
 
 
-def main(metrics: str, page: str) -> None:
-    """Replace what stands between the page's markers."""
-    write_between(page, "real", table(json.loads(Path(metrics).read_text(encoding="utf-8"))))
+def _checks(figures: dict[str, Any]) -> list[dict[str, str]]:
+    checked, cost = figures["verification"], figures["features_cost"]
+    differing = f"{checked['label_mismatches']} of {checked['rows']:,}"
+    rows = {
+        "trials, people": f"{figures['n_trials']}, {figures['n_groups']}",
+        "labels in which exported files and scikit-learn differ": differing,
+        "features of all samples": f"{cost['samples']:,} samples, {cost['cpu_s']:.1f} CPU s",
+        "whole command": f"{figures['seconds']:.0f} s",
+    }
+    return [{"checked in the same run": name, "result": value} for name, value in rows.items()]
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    source, page = sys.argv[1:]
+    write_tables(page, tables(json.loads(Path(source).read_text("utf-8"))))

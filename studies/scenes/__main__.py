@@ -20,9 +20,10 @@ from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.errors import DataNotFound
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.provenance import host
+from studies.row_names import OURS
 from studies.scenes.candidate import Candidate
 from studies.scenes.report import SceneEvidence, write_scene_report
-from studies.scenes.study import CAVEAT, OURS, STAGES, RateStudy, study_rate, ways
+from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
 from training.fitting import versions
 from training.progress import stages
 from training.say import Say

@@ -19,7 +19,8 @@ from evaluation.streams import StreamPicture
 from evaluation.style import SITUATION_COLOURS
 from export.reference import IntArray
 from studies.real.pictures import confusion as four_by_four
-from studies.scenes.study import CAVEAT, LINE, OURS, RAW
+from studies.row_names import LINE, OURS, RAW, row_class, shown
+from studies.scenes.study import CAVEAT
 from training.crossval import HeldOut
 from training.fitting import with_situations
 from training.recording import DataSet
@@ -191,7 +192,6 @@ def _table(evidence: SceneEvidence) -> str:
 
 
 def _row(name: str, row: dict[str, Any]) -> str:
-    style = "warning" if name.startswith("WARNING") else "ours" if name.startswith("ours") else ""
     cells = "".join(
         f"<td>{_number(row[level][figure])}<td>{_between(row[level][f'{figure}_ci'], '-')}"
         if level in row
@@ -199,7 +199,7 @@ def _row(name: str, row: dict[str, Any]) -> str:
         for level, figure in LEVEL_HEADS
     )
     called = "".join(f"<td>{_number(row['calls'][name]['share'])}" for name in ("risky", "safe"))
-    return f"<tr class='{style}'><td>{html.escape(name)}{cells}{called}"
+    return f"<tr class='{row_class(name)}'><td>{html.escape(shown(name))}{cells}{called}"
 
 
 def _confusion(evidence: SceneEvidence) -> str:

@@ -21,6 +21,7 @@ from evaluation.scores import calls, confusion, leak_check, scores, spread_of
 from evaluation.simple_baselines import ONE_LINE, clock_features, one_line_at, raw_windows
 from evaluation.streams import StreamPicture, held_out_streams
 from export.spec import window_samples
+from studies.row_names import CLOCK, LINE, OURS, RAW
 from studies.scenes.candidate import Candidate
 from studies.scenes.generalising import learning_curve, styles_left_out
 from training.crossval import HeldOut, cross_validate
@@ -34,8 +35,6 @@ from training.say import Say
 
 TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
 STYLES = ("p1", "p2")
-OURS, RAW = "ours, clock-free", "raw-window forest"
-CLOCK, LINE = "WARNING: a clock, time since contact and summed force", "one line of code"
 RETRAININGS = 5
 CAVEAT = (
     "Simulated: a model of a hand and of people, no recording. Styles (author, p1, p2) are ranges of parameters, not "

@@ -1,5 +1,4 @@
-"""docs/evaluation.md: what a user feels, what helps and what does not, how far it carries, written
-by `make docs`."""
+"""The tables of docs/evaluation.md, from the JSON files of four commands: `make docs`."""
 
 from __future__ import annotations
 
@@ -8,270 +7,213 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from evaluation.doc_tables import table, with_interval, write_tables
 from evaluation.page import markdown
-from studies.scenes.study import OURS, RAW
+from studies.row_names import OURS, RAW, shown
+from studies.tables.targets import target_rows
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 
-INTRO = """# Evaluation
-
-Written by `make docs` from `make evaluate`, `make wall`, `make scenes` and `make preliminary`. Unless a table says
-otherwise **everything here is simulated**: styles (`author`, `p1`, `p2`) are ranges of parameters, not people. Public
-real recordings: the [README's table](../README.md) and the report of `make evaluate`.
-"""
 RATE = "150"
-TARGETS = (
-    ("four situations, macro F1, trials held out", 0.97, "at_least", ("f1_author",)),
-    ("the same, style never met (worse of two)", 0.94, "at_least", ("f1_p1", "f1_p2")),
-    ("worst object left out, macro F1", 0.88, "at_least", ("worst_object",)),
-    (
-        "risky slips found, disturbed holds and author",
-        0.99,
-        "at_least",
-        ("author.recall", "asked-holds.recall"),
-    ),
-    ("false alarms a minute, disturbed holds", 0.5, "at_most", ("asked-holds.false_per_min",)),
-    ("risky slips found, style never met", 0.99, "at_least", ("unseen_style.recall",)),
-    ("false alarms a minute, style never met", 1.0, "at_most", ("unseen_style.false_per_min",)),
-    ("safe acts called risky, author", 0.05, "at_most", ("author.safe_acts_called.share",)),
-    ("safe acts called risky, fast passer (p1)", 0.25, "at_most", ("p1.safe_acts_called.share",)),
-    (
-        "ms from load onset to the first risky state, median",
-        7.0,
-        "at_most",
-        ("state_delay_ms.p50",),
-    ),
-    ("specificity under dFn", 0.95, "at_least", ("asked-holds.specificity.dFn.share",)),
-    ("specificity under dFt", 0.95, "at_least", ("asked-holds.specificity.dFt.share",)),
-    ("specificity under dq", 0.95, "at_least", ("asked-holds.specificity.dq.share",)),
-)
-"""What was aimed at, the aim, its side, and where the figure stands (of several the worst
-counts)."""
+STREAM_HEADS = {
+    "recall": "recall (95 %)",
+    "acted": "acted before gross slip",
+    "false_per_min": "false alarms per min",
+    "delay_ms": "delay, ms",
+    "lead_used": "lead used",
+    "voluntary": "voluntary actions called risky",
+}
+F1_HEADS = {
+    "idea": "change",
+    "f1_author": "author",
+    "f1_author_past": "author, past 20 ms",
+    "f1_p1": "p1",
+    "f1_p2": "p2",
+    "worst_object": "worst object",
+    "learner_us": "learner, us",
+}
+ALARM_HEADS = {
+    "idea": "change",
+    "recall_author": "recall, author",
+    "recall_unseen": "recall, unseen styles",
+    "false_unseen": "false alarms per min, unseen styles",
+    "false_holds": "false alarms per min, disturbed holds",
+    "voluntary_author": "voluntary called risky, author",
+    "voluntary_p1": "voluntary called risky, p1",
+    "delay_ms": "delay, ms",
+}
+BOUND_HEADS = {"samples_late": "samples late", "ms_late": "late, ms", "f1_author": "macro F1"}
+CURVE_HEADS = {
+    "trials": "trials",
+    "four_ours": "four situations, ours",
+    "four_raw": "four situations, raw window",
+    "eight_ours": "eight classes, ours",
+    "eight_raw": "eight classes, raw window",
+}
 
 
-def page(
+def tables(
     evaluated: dict[str, Any],
-    wall: dict[str, Any],
+    fast_handover: dict[str, Any],
     scenes: dict[str, Any],
     preliminary: dict[str, Any],
     truer: dict[str, Any],
-) -> str:
-    """The whole page, from the JSON of each command."""
-    rate = scenes["rates"][RATE]
-    parts = [
-        *_streams(evaluated),
-        *_wall(wall),
-        *_carries(rate),
-        *_preliminary(preliminary),
-        *_truer(truer),
-    ]
-    return "\n\n".join([INTRO.rstrip(), *parts]) + "\n"
-
-
-def _streams(figures: dict[str, Any]) -> list[str]:
-    """Whole streams, ours beside its rivals, and ours by set."""
-    headline = figures["thresholds"]["headline"]
-    rows = figures["all"]["rows"]
-    beside = [
-        {"line": name}
-        | _line(row)
-        | {"mcnemar_p": figures["all"]["mcnemar"].get(name, {}).get("p")}
-        for name, row in rows.items()
-    ]
-    by_set = [{"set": name} | _line(one["rows"][headline]) for name, one in figures["sets"].items()]
-    return [
-        "## Whole streams, beside rivals",
-        f"Model {figures['model']['model_id']} on sets simulated from seeds it never met. Threshold: "
-        f"{figures['thresholds']['how']}. *found*: asked to act between load onset and loss of contact; *in time*: "
-        "before all fingers slide. An alarm holds until the load falls. McNemar: events found, against the first.",
-        markdown(beside),
-        f"By set, {headline}:",
-        markdown(by_set),
-    ]
-
-
-def _line(row: dict[str, Any]) -> dict[str, Any]:
-    delay, used, safe = row["delay_ms"], row["lead_used"], row["safe_acts_called"]
+) -> dict[str, str]:
+    """Every table by its marker, from the JSON of each command."""
     return {
-        "events": row["events"],
-        "found": row["recall"],
-        "found_95": _range(row["recall_ci"]),
-        "in_time": row["in_time"],
-        "false_per_min": row["false_per_min"],
-        "act_after_onset_ms": delay["p50"] if delay else None,
-        "lead_used": used["p50"] if used else None,
-        "safe_acts_called": safe["share"],
-        "of": safe["n"],
+        **_streams(evaluated),
+        **_fast_handover(fast_handover),
+        **_generalisation(scenes["rates"][RATE]),
+        "preliminary": _preliminary(preliminary),
+        **_relative_rotation(truer),
     }
 
 
-def _range(interval: list[float] | None) -> str:
-    return f"{interval[0]:.2f} to {interval[1]:.2f}" if interval else "-"
-
-
-def _wall(figures: dict[str, Any]) -> list[str]:
-    """Ideas, bounds and targets."""
-    rows = [
-        {
-            "idea": row["idea"],
-            "f1_author": row["f1_author"],
-            "f1_past_20_ms": row["f1_author_past"],
-            "f1_p1": row["f1_p1"],
-            "f1_p2": row["f1_p2"],
-            "worst_object": row.get("worst_object"),
-            "found_author": row["author"]["recall"],
-            "found_unseen": row["unseen_style"]["recall"],
-            "false_per_min_unseen": row["unseen_style"]["false_per_min"],
-            "false_per_min_holds": row["asked-holds"]["false_per_min"],
-            "safe_called_author": row["author"]["safe_acts_called"]["share"],
-            "safe_called_p1": row["p1"]["safe_acts_called"]["share"],
-            "act_ms": row["author"]["delay_ms"]["p50"],
-            "learner_us": row["learner_us"],
-        }
-        for row in figures["rows"]
+def _streams(figures: dict[str, Any]) -> dict[str, str]:
+    """What was evaluated, every method on all sets, and the file itself by set."""
+    headline, rows = figures["thresholds"]["headline"], figures["all"]["rows"]
+    first = rows[headline]
+    about = [
+        {"what": "model", "value": figures["model"]["model_id"]},
+        {"what": "threshold", "value": figures["thresholds"]["how"]},
+        {"what": "risky events", "value": first["events"]},
+        {"what": "voluntary actions", "value": first["safe_acts_called"]["n"]},
     ]
+    compared = figures["all"]["mcnemar"]
+    methods = [
+        {"method": shown(name)} | _stream(row) | {"p": compared.get(name, {}).get("p")}
+        for name, row in rows.items()
+    ]
+    by_set = [
+        {"set": name, "events": one["rows"][headline]["events"]} | _stream(one["rows"][headline])
+        for name, one in figures["sets"].items()
+    ]
+    return {
+        "streams-about": markdown(about),
+        "streams": table(methods, {"method": "method"} | STREAM_HEADS | {"p": "McNemar p"}),
+        "streams-by-set": table(by_set, {"set": "set", "events": "events"} | STREAM_HEADS),
+    }
+
+
+def _stream(row: dict[str, Any]) -> dict[str, Any]:
+    delay, used, voluntary = row["delay_ms"], row["lead_used"], row["safe_acts_called"]
+    return {
+        "recall": with_interval(row["recall"], row["recall_ci"]),
+        "acted": row["in_time"],
+        "false_per_min": row["false_per_min"],
+        "delay_ms": delay["p50"] if delay else None,
+        "lead_used": used["p50"] if used else None,
+        "voluntary": voluntary["share"],
+    }
+
+
+def _fast_handover(figures: dict[str, Any]) -> dict[str, str]:
+    """Every change, the bounds and the targets."""
+    rows = figures["rows"]
+    return {
+        "handover-f1": table(rows, F1_HEADS),
+        "handover-alarms": table([_alarms(row) for row in rows], ALARM_HEADS),
+        "handover-bounds": table(figures["bounds"], BOUND_HEADS),
+        "handover-targets": markdown(target_rows(rows)),
+    }
+
+
+def _alarms(row: dict[str, Any]) -> dict[str, Any]:
+    author, unseen = row["author"], row["unseen_style"]
+    return {
+        "idea": row["idea"],
+        "recall_author": author["recall"],
+        "recall_unseen": unseen["recall"],
+        "false_unseen": unseen["false_per_min"],
+        "false_holds": row["asked-holds"]["false_per_min"],
+        "voluntary_author": author["safe_acts_called"]["share"],
+        "voluntary_p1": row["p1"]["safe_acts_called"]["share"],
+        "delay_ms": author["delay_ms"]["p50"],
+    }
+
+
+def _generalisation(rate: dict[str, Any]) -> dict[str, str]:
+    """Trials, objects and styles left out, fewer trials, other seeds."""
+    curve = [_curve_point(row) for row in rate["learning_curve"]]
+    spread = {name: one["spread"] for name, one in rate["retrainings"].items()}
+    by_class = [
+        {"class": name.replace("_", " ")} | {shown(row): one[name] for row, one in spread.items()}
+        for name in next(iter(spread.values()))
+    ]
+    return {
+        "generalisation": markdown([_split(name, rows) for name, rows in _splits(rate)]),
+        "learning-curve": table(curve, CURVE_HEADS),
+        "retrainings": markdown(by_class),
+    }
+
+
+def _splits(rate: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """What was held out, and the rows of that."""
+    objects, styles = rate["objects"], rate.get("styles", {})
     return [
-        "## Moving the wall",
-        "One change of the default at a time (studies/fast_handover/ideas.py), trained on the same trials but for what "
-        "is changed, the threshold chosen on other streams at half a false alarm a minute. F1 over four situations at "
-        "windows about critical points, held against the truth of the moment; *past 20 ms*: those at least 20 ms after "
-        "a change of phase. The learner's microseconds are of its trees alone, in turns. How far back features look, "
-        "which groups and how many trees: [what accuracy costs](what-accuracy-costs.md).",
-        markdown(rows),
-        "What nobody can do better: an observer who knows the truth, but so many samples late, on the same windows.",
-        markdown(figures["bounds"]),
-        "### Targets",
-        markdown(targets(figures["rows"])),
+        ("trials held out", rate["rows"]),
+        *(
+            (f"object left out: {name}", {row: by[name] for row, by in objects.items()})
+            for name in objects[OURS]
+        ),
+        *((f"style left out: {name}", one["rows"]) for name, one in styles.items()),
+        *(
+            (f"trained on the author, evaluated on {name}", one["rows"])
+            for name, one in rate["others"].items()
+        ),
     ]
 
 
-def targets(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Each target beside the default and the best of the ideas, and which idea that is."""
-    table = []
-    for what, aim, side, places in TARGETS:
-        sign = 1.0 if side == "at_least" else -1.0
-        told = [(row["idea"], [_at(row, place) for place in places]) for row in rows]
-        known = [
-            (idea, min(values, key=lambda v: sign * v))
-            for idea, values in told
-            if None not in values
-        ]
-        best = max(known, key=lambda one: sign * one[1])
-        default = dict(known)[rows[0]["idea"]]
-        met = "yes" if sign * default >= sign * aim else "no"
-        told_aim = f"{'>=' if sign > 0 else '<='} {aim:g}"
-        table.append(
-            {
-                "target": what,
-                "aim": told_aim,
-                "default": default,
-                "met": met,
-                "best": best[1],
-                "by": best[0],
-            }
-        )
-    return table
+def _split(name: str, rows: dict[str, Any]) -> dict[str, Any]:
+    ours, raw = rows[OURS]["four"], rows[RAW]["four"]
+    return {
+        "split": name,
+        "ours (95 %)": with_interval(ours["macro_f1"], ours["macro_f1_ci"]),
+        "raw-window forest (95 %)": with_interval(raw["macro_f1"], raw["macro_f1_ci"]),
+    }
 
 
-def _at(row: dict[str, Any], place: str) -> Any:
-    found: Any = row
-    for name in place.split("."):
-        found = None if found is None else found.get(name)
-    return found
+def _curve_point(row: dict[str, Any]) -> dict[str, Any]:
+    pairs = [(level, name, key) for level in ("four", "eight") for name, key in ROWS.items()]
+    return {"trials": row["trials"]} | {
+        f"{level}_{name}": row[key][level]["macro_f1"] for level, name, key in pairs
+    }
 
 
-def _carries(rate: dict[str, Any]) -> list[str]:
-    """How far it carries: trials, objects, styles, an object and styles never met, fewer trials,
-    retrainings."""
-    pairs = {"ours": OURS, "raw_window": RAW}
-    held = [("trials held out", rate["rows"])]
-    held += [
-        (
-            f"object left out: {name}",
-            {line: objects[name] for line, objects in rate["objects"].items()},
-        )
-        for name in rate["objects"][OURS]
-    ]
-    held += [
-        (f"style left out: {name}", one["rows"]) for name, one in rate.get("styles", {}).items()
-    ]
-    held += [
-        (f"trained on the author, asked about {name}", one["rows"])
-        for name, one in rate["others"].items()
-    ]
-    rows = [
-        {"split": split}
-        | {f"f1_{name}": told[line]["four"]["macro_f1"] for name, line in pairs.items()}
-        | {
-            f"f1_{name}_95": _range(told[line]["four"]["macro_f1_ci"])
-            for name, line in pairs.items()
-        }
-        for split, told in held
-    ]
-    curve = [
-        {"trials": row["trials"]}
-        | {
-            f"f1_{level}_{name}": row[line][level]["macro_f1"]
-            for level in ("four", "eight")
-            for name, line in pairs.items()
-        }
-        for row in rate["learning_curve"]
-    ]
-    spread = [{"line": name} | one["spread"] for name, one in rate["retrainings"].items()]
-    return [
-        "## How far it carries",
-        f"The study of `make scenes` at {RATE} Hz: forests of the plan for people (docs/decisions.md) on balanced "
-        "windows at critical points, macro F1 over four situations.",
-        markdown(rows),
-        "So many trials (the thesis had 600, then 1000), trials held out:",
-        markdown(curve),
-        "Five retrainings with other seeds: largest minus smallest recall of each class.",
-        markdown(spread),
-    ]
+ROWS = {"ours": OURS, "raw": RAW}
 
 
-def _preliminary(figures: dict[str, Any]) -> list[str]:
-    """The thesis' preliminary study again."""
+def _preliminary(figures: dict[str, Any]) -> str:
+    """Every case: the thesis' own figures, and a row a set."""
     rows = []
     for case in figures["sets"][0]["cases"]:
         published = ACCURACY_PERCENT.get(case, (None,) * len(LEARNERS))
-        rows.append(
-            {"case": case, "set": "thesis, published"} | dict(zip(LEARNERS, published, strict=True))
-        )
+        rows.append({"case": case, "set": "the thesis, published"})
+        rows[-1] |= dict(zip(LEARNERS, published, strict=True))
         for one in figures["sets"]:
             learners = one["cases"][case]["learners"]
-            rows.append(
-                {"case": case, "set": f"{one['data']} ({one['kind']})"}
-                | {name: 100.0 * learners[name]["accuracy"]["mean"] for name in LEARNERS}
-            )
-    return [
-        "## The preliminary study again",
-        "Accuracy in %, mean of five repetitions, trials or people held out; chance is 50, in case 5 25. What differs "
-        "from the thesis' set-up stands in the report of `make preliminary`.",
-        markdown(rows),
-    ]
+            rows.append({"case": case, "set": one["data"]})
+            rows[-1] |= {name: 100.0 * learners[name]["accuracy"]["mean"] for name in LEARNERS}
+    return markdown(rows)
 
 
-def _truer(figures: dict[str, Any]) -> list[str]:
-    """human_slip_uskin by the object's rotation in the hand."""
+def _relative_rotation(figures: dict[str, Any]) -> dict[str, str]:
+    """human_slip_uskin labelled by the object's rotation relative to the hand."""
     rows = [
         {
-            "line": name,
-            "macro_f1": row["situations"]["macro_f1"],
-            "macro_f1_95": _range(row["situations"]["macro_f1_ci"]),
-            "auc_250_ms": row["predict_250ms"]["auc"],
-            "auc_95": _range(row["predict_250ms"]["auc_ci"]),
+            "method": shown(name),
+            "macro F1 (95 %)": with_interval(one["macro_f1"], one["macro_f1_ci"]),
+            "AUC, risky within 0.25 s (95 %)": with_interval(head["auc"], head["auc_ci"]),
         }
         for name, row in figures["rows"].items()
+        for one, head in [(row["situations"], row["predict_250ms"])]
     ]
-    counts = ", ".join(f"{count:,} {name}" for name, count in figures["windows"].items())
-    return [
-        "## People, by a truer label",
-        "Public real data (human_slip_uskin, 18 channels, people held out), labelled by the object's rotation in the "
-        "hand, from both IMUs, so that the wrist has no part in it. The logger rounds to 0.01 and refreshes at 15 to "
-        f"25 Hz: this label is noisier than the README's. Windows: {counts}.",
-        markdown(rows),
+    counts = [
+        {"situation": name.replace("_", " "), "windows": f"{count:,}"}
+        for name, count in figures["windows"].items()
     ]
+    return {"relative-rotation-windows": markdown(counts), "relative-rotation": markdown(rows)}
 
 
 if __name__ == "__main__":
-    sys.stdout.write(page(*(json.loads(Path(path).read_text("utf-8")) for path in sys.argv[1:])))
+    *sources, target = sys.argv[1:]
+    write_tables(target, tables(*(json.loads(Path(path).read_text("utf-8")) for path in sources)))

@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from page_tables import require_tables_fit
+
 from benchmarks.effects import CARD, Effort, prices
 from benchmarks.hold_and_pull import measure, rows
 from benchmarks.mujoco_peer import Scene
@@ -15,8 +17,8 @@ from holdfast.bench import MEASURES
 from simulation import card
 from simulation.effects import EFFECTS
 from simulation.shipped import shipped
-from studies.scenes.study import OURS
-from studies.tables.scenes import page
+from studies.row_names import OURS
+from studies.tables.scenes import tables
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -158,17 +160,18 @@ def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(t
         json.dumps({"prices": prices_of, "empty_list_over_core": 1.0}), "utf-8"
     )
     curves = {
-        name: [{"x": 1.0}]
+        name: [{"trials": 1.0}]
         for name in ("step", "by_trials", "by_elements", "plausibility", "hold_and_pull")
     }
     (tmp_path / "simulator.json").write_text(json.dumps(curves | {"friction": [FRICTION]}), "utf-8")
     (tmp_path / "scenes.json").write_text(json.dumps(study()), "utf-8")
-    text = page(tmp_path, tmp_path / "scenes.json")
-    assert "1,234 ns" in text
+    written = tables(tmp_path, tmp_path / "scenes.json")
+    text = require_tables_fit("docs/scenes.md", written, tmp_path)
+    assert "| core alone, CPU ns per sample | 1,234 |" in text
     assert (
         "| 150 Hz: ours, clock-free | 0.701 | 0.801 | 0.901 | 0.911 | 0.921 | 0.031 | - |" in text
     )
-    assert "150 Hz 0.702 (0.690 to 0.710)" in text
+    assert "| 150 | 0.702 (0.690 to 0.710) |" in text
     assert "| apple: ours, clock-free | 0.701" in text
     assert "| grasp light | 0.900 0.950 | 0.05 |" in text
     for name in [*shipped(), *EFFECTS]:

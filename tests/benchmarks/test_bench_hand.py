@@ -6,10 +6,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from page_tables import require_tables_fit
 
 from benchmarks.hand import CHECKED, FAULTS, RATES_HZ, fault_table, latency, memory, scan_costs
 from benchmarks.hand_delays import delays, seen_after_ms
-from benchmarks.hand_page import page
+from benchmarks.hand_page import tables
 from drivers.bridges import BRIDGES
 from edge_runtime.live import STAGES
 
@@ -92,12 +93,12 @@ def test_every_risky_sample_after_the_first_costs_a_period(scans):
     assert [row["rate_hz"] for row in rows[1]] == [300.0, 150.0, 100.0]
 
 
-def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(scans, faults):
+def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(scans, faults, tmp_path):
     live = latency(MODEL, 150.0, 1.0)
     assert list(live["latency_us"]) == [*STAGES, "read to emit"]
     assert live["samples"] > 100
     rows = delays([read_as_drivers_do(scans, "ft232h")], 0.5, 1, steps=2)
-    text = page(
+    written = tables(
         {
             "scans": scans,
             "faults": faults,
@@ -107,6 +108,7 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(scans, f
             "memory": memory(MODEL),
         }
     )
+    text = require_tables_fit("docs/hand.md", written, tmp_path)
     assert "| ft232h | registers |" in text
-    assert "floor of read to emit" in text
+    assert "busy-wait reference" in text
     assert "finger 3: nack" in text

@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from page_tables import require_tables_fit
 
 from benchmarks.cost import recordings
 from benchmarks.cost.features import columns, look_backs_s, some, whole_of
 from benchmarks.cost.grown import first_trees
-from benchmarks.cost.page import README_ROWS, figure, line, page, readme_table
+from benchmarks.cost.page import README_ROWS, line, readme_table, tables
+from benchmarks.cost.picture import figure
 from benchmarks.cost.point import BANDS, GROUPS, Point, points
 from benchmarks.cost.surface import cost, pareto
 from edge_runtime.contract import FloatArray
@@ -291,13 +293,13 @@ def rows_of(measured: tuple[Path, dict[str, Any]]) -> list[dict[str, Any]]:
 
 def test_the_readme_gets_ten_lines_that_say_what_they_were_measured_on(measured):
     written = readme_table(rows_of(measured))
-    assert written.startswith("| set |")
+    assert written.startswith("| data |")
     assert len(written.splitlines()) == 2 + 10
     assert written.count("simulated |") + written.count("real |") == 10
 
 
 @pytest.mark.parametrize(("new", "told_how_long"), [(11, True), (10, False)])
-def test_the_page_and_its_figure_hold_what_was_measured(measured, new, told_how_long):
+def test_the_page_and_its_figure_hold_what_was_measured(measured, new, told_how_long, tmp_path):
     rows = [*rows_of(measured), dict(rows_of(measured)[0], what="default", of="scenes")]
     fronts = {
         of: {key: ["default"] for key in ("recall", "in_time", "macro_f1")}
@@ -310,7 +312,7 @@ def test_the_page_and_its_figure_hold_what_was_measured(measured, new, told_how_
         "memory": [{"process": "floor"}],
     }
     took = {"wall_s": 90.0, "cores": 2, "new_points": new}
-    told = page(
+    written = tables(
         {
             "cost": {"rows": rows, "fronts": fronts, "took": took},
             "latency": latency,
@@ -318,13 +320,13 @@ def test_the_page_and_its_figure_hold_what_was_measured(measured, new, told_how_
             "training": {"rows": [{"trials": 50}]},
         }
     )
-    assert "| one decision ([below](#one-decision-beside-its-peers)) | 0.06 |" in told
-    assert "simulated" in told
-    assert "public real data" in told
-    assert ("in 1.5 minutes on 2 cores" in told) == told_how_long, (
+    text = require_tables_fit("docs/what-accuracy-costs.md", written, tmp_path)
+    assert "| ours, whole step | 1 | 61.2 |" in text
+    assert "| step over own forest | 5.50 |" in text
+    assert ("11 points, min | 1.5 on 2 cores |" in text) == told_how_long, (
         "only of a run that made every point"
     )
     drawn = figure(rows)
     assert drawn.startswith("<svg")
     assert "simulated" in drawn
-    assert line(rows[0])["found"] == rows[0]["recall"]
+    assert line(rows[0])["recall_alone"] == rows[0]["recall"]

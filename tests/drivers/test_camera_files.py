@@ -15,9 +15,11 @@ from drawn_frames import (
     write_frames,
 )
 from hand_made_tracks import hand_made
+from page_tables import require_tables_fit
 from rooms import MAY_IMPORT, imports_by_file
 
 from benchmarks import camera_page
+from benchmarks.tag_sheet import sheet
 from drivers.camera import sources
 from drivers.camera.library import QUIET
 from drivers.camera.recording import TagFile, read_tracks
@@ -185,10 +187,10 @@ print(json.dumps({"between": between, "lacks": [name for one, name in names if n
 
 
 def test_the_printed_sheet_holds_both_tags_at_their_size():
-    sheet = ElementTree.fromstring(camera_page.sheet())
-    assert (sheet.get("width"), sheet.get("viewBox")) == ("120mm", "0 0 120 50")
+    drawn = ElementTree.fromstring(sheet())
+    assert (drawn.get("width"), drawn.get("viewBox")) == ("120mm", "0 0 120 50")
     black = [
-        {key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")} for shape in sheet
+        {key: float(shape.get(key, 0)) for key in ("x", "y", "width", "height")} for shape in drawn
     ][1:]
     left = [shape for shape in black if shape["width"] == 1.25]
     assert len(left) == sum(int((cells(tag) == 0).sum()) for tag in (OBJECT_TAG, HAND_TAG))
@@ -200,7 +202,7 @@ def test_the_printed_sheet_holds_both_tags_at_their_size():
     )
 
 
-def test_the_page_of_the_camera_is_made_of_what_was_measured():
+def test_the_page_of_the_camera_is_made_of_what_was_measured(tmp_path):
     numbers = {f"{name}_p{q}_ms": 1.25 for name in ("start", "seen", "gross") for q in (5, 50, 95)}
     row = {
         "fps": 60.0,
@@ -211,11 +213,11 @@ def test_the_page_of_the_camera_is_made_of_what_was_measured():
         "start_worst_ms": 7.7,
         "within_10_ms": 1.0,
     }
-    page = camera_page.page(
+    written = camera_page.tables(
         {"ramps": [row | numbers], "pulls": [row | numbers], "held": [{"n": 5, "onsets": 0}]}
     )
-    assert "| 60 | 42 | 3 | 2 | 1 | 1.2 / 1.2 / 1.2 |" in page
-    assert "simulated" in page
+    text = require_tables_fit("docs/camera.md", written, tmp_path)
+    assert "| 60 | 42 | 2 of 3 | 1 | 1.2 / 1.2 / 1.2 |" in text
 
 
 def test_depthai_is_imported_in_one_file_and_by_no_help():

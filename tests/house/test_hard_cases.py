@@ -4,6 +4,9 @@ stale."""
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,9 +15,10 @@ import execnet
 import numpy as np
 import pytest
 from hard_cases import AREAS, PLACE, Catalogue, pytest_runtest_makereport, told
-from hard_cases_page import page
+from hard_cases_page import lists
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "hard-cases.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "hard-cases.md"
 
 
 def row(
@@ -44,7 +48,7 @@ def test_a_mark_that_names_no_area_or_lacks_a_sentence_is_refused():
 
 
 def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measured():
-    written = page(
+    written = lists(
         [
             row("test_it_is_clean[a]", off=1e-15),
             row("test_it_is_clean[b]", "failed", off=3e-15),
@@ -54,6 +58,22 @@ def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measur
     assert "- passed 1 times, failed 1 times: it is clean (off 3e-15)\n" in written
     assert "- passed: without: it drifts\n" in written
     assert "Elsewhere: it drifts. Here: it does not." in written
+
+
+@pytest.mark.parametrize("name", ["hard_cases", "safety"])
+def test_a_page_keeps_its_prose_and_a_second_run_changes_nothing(name, tmp_path):
+    hazard = {"hazard": "a hazard", "does": "it holds", "left": "Nothing"}
+    (tmp_path / "rows.json").write_text(json.dumps([row("test_it_is_clean") | hazard]), "utf-8")
+    docs = ROOT / "docs" / f"{name.replace('_', '-')}.md"
+    page = Path(shutil.copy(docs, tmp_path))
+    script = [sys.executable, str(ROOT / "tests" / "support" / f"{name}_page.py")]
+    texts = []
+    for _ in range(2):
+        subprocess.run([*script, str(tmp_path / "rows.json"), str(page)], check=True)
+        texts.append(page.read_text("utf-8"))
+    assert texts[0] == texts[1]
+    assert texts[0].partition("## ")[0] == docs.read_text("utf-8").partition("## ")[0]
+    assert "it is clean" in texts[0]
 
 
 def reported(request: pytest.FixtureRequest, place: int, measured: object) -> Any:

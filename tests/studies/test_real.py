@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from page_tables import require_tables_fit
 
 from studies.ablation import rows_of, table
 from studies.real import baselines
@@ -18,7 +18,8 @@ from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.real.study import verification_of
-from studies.real.table import main as write_table
+from studies.real.table import tables
+from studies.row_names import CLOCK, OURS_18
 from training.crossval import HeldOut, cross_validate
 from training.datasets import keep_groups, load
 from training.featurise import FloatRows, cpu_cost, features_of, spec_for
@@ -131,7 +132,7 @@ def evidence(
         "seconds": 1.0,
     }
     figures |= {
-        "rows": {"ours": dict(figures), "WARNING: a clock": dict(figures)},
+        "rows": {OURS_18: dict(figures), CLOCK: dict(figures)},
         "versions": versions(),
     }
     figures |= {"eflesh_slip": eflesh.figures, "verification": verification_of(held_out)}
@@ -150,17 +151,14 @@ def test_the_report_is_one_file_that_asks_nobody_for_anything_and_says_its_cavea
     assert f"{evidence.figures['situations']['macro_f1']:.3f}" in page
 
 
-def test_the_readmes_table_is_replaced_and_nothing_else(evidence: Evidence, tmp_path: Path) -> None:
-    (tmp_path / "metrics.json").write_text(json.dumps(evidence.figures))
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- real: by command -->\nstale\n<!-- /real -->\nafter\n")
-    write_table(str(tmp_path / "metrics.json"), str(page))
-    text = page.read_text()
-    assert text.startswith("before\n<!-- real: by command -->\n")
-    assert text.endswith("<!-- /real -->\nafter\n")
-    assert "stale" not in text
-    assert f"| ours | {evidence.figures['situations']['macro_f1']:.3f} (" in text
-    assert evidence.data.caveat in text
+def test_the_readme_s_tables_show_every_method_and_what_was_checked(
+    evidence: Evidence, tmp_path: Path
+) -> None:
+    figures = evidence.figures
+    text = require_tables_fit("README.md", tables(figures), tmp_path)
+    assert f"| {OURS_18} | {figures['situations']['macro_f1']:.3f} (" in text
+    assert "| timing-only baseline |" in text
+    assert f"| {figures['n_trials']}, {figures['n_groups']} |" in text
 
 
 def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free() -> None:

@@ -46,15 +46,12 @@ from export.spec import window_samples
 from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
+from studies.row_names import CLOCK, LINE, OURS, RAW
 from studies.scenes import __main__ as command
 from studies.scenes.candidate import Candidate
 from studies.scenes.generalising import learning_curve, styles_left_out
 from studies.scenes.report import SceneEvidence, demo_report, write_scene_report
 from studies.scenes.study import (
-    CLOCK,
-    LINE,
-    OURS,
-    RAW,
     RETRAININGS,
     STAGES,
     RateStudy,

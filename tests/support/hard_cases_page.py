@@ -1,4 +1,4 @@
-"""docs/hard-cases.md, made of how the tests went: `make hard-cases`."""
+"""The lists of docs/hard-cases.md, from how the tests went: `make hard-cases`."""
 
 from __future__ import annotations
 
@@ -9,24 +9,19 @@ from typing import Any
 
 from hard_cases import AREAS
 
-INTRO = """# Hard cases
-
-What makes such systems fail quietly, what happens elsewhere, and what happens here. Every line is a test; this page
-is written from their own results by `make hard-cases`, the numbers included. A line that begins with "without" is a
-test that takes the guard away and watches the failure, so that nobody takes it away for clutter.
-"""
+from evaluation.markers import write_between
 
 
-def page(results: list[dict[str, Any]]) -> str:
-    """The whole page: a section an area, a paragraph a case, a line a test."""
+def lists(results: list[dict[str, Any]]) -> str:
+    """A section an area, a paragraph a case, a line a test."""
     sections = []
     for area in AREAS:
         rows = [row for row in results if row["area"] == area]
         cases = dict.fromkeys(row["case"] for row in rows)
         if cases:
-            told = (_case(case, [row for row in rows if row["case"] == case]) for case in cases)
-            sections.append(f"## {area}\n\n" + "\n".join(told))
-    return INTRO + "\n" + "\n\n".join(sections) + "\n"
+            texts = (_case(case, [row for row in rows if row["case"] == case]) for case in cases)
+            sections.append(f"## {area}\n\n" + "\n".join(texts))
+    return "\n\n".join(sections) + "\n"
 
 
 def _case(case: str, rows: list[dict[str, Any]]) -> str:
@@ -68,4 +63,5 @@ def _short(value: Any) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(page(json.loads(Path(sys.argv[1]).read_text("utf-8"))))
+    rows = json.loads(Path(sys.argv[1]).read_text("utf-8"))
+    write_between(sys.argv[2], "hard-cases", lists(rows))

@@ -44,7 +44,7 @@ TRIALS = {"thesis": 45, "broad": 27, "p1": 45, "p2": 45, "daily": 6, "perturbed-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("wall")
+    place = tmp_path_factory.mktemp("fast_handover")
     for number, (name, card) in enumerate(CARDS.items()):
         coarse = replace(read_card(card, rate_hz=50), step_s=STEP_S[card])
         write_set(Scene(coarse, number), place / name, TRIALS[card])

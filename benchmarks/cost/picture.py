@@ -1,0 +1,109 @@
+"""The figure of docs/what-accuracy-costs.md: slips acted on in time, by computing and waiting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, TREES, Point
+from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+
+COMPUTED = {
+    "trees": [(f"{n}", Point(trees=n)) for n in TREES],
+    "depth": [(f"{n or 'unlimited'}", Point(depth=n)) for n in DEPTHS],
+    "features": [(name, Point(groups=name)) for name in ("now", "now, differences", "raw window")],
+}
+WAITED = {
+    "debounce, samples": [(f"{n}", Point(debounce=n)) for n in DEBOUNCES],
+    "sampling rate, Hz": [(f"{hz:g}", Point(rate_hz=hz)) for hz in RATES_HZ],
+}
+"""Families of points that the figure draws as lines: (label, point)."""
+FAMILY_COLOURS = (OURS, WARNING, QUIET)
+LABELLED = {"1", "2", "3", "500", "4", "50", "100", "300", "now", "raw window"}
+Families = dict[str, list[tuple[str, Point]]]
+Measure = Callable[[dict[str, Any]], float | None]
+
+
+def figure(rows: list[dict[str, Any]]) -> str:
+    """Scenes: slips acted on before gross slip, against microseconds and against the delay."""
+    by_name = {row["what"]: row for row in rows if row["of"] == "scenes"}
+    with mpl.rc_context(STYLE):
+        drawn = Figure(figsize=(9.4, 4.0))
+        drawn.suptitle("simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic")
+        left, right = drawn.subplots(1, 2, sharey=True)
+        _panel(left, by_name, COMPUTED, _step_us)
+        _default(left, _step_us(by_name["default"]), by_name, (7, -12), "left")
+        left.legend(frameon=False, fontsize=8, loc="lower right")
+        _panel(right, by_name, WAITED, _delay_ms)
+        _default(right, _delay_ms(by_name["default"]), by_name, (-6, -12), "right")
+        right.legend(frameon=False, fontsize=8, loc="lower left")
+        _label(left, right)
+        return svg(drawn)
+
+
+def _panel(
+    axes: Axes, by_name: dict[str, dict[str, Any]], families: Families, measure: Measure
+) -> None:
+    for colour, (family, points) in zip(FAMILY_COLOURS, families.items(), strict=False):
+        measured = [(by_name[point.what], name) for name, point in points if point.what in by_name]
+        drawn = [
+            (x, row["in_time"], name) for row, name in measured if (x := measure(row)) is not None
+        ]
+        _family(axes, family, drawn, colour)
+    axes.grid(color="#e4e7eb")
+    axes.margins(x=0.1)
+
+
+def _default(
+    axes: Axes,
+    x: float | None,
+    by_name: dict[str, dict[str, Any]],
+    beside: tuple[int, int],
+    side: str,
+) -> None:
+    """The default's dot, with its name beside it."""
+    if x is None:
+        return
+    y = by_name["default"]["in_time"]
+    axes.plot(x, y, "o", color=INK, markersize=8, zorder=3)
+    axes.annotate("default", (x, y), beside, textcoords="offset points", fontsize=8, ha=side)
+
+
+def _label(left: Axes, right: Axes) -> None:
+    left.set_xscale("log")
+    left.set_xlim(left=36.0)
+    left.xaxis.set_major_formatter("{x:g}")
+    left.xaxis.set_minor_formatter("{x:g}")
+    left.set(
+        xlabel="computing: one decision, us",
+        ylabel="risky slips acted on before all fingers slide,\nat about one false alarm a minute",
+    )
+    right.set(xlabel="waiting: load onset to the request, ms (median)")
+
+
+def _step_us(row: dict[str, Any]) -> float | None:
+    return float(row["step_us"])
+
+
+def _delay_ms(row: dict[str, Any]) -> float | None:
+    return float(row["delay_ms"]["p50"]) if row["delay_ms"] else None
+
+
+def _family(
+    axes: Axes, family: str, points: Sequence[tuple[float, float, str]], colour: str
+) -> None:
+    """A line through the points of a family (dots where they have no order), some named."""
+    line = "" if family == "features" else "-"
+    xs, ys = [x for x, _, _ in points], [y for _, y, _ in points]
+    axes.plot(xs, ys, f"o{line}", color=colour, markersize=4.5, label=family)
+    right = colour == OURS
+    beside, side = ((5, 4), "left") if right else ((-6, -8 if line else -3), "right")
+    for x, y, name in points:
+        if name in LABELLED:
+            axes.annotate(
+                name, (x, y), beside, textcoords="offset points", fontsize=7, color=colour, ha=side
+            )
