@@ -34,7 +34,7 @@ from training.datasets import load
 from training.featurise import FloatRows
 from training.plan import ForestPlan
 
-SMALL = {"train": ("thesis", 30, 0), "choose": ("daily", 10, 1), "ask": ("daily", 20, 2)}
+SMALL = {"train": ("thesis", 15, 0), "choose": ("daily", 5, 1), "ask": ("daily", 10, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
 TIMES = ("forest_us", "step_us")
 
@@ -168,7 +168,7 @@ def test_the_first_trees_of_a_large_forest_are_the_small_one_fitted_alone(kind, 
 
 
 def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
-    parts = {"ask": ("daily", 20, 2)}
+    parts = {"ask": ("daily", 5, 2)}
     recordings.simulate(tmp_path, "ask", [300.0, 100.0], parts)
     fast, slow = (load(tmp_path / f"{rate}hz-ask", windows="natural") for rate in (300, 100))
     assert (fast.rate_hz, slow.rate_hz) == (pytest.approx(300.0), pytest.approx(100.0))
@@ -186,7 +186,7 @@ def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
 def test_half_a_simulation_is_begun_anew_and_a_whole_one_is_kept(tmp_path):
     (tmp_path / "300hz-ask.half").mkdir()
     (tmp_path / "300hz-ask.half" / "card.toml").write_text("torn")
-    parts = {"ask": ("daily", 20, 2)}
+    parts = {"ask": ("daily", 5, 2)}
     recordings.simulate(tmp_path, "ask", [100.0], parts)
     written = sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
     recordings.simulate(tmp_path, "ask", [100.0], parts)

@@ -242,9 +242,9 @@ def test_a_pull_beyond_friction_accelerates_by_what_kinetic_friction_leaves():
 def test_a_slow_load_slips_at_the_static_limit_and_not_before():
     held = body(gravity=(0.0, 0.0, 0.0), elements=1)
     closure = closed(held, 10.0)
-    still = pulled(held, closure, 0.6 * 20.0 * 0.49, 20000, 1e-3)
+    still = pulled(held, closure, 0.6 * 20.0 * 0.49, 6000, 1e-3)
     assert np.abs(still.velocity_m_s).max() < 1e-9
-    moving = pulled(held, closure, 0.6 * 20.0 * 1.02, 3000, 1e-3)
+    moving = pulled(held, closure, 0.6 * 20.0 * 1.02, 1500, 1e-3)
     assert moving.position_m[2].min() > 0.05
 
 
@@ -330,8 +330,8 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
 )
 def test_slip_time_is_first_order_in_the_step():
     grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 40)
-    reference = slip_time_s(2e-5, grips_n)
-    steps = np.array([2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4])
+    reference = slip_time_s(5e-5, grips_n)
+    steps = np.array([2e-3, 1e-3, 5e-4, 2.5e-4])
     errors = [np.median(np.abs(slip_time_s(dt_s, grips_n) - reference)) for dt_s in steps]
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 0.6 < order < 1.4
