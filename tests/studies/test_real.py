@@ -21,7 +21,7 @@ from studies.real.study import verification_of
 from studies.real.table import tables
 from studies.row_names import CLOCK, OURS_18
 from training.crossval import HeldOut, cross_validate
-from training.datasets import keep_groups, load
+from training.datasets import load
 from training.featurise import FloatRows, cpu_cost, features_of, spec_for
 from training.fitting import held_out_figures, versions
 from training.plan import CLOCK_FREE_GROUPS, ForestPlan, TrainingPlan
@@ -35,7 +35,7 @@ Small = tuple[DataSet, dict[str, FloatRows], HeldOut]
 
 @pytest.fixture(scope="module")
 def small(real_set: Callable[[str], Path]) -> Small:
-    data = keep_groups(load(real_set("human_slip_uskin")), 3)
+    data = load(real_set("human_slip_uskin"), groups=3)
     spec = spec_for(data, PLAN.groups)
     features = features_of(data, spec)
     return data, features, cross_validate(data, features, PLAN, verify_spec=spec)
