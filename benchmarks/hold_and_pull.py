@@ -17,7 +17,8 @@ import numpy as np
 
 from benchmarks.mujoco_peer import GRAVITY_M_S2, SLIP_TRAVEL_M, STEPS_S, Scene
 from edge_runtime.contract import FloatArray
-from simulation.core import SIDE, Body, Inputs, Pull, State, at_rest, step
+from simulation.body import SIDE, Body, Inputs, Pull, State, at_rest
+from simulation.core import step
 from simulation.loop.brush import pressure
 
 GRIP_SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]

@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
-class Trial:
+class WatchedTrial:
     """Where a trial lies, what the camera saw of it, and how far its clock is before the
     frames'."""
 
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def require_above_shear(held: list[Trial], gross_mm: float) -> None:
+def require_above_shear(held: list[WatchedTrial], gross_mm: float) -> None:
     """Raise UsageError where the distance asked for lies within what the pads give without
     slipping."""
     from drivers.camera.onset import largest_move_mm
@@ -115,7 +115,7 @@ def require_above_shear(held: list[Trial], gross_mm: float) -> None:
         )
 
 
-def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None) -> Trial:
+def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None) -> WatchedTrial:
     """The object's motion in the hand, from a watched folder or from frames beside a trial. Raises
     a DataError."""
     if path.is_dir():
@@ -131,7 +131,9 @@ def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None)
         return watched(Path(folder), trial, tag_mm, apart_mm)
 
 
-def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None) -> Trial:
+def watched(
+    folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None
+) -> WatchedTrial:
     """A watched folder read; `trial` is what its label belongs to. Raises LabelError where the
     trial is void."""
     from drivers.camera.onset import motion
@@ -159,7 +161,9 @@ def watched(folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | N
         raise type(error)(
             error.what, where=trial, cause=error.cause, next_step=error.next_step
         ) from None
-    return Trial(trial, moved, 0.0 if about.get("clock") == "trial" else _starts_s(trial, moved))
+    return WatchedTrial(
+        trial, moved, 0.0 if about.get("clock") == "trial" else _starts_s(trial, moved)
+    )
 
 
 def doubt(folder: Path) -> LabelError | None:
@@ -200,7 +204,7 @@ def _starts_s(folder: Path, moved: Motion) -> float:
     return starts_s
 
 
-def write(trial: Trial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:
+def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:
     """Look for the slip, write what was found beside the trial; returns the sentence about it."""
     from drivers.camera.onset import Slip, find_slip
 

@@ -1,16 +1,10 @@
-"""The core: brush contacts on an object in three dimensions, one implicit step, many trials at
-once.
+"""The core: brush contacts on an object in 3D, one implicit step, many trials at once.
 
-Six contacts, unless a card asks for a hand with more (hand.py).
+body.py has the frame, the arrays and what they mean; every lane has a step length of its own.
+Contact i presses by how deep its finger is closed into the object:
 
-Hand frame: x from the thumb to the fingers (contact normal), y across, z along the object's axis,
-upwards; origin where the object is taken. Arrays are [.., B] with trials (lanes) last; every lane
-has a step of its own.
-
-Contact i (those of the thumb, then the fingers') presses by how deep its finger is closed into the
-object:
-
-    depth_i = closure_i(t) - s_i x - r_i,   r_i = (curvature_y dy^2 + curvature_z dz^2) / 2,   s = +1 thumb, -1 finger
+    depth_i = closure_i(t) - s_i x - r_i,   s = +1 thumb, -1 finger
+    r_i = (curvature_y dy^2 + curvature_z dz^2) / 2
     N_i = max(0, k_i depth_i + c_i d(depth_i)/dt)
 
 so on a curved object that moves by d the normal falls by k d^2/2R, and the same energy pushes it
@@ -30,148 +24,19 @@ Friction by return mapping: Simo & Hughes, "Computational inelasticity", 1998, c
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import FloatArray
+from simulation.body import Body, Floor, Inputs, State, offset_m, recess_m
 from simulation.effect import NO_EFFECTS, PhysicsEffects
+from simulation.energy import TINY, keep_the_balance, taken_by_lags_j
 
 IntArray = npt.NDArray[np.int64]
-TINY = 1e-300
 RHO_TOLERANCE = 2e-3
+"""Reweighting ends where no rho changes by more than this."""
 MAX_SWEEPS = 60
-
-
-@cache
-def sides(contacts: int, thumb: int) -> FloatArray:
-    """[S, 1] which way a contact pushes the object: the thumb's, which come first, along x, the
-    fingers' against it."""
-    return np.where(np.arange(contacts) < thumb, 1.0, -1.0)[:, None]
-
-
-SIDE = sides(6, 2)
-"""Of the thesis' hand: two of the thumb, then index, middle, ring, little."""
-
-
-@dataclass(frozen=True)
-class Body:
-    """What is held and by what: constants of a batch.
-
-    mass_kg [B]; gravity_m_s2 [3, B]; curvature_per_m [2, B]; straight_m [B] (half length of a
-    cylinder, 0: ball); at_m [2, 6, B]: where in the hand a contact sits (y, z), from where it meets
-    the apex or the middle of the object; stiffness_n_per_m, damping_n_s_per_m [6, B]: normal;
-    brush_n_per_m [E, 6, B]: each element's spring; pressure [E, 1, 1]: share of the normal an
-    element bears; static, kinetic [B]: friction; stribeck_m_s: slip speed at which friction is half
-    way; loss_s: a finger's damping along the surface over its stiffness (none in sliding); thumb:
-    how many of the contacts, the first, are the thumb's. 6 here and below is S where a hand has S
-    contacts.
-    """
-
-    mass_kg: FloatArray
-    gravity_m_s2: FloatArray
-    curvature_per_m: FloatArray
-    straight_m: FloatArray
-    at_m: FloatArray
-    stiffness_n_per_m: FloatArray
-    damping_n_s_per_m: FloatArray
-    brush_n_per_m: FloatArray
-    pressure: FloatArray
-    static: FloatArray
-    kinetic: FloatArray
-    stribeck_m_s: float = 2e-3
-    loss_s: float = 2e-3
-    thumb: int = 2
-
-    @property
-    def side(self) -> FloatArray:
-        """[S, 1] which way each contact pushes."""
-        return sides(len(self.stiffness_n_per_m), self.thumb)
-
-
-@dataclass(frozen=True)
-class Pull:
-    """A person: a damped spring to a moving target that never pulls harder than cap_n, and a share
-    of the weight.
-
-    stiffness_n_per_m, damping_n_s_per_m, cap_n, weight_share [B]; target_m, target_m_s [3, B].
-    """
-
-    stiffness_n_per_m: FloatArray
-    damping_n_s_per_m: FloatArray
-    cap_n: FloatArray
-    weight_share: FloatArray
-    target_m: FloatArray
-    target_m_s: FloatArray
-
-
-@dataclass(frozen=True)
-class Floor:
-    """A box from below: a unilateral spring at height_m [B] that pushes with at most cap_n [B], and
-    hardly slides."""
-
-    stiffness_n_per_m: float
-    damping_n_s_per_m: float
-    sideways_n_s_per_m: float
-    height_m: FloatArray
-    cap_n: FloatArray
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What the hand and its surroundings do during one step: closure_m [6, B] at its end, people, a
-    box."""
-
-    closure_m: FloatArray
-    people: tuple[Pull, ...] = ()
-    floor: Floor | None = None
-
-
-@dataclass
-class State:
-    """Where everything is: position_m, velocity_m_s [3, B]; stretch_m [2, E, 6, B] of the brush
-    elements.
-
-    rho [E, 6, B]: share of a trial stretch that friction could hold in the last step; slip_m_s [E,
-    6, B]; depth_m, normal_n [6, B]; agents_n [3, B]: what people and the box did to the object in
-    the last step; brush_j [B]: energy in the brushes; offset_m [2, 6, B], recess_m [6, B]: of the
-    contacts, kept from the last step.
-    """
-
-    position_m: FloatArray
-    velocity_m_s: FloatArray
-    stretch_m: FloatArray
-    rho: FloatArray
-    slip_m_s: FloatArray
-    depth_m: FloatArray
-    normal_n: FloatArray
-    agents_n: FloatArray
-    brush_j: FloatArray
-    offset_m: FloatArray
-    recess_m: FloatArray
-
-
-def at_rest(body: Body, closure_m: FloatArray) -> State:
-    """Nothing moves, nothing is stretched; closure_m [6, B]."""
-    elements, contacts, lanes = body.brush_n_per_m.shape
-    offset = offset_m(body, np.zeros((2, lanes)))
-    state = State(
-        np.zeros((3, lanes)),
-        np.zeros((3, lanes)),
-        np.zeros((2, elements, contacts, lanes)),
-        np.ones((elements, contacts, lanes)),
-        np.zeros((elements, contacts, lanes)),
-        np.zeros((contacts, lanes)),
-        np.zeros((contacts, lanes)),
-        np.zeros((3, lanes)),
-        np.zeros(lanes),
-        offset,
-        recess_m(body, offset),
-    )
-    state.depth_m = closure_m - state.recess_m
-    return state
 
 
 def step(
@@ -199,8 +64,8 @@ def step(
     state.agents_n = load_n - drag * state.velocity_m_s
     given_j = ((held_n - drag * state.velocity_m_s) * (state.velocity_m_s * dt_s)).sum(axis=0)
     if effects.lags:
-        given_j = given_j - _taken_by_lags_j(body, old, state, inputs.closure_m, dt_s, effects)
-    _keep_the_balance(body, old, state, inputs.closure_m, given_j)
+        given_j = given_j - taken_by_lags_j(body, old, state, inputs.closure_m, dt_s, effects)
+    keep_the_balance(body, old, state, inputs.closure_m, given_j)
     if effects.lags:
         state.depth_m = inputs.closure_m - state.recess_m - body.side * state.position_m[0]
         change_m = np.maximum(state.depth_m, 0.0) - np.maximum(old.depth_m, 0.0)
@@ -210,111 +75,10 @@ def step(
         turn.turn(body, state, limit_m, dt_s)
 
 
-def kinetic_j(body: Body, state: State) -> FloatArray:
-    """[B] energy of motion."""
-    v = state.velocity_m_s
-    energy: FloatArray = 0.5 * body.mass_kg * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    return energy
-
-
-def brush_j(body: Body, state: State) -> FloatArray:
-    """[B] energy in the brushes."""
-    y, z = state.stretch_m
-    squares = y * y
-    squares += z * z
-    energy: FloatArray = 0.5 * np.einsum("eib,eib->b", body.brush_n_per_m, squares)
-    return energy
-
-
-def normal_j(body: Body, closure_m: FloatArray, x_m: FloatArray, recess: FloatArray) -> FloatArray:
-    """[B] energy in the normal springs with the object at x_m [B] and the surface recessed by [6,
-    B]."""
-    depth = np.maximum(closure_m - recess - body.side * x_m, 0.0)
-    energy: FloatArray = 0.5 * (body.stiffness_n_per_m * (depth * depth)).sum(axis=0)
-    return energy
-
-
-def _taken_by_lags_j(
-    body: Body,
-    old: State,
-    state: State,
-    closure_m: FloatArray,
-    dt_s: FloatArray,
-    effects: PhysicsEffects,
-) -> FloatArray:
-    """[B] what the object's own motion puts into the lags; what the fingers' motion does is not the
-    object's to pay."""
-    was_m = np.maximum(closure_m - old.recess_m - body.side * old.position_m[0], 0.0)
-    recess = recess_m(body, offset_m(body, state.position_m[1:]))
-    depth_m = np.maximum(closure_m - recess - body.side * state.position_m[0], 0.0)
-    taken_j = np.zeros_like(dt_s)
-    for lag in effects.lags:
-        stiffness, held_n = lag.terms(dt_s)
-        push_n = np.where(
-            state.normal_n > 0.0, held_n + stiffness * (depth_m - np.maximum(old.depth_m, 0.0)), 0.0
-        )
-        taken_j = taken_j + (push_n * (depth_m - was_m)).sum(axis=0)
-    return taken_j
-
-
-def _keep_the_balance(
-    body: Body, old: State, state: State, closure_m: FloatArray, given_j: FloatArray
-) -> None:
-    """Slow a lane that ended with more energy than it had and was given; at a fine step there is
-    none.
-
-    Normals and brushes are solved one after the other and the squeeze at the old place, so a long
-    step can miss the balance. Where all of its motion is not enough, the object stays where it was.
-    """
-    state.offset_m = offset_m(body, state.position_m[1:])
-    state.recess_m = recess_m(body, state.offset_m)
-    had_j = (
-        kinetic_j(body, old)
-        + old.brush_j
-        + normal_j(body, closure_m, old.position_m[0], old.recess_m)
-    )
-    moving_j, state.brush_j = kinetic_j(body, state), brush_j(body, state)
-    still_j = state.brush_j + normal_j(body, closure_m, state.position_m[0], state.recess_m)
-    too_much = np.flatnonzero(moving_j + still_j > had_j + given_j)
-    if not too_much.size:
-        return
-    left_j = (had_j + given_j - still_j)[too_much]
-    share = np.sqrt(np.maximum(left_j, 0.0) / np.maximum(moving_j[too_much], TINY))
-    state.velocity_m_s[:, too_much] *= np.minimum(share, 1.0)
-    stuck = too_much[left_j < 0.0]
-    if not stuck.size:
-        return
-    state.position_m[:, stuck] = old.position_m[:, stuck]
-    state.stretch_m[..., stuck] = np.minimum(state.rho, 1.0)[..., stuck] * old.stretch_m[..., stuck]
-    state.brush_j[stuck] = brush_j(body, state)[stuck]
-    state.offset_m[..., stuck], state.recess_m[..., stuck] = (
-        old.offset_m[..., stuck],
-        old.recess_m[..., stuck],
-    )
-
-
-def offset_m(body: Body, sideways_m: FloatArray) -> FloatArray:
-    """[2, 6, B] how far each contact is from where the object is flat, with the object at
-    sideways_m [2, B]."""
-    from_apex = sideways_m[:, None] - body.at_m
-    along = from_apex[1]
-    from_apex[1] = along - np.minimum(np.maximum(along, -body.straight_m), body.straight_m)
-    return from_apex
-
-
-def recess_m(body: Body, offset: FloatArray) -> FloatArray:
-    """[6, B] how far the surface lies behind its apex at an offset [2, 6, B]."""
-    curve = 0.5 * body.curvature_per_m[:, None] * offset
-    curve *= offset
-    recess: FloatArray = curve[0] + curve[1]
-    return recess
-
-
 def _loads(
     body: Body, state: State, inputs: Inputs, dt_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Forces of people and box at zero velocity [3, B], and what a velocity takes off them [3,
-    B]."""
+    """(forces of people and box at zero velocity, what a velocity takes off them), [3, B] each."""
     load_n, drag = np.zeros_like(state.position_m), np.zeros_like(state.position_m)
     for pull in inputs.people:
         to_go = pull.target_m - state.position_m
@@ -354,7 +118,7 @@ def _normals(
 ) -> FloatArray:
     """Velocity along x [B] at the end of the step; sets depth and normal.
 
-    Which contacts press is found by trying: those that would pull are left out, until none changes.
+    Trial and error decides which contacts press: those that would pull drop out until none changes.
     """
     side, sideways_m = body.side, state.position_m[1:] + state.velocity_m_s[1:] * dt_s
     stays_m = closure_m - recess_m(body, offset_m(body, sideways_m)) - side * state.position_m[0]
@@ -387,7 +151,7 @@ def _normals(
 
 
 def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
-    """[B] N s/m of the fingers along the surface: of the elements that touch and do not slide."""
+    """[B] damping of the fingers along the surface, N s/m: of the elements that stick."""
     sticks = (state.slip_m_s == 0.0) & (limit_m > 0.0)
     coefficient: FloatArray = body.loss_s * np.where(sticks, body.brush_n_per_m, 0.0).sum(
         axis=(0, 1)
@@ -398,8 +162,8 @@ def damping(body: Body, state: State, limit_m: FloatArray) -> FloatArray:
 def _stretch_limit(
     body: Body, state: State, normal_n: FloatArray, dt_s: FloatArray, effects: PhysicsEffects
 ) -> FloatArray:
-    """[E, 6, B] how far friction lets each element stretch."""
-    # its speed at first; in place, as is all that is large and often
+    """[E, S, B] how far friction lets each element stretch."""
+    # `friction` holds the slip speed first. In place: this array is large and computed every step.
     friction = state.slip_m_s / body.stribeck_m_s
     friction *= friction
     friction += 1.0
@@ -420,8 +184,7 @@ def _sideways(
     limit_m: FloatArray,
     dt_s: FloatArray,
 ) -> FloatArray:
-    """[2, B] velocity at the end of the step; stretches the brushes by it and lets go what friction
-    cannot hold."""
+    """[2, B] velocity at the end of the step; stretches the brushes as far as friction holds."""
     drive = body.mass_kg * state.velocity_m_s[1:] + dt_s * held_n
     mass = body.mass_kg + dt_s * drag
     velocity, rho, trial, length = _sweep(
@@ -456,8 +219,10 @@ def _sideways(
 
 
 def two_at_least(lanes: IntArray) -> IntArray:
-    """A single lane twice: numpy sums one lane in another order than many, and a trial must not
-    depend on its batch."""
+    """The lanes; a single one twice.
+
+    numpy sums one lane in another order than many, and a trial must not depend on its batch.
+    """
     return np.repeat(lanes, 2) if len(lanes) == 1 else lanes
 
 
@@ -470,8 +235,7 @@ def _sweep(
     limit: FloatArray,
     dt_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """One reweighting: velocity [2, B] with the springs weakened by rho; rho, stretch and its
-    length after it."""
+    """One reweighting of the springs by rho: (velocity [2, B], rho, stretch, its length)."""
     spring = brush * rho
     stiffness = spring.sum(axis=(0, 1))
     pull = (spring * stretch).sum(axis=(1, 2))

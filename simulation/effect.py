@@ -1,12 +1,14 @@
-"""What an effect is: optional, named on the card or absent, with a random stream of its own.
+"""An effect: an optional part of the physics, the sensor or the camera, with its own random stream.
 
-Three stages, in this order. `physics` effects take part in every step of the core; `sensor` effects
-turn the forces on the fingertips into what a sensor reports; `camera` draws frames. A card compiles
-to the list of effects it names: one that is not on it is never called and keeps no state.
+Stages, in this order: `physics` effects take part in every step of the core, or set how it steps;
+`sensor` effects turn the forces on the fingertips into what a sensor reports; `camera` effects draw
+frames. A card compiles to the list of effects it names: one that it does not name is never called
+and keeps no state.
 """
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -24,8 +26,7 @@ Drawn = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Signal:
-    """What S fingertips (6, or the card's) report: t_s [T], values [T, S, 3] (shear x, y, normal
-    z), valid [T, S]."""
+    """What S fingertips report: t_s [T], values [T, S, 3] (shear x, y, normal), valid [T, S]."""
 
     t_s: FloatArray
     values: FloatArray
@@ -40,9 +41,12 @@ SensorFunction = Callable[[Signal, Drawn, np.random.Generator], Signal]
 class Effect:
     """One entry of the table of effects.
 
-    make: for `sensor`, the function itself; for `physics`, what builds the effect for a batch (see
-    core.py). needs: effects that must be on the card too. marks_invalid: it can make samples
-    invalid, so the trial's file has columns that say so.
+    make: a SensorFunction; or for `physics` what builds the effect for a batch; or for an effect
+    that `sets` a field of run.StepSettings what turns its constant into that field. needs: effects
+    that must be on the card too. marks_invalid: it can make samples invalid, so the trial's file
+    has columns for that. constant: a parameter that is the same in all trials of a card, which are
+    stepped together. longest_step_s: the longest physics.step_s it allows. gives_unit: the unit
+    after it. in_card_unit: it acts on reported samples, so the unit is converted before it.
     """
 
     name: str
@@ -51,50 +55,62 @@ class Effect:
     parameters: dict[str, Parameter] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
     marks_invalid: bool = False
+    constant: str = ""
+    sets: str = ""
+    longest_step_s: float = math.inf
+    gives_unit: Unit | None = None
+    in_card_unit: bool = False
 
-    def draw(self, told: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-        """One trial's parameters, drawn in the order of the table, so that no draw depends on the
-        card's order."""
-        return {name: p.draw(told.get(name, p.default), rng) for name, p in self.parameters.items()}
+    def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+        """Draw one trial's parameters from the card's values.
+
+        The order is the table's, so no draw depends on the order of the card.
+        """
+        table = self.parameters.items()
+        return {name: p.draw(values.get(name, p.default), rng) for name, p in table}
+
+    def setting(self, values: Mapping[str, Any]) -> Any:
+        """The field of run.StepSettings that this effect sets, from the card's values."""
+        default = self.parameters[self.constant].default
+        return self.make(float(values.get(self.constant, default)))
 
 
 def stream(seed: int, trial: int, name: str) -> np.random.Generator:
-    """The random stream of one part of one trial; no other part's draws can shift it."""
+    """The random stream of one part of one trial; draws of other parts cannot shift it."""
     return np.random.default_rng(
         np.random.SeedSequence(seed, spawn_key=(trial, zlib.crc32(name.encode())))
     )
 
 
-class Shake(Protocol):
-    """An inertial effect: the hand itself accelerates."""
+class ShakeEffect(Protocol):
+    """The hand itself accelerates."""
 
     def acceleration_m_s2(self, t_s: FloatArray) -> FloatArray:
         """[3, B] of the hand at times t_s [B]."""
         ...
 
 
-class Texture(Protocol):
-    """Something that makes friction depend on how far an element has slipped."""
+class TextureEffect(Protocol):
+    """Friction depends on how far an element has slipped."""
 
     def scale(self, slipped_m: FloatArray) -> FloatArray:
-        """[E, 6, B] factor of the limit, told what each element slipped in the last step, m [E, 6,
-        B]."""
+        """[E, S, B] factor of the friction limit; slipped_m [E, S, B]: slip in the last step."""
         ...
 
 
-class Lag(Protocol):
-    """A part of the normal force that remembers: N gains stiffness * (change of depth) + held."""
+class LagEffect(Protocol):
+    """A part of the normal force with memory: N gains stiffness * (change of depth) + held."""
 
     def terms(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(stiffness [6, B], held force [6, B]) of a step of dt_s [B]."""
+        """(stiffness [S, B], held force [S, B]) of a step of dt_s [B]."""
         ...
 
     def moved(self, change_m: FloatArray, touching: BoolArray, dt_s: FloatArray) -> None:
-        """The depth changed by this much, [6, B]."""
+        """Take in the change of depth of a step, [S, B]."""
         ...
 
 
-class Turn(Protocol):
+class TurnEffect(Protocol):
     """Rotation of the object: moves the brushes by itself after the core has."""
 
     def turn(self, body: Any, state: Any, limit_m: FloatArray, dt_s: FloatArray) -> None:
@@ -106,13 +122,13 @@ class Turn(Protocol):
 class PhysicsEffects:
     """What takes part in every step beside the core: empty unless the card names it."""
 
-    shakes: tuple[Shake, ...] = ()
-    textures: tuple[Texture, ...] = ()
-    lags: tuple[Lag, ...] = ()
-    turns: tuple[Turn, ...] = ()
+    shakes: tuple[ShakeEffect, ...] = ()
+    textures: tuple[TextureEffect, ...] = ()
+    lags: tuple[LagEffect, ...] = ()
+    turns: tuple[TurnEffect, ...] = ()
 
     def without_lanes(self, count: int, lanes: int) -> PhysicsEffects:
-        """The effects of a batch without the first so many of its lanes."""
+        """The effects of a batch of `lanes` without its first `count` lanes."""
         kinds = (getattr(self, one.name) for one in fields(self))
         return PhysicsEffects(
             *(tuple(without_lanes(effect, count, lanes) for effect in kind) for kind in kinds)
@@ -123,10 +139,9 @@ Batched = TypeVar("Batched")
 
 
 def without_lanes(whole: Batched, count: int, lanes: int) -> Batched:
-    """A copy of an object that is told about a batch, without the first so many of its lanes.
+    """A copy of an object that holds arrays of a batch, without the first `count` lanes.
 
-    Every array of it whose last axis is as long as the batch, also one in a list, has the lanes
-    there.
+    Its arrays whose last axis has `lanes` entries have the lanes there; lists of arrays too.
     """
     part = copy(whole)
     for name, value in vars(whole).items():

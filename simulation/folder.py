@@ -1,12 +1,12 @@
-"""What simulated trials leave on disk: the thesis' layout, a truth beside each trial, and the card
-itself.
+"""Simulated trials on disk: the thesis' layout, a truth beside each trial, and the card itself.
 
-    OUT/card.toml, OUT/meta.json                       the card as it was read; name, unit, seed, rate, effects
-    OUT/<object>/meta.json                             its mass
-    OUT/<object>/<action>/trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (valid1 .. where an effect invalidates)
-    OUT/<object>/<action>/trial_<n>.truth.json         phases, events, draws, card and seed
-    OUT/<object>/<action>/trial_<n>.motion.csv         object and hand, mm
-    OUT/<object>/<action>/trial_<n>.frames.npz         where a card has a camera: its frames, stamps and scale
+OUT/card.toml, OUT/meta.json     the card as it was read; name, unit, seed, rate, effects
+OUT/<object>/meta.json           its mass
+OUT/<object>/<action>/
+    trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. if an effect invalidates)
+    trial_<n>.truth.json         phases, events, draws, card and seed
+    trial_<n>.motion.csv         object and hand, mm
+    trial_<n>.frames.npz         with a camera on the card: frames, time stamps and scale
 """
 
 from __future__ import annotations
@@ -35,22 +35,20 @@ from simulation.table import csv_bytes
 KIND = "simulated"
 STREAM = "daily"
 """Folder of recordings that are several trials joined."""
-THING_TOLD = ("mass_g", "friction", "kinetic_share", "stiffness_n_per_m")
-"""Of the object, in the truth: with the draws, what decides whether a grip holds (friction before
-its factor)."""
+THING_KEYS = ("mass_g", "friction", "kinetic_share", "stiffness_n_per_m")
+"""Of the object, in the truth: what decides whether a grip holds (friction before its factor)."""
 DECIMALS = {"N": 4, "uT": 1, "count": 0}
 SIMULATED_SHARE = 0.8
-"""Of the time of a trial; the rest is for writing it."""
+"""Share of a trial's time that simulating takes; the rest is for writing it."""
 
 
 def write_set(
     scene: Scene, out: Path, total: int | None = None, done: Done = lambda n: None
 ) -> int:
-    """Simulate a card's trials into a new folder; returns how many files of samples. Raises
-    OutputError.
+    """Simulate a card's trials into a new folder; returns the number of recordings.
 
-    done: told now and then how many trials' worth of the work is done. The folder gets its name
-    when all of it is written: a run that is interrupted leaves none.
+    done: called now and then with the trials' worth of work that is done. The folder gets its name
+    when all of it is written, so an interrupted run leaves none. Raises OutputError.
     """
     require_new(out)
     with whole_folder(out) as unfinished:
@@ -58,7 +56,7 @@ def write_set(
 
 
 def _fill(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
-    """Write a whole set; returns how many files of samples. Raises OutputError."""
+    """Write a whole set; returns the number of recordings. Raises OutputError."""
     card = scene.card
     write_whole(out / "card.toml", card.text)
     write_whole(out / "meta.json", _json(_meta(card, scene.seed)))
@@ -68,71 +66,77 @@ def _fill(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
         return _write_streams(scene, out, trials, done)
     names = _names(trials)
     work = _Work(done)
-    for told in scene.run(trials, work.simulated):
-        write_recording(out / names[told.trial.number], scene, [told])
+    for one in scene.run(trials, work.simulated):
+        write_recording(out / names[one.trial.number], scene, [one])
         work.written(1)
     return len(trials)
 
 
 class _Work:
-    """How many trials' worth is done: those simulated count in part, those written in full."""
+    """Counts the work: a trial counts in part when simulated, in full when written."""
 
     def __init__(self, done: Done) -> None:
         self.done, self.before, self.n_simulated, self.n_written = done, 0.0, 0.0, 0
 
     def simulated(self, trials: float) -> None:
         self.n_simulated = self.before + trials
-        self.tell()
+        self._report()
 
     def written(self, trials: int) -> None:
         self.n_written += trials
-        self.tell()
+        self._report()
 
-    def tell(self) -> None:
+    def _report(self) -> None:
         self.done(SIMULATED_SHARE * self.n_simulated + (1.0 - SIMULATED_SHARE) * self.n_written)
 
 
 def require_new(out: Path) -> None:
-    """Refuse a folder with anything in it: nothing is ever written over."""
+    """Raise OutputError for a folder with anything in it: nothing is ever overwritten."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(
-            "is there already", where=out, next_step="name a new folder, or remove it yourself"
+            "exists already", where=out, next_step="name a new folder, or remove this one"
         )
     require_writable(out)
 
 
-def write_recording(path: Path, scene: Scene, told: Sequence[SimulatedTrial]) -> None:
-    """One recording of one trial, or of several end to end: samples, truth, motion; path without
-    its ending."""
-    signal, starts_s, drawn = scene.join(told)
+def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) -> None:
+    """Write samples, truth and motion of one trial or of several end to end.
+
+    path: without its ending.
+    """
+    signal, starts_s, drawn = scene.join(trials)
     write_whole(path.with_name(f"{path.name}.csv"), _samples(signal, scene))
-    write_whole(path.with_name(f"{path.name}.motion.csv"), _motion(told, starts_s))
+    write_whole(path.with_name(f"{path.name}.motion.csv"), _motion(trials, starts_s))
     write_whole(
-        path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, told, starts_s, drawn))
+        path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, trials, starts_s, drawn))
     )
     if scene.camera:
-        write_whole(path.with_name(f"{path.name}.frames.npz"), _film(scene, told[0], scene.camera))
+        write_whole(
+            path.with_name(f"{path.name}.frames.npz"), _film(scene, trials[0], scene.camera)
+        )
 
 
 def _write_streams(scene: Scene, out: Path, trials: Sequence[Any], done: Done) -> int:
-    """Trials of an object in random order, card.join of them to a recording; many recordings are
-    simulated together."""
+    """Write recordings of card.join trials of an object each, in random order.
+
+    Many recordings are simulated together.
+    """
     streams = list(_streams(scene, out, trials))
     together = max(1, BATCH // scene.card.join)
     work = _Work(done)
     for start in range(0, len(streams), together):
         some = streams[start : start + together]
         trials = [trial for _, chosen in some for trial in chosen]
-        told = {one.trial.number: one for one in scene.run(trials, work.simulated)}
+        simulated = {one.trial.number: one for one in scene.run(trials, work.simulated)}
         work.before += len(trials)
         for path, chosen in some:
-            write_recording(path, scene, [told[trial.number] for trial in chosen])
+            write_recording(path, scene, [simulated[trial.number] for trial in chosen])
             work.written(len(chosen))
     return len(streams)
 
 
 def _streams(scene: Scene, out: Path, trials: Sequence[Any]) -> Iterator[tuple[Path, list[Any]]]:
-    """Recordings to be: path without its ending, and trials."""
+    """Yields the path without its ending, and the trials, of each recording."""
     for name in dict.fromkeys(t.thing.name for t in trials):
         here = [t for t in trials if t.thing.name == name]
         order = np.random.default_rng([scene.seed, len(here)]).permutation(len(here))
@@ -183,14 +187,14 @@ def _samples(signal: Signal, scene: Scene) -> bytes:
     return csv_bytes(header, columns)
 
 
-def _motion(told: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
+def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
     t_s = np.concatenate(
-        [one.motion.t_s + start for one, start in zip(told, starts_s, strict=True)]
+        [one.motion.t_s + start for one, start in zip(trials, starts_s, strict=True)]
     )
-    object_mm = 1e3 * np.concatenate([one.motion.position_m for one in told])
+    object_mm = 1e3 * np.concatenate([one.motion.position_m for one in trials])
     hand = [
         one.hand_m if one.hand_m is not None else np.zeros_like(one.motion.position_m)
-        for one in told
+        for one in trials
     ]
     hand_mm = 1e3 * np.concatenate(hand)
     header = [
@@ -203,10 +207,9 @@ def _motion(told: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> bytes:
     )
 
 
-def _film(scene: Scene, told: SimulatedTrial, camera: Camera) -> bytes:
-    """frames [K, H, W] uint8; time_s [K], the end of every exposure; and the camera's numbers by
-    name."""
-    time_s, frames = scene.film(told, camera)
+def _film(scene: Scene, one: SimulatedTrial, camera: Camera) -> bytes:
+    """An .npz: frames [K, H, W] uint8, time_s [K] ends of the exposures, the camera's numbers."""
+    time_s, frames = scene.film(one, camera)
     packed = io.BytesIO()
     numbers: dict[str, Any] = {name: np.float64(value) for name, value in asdict(camera).items()}
     np.savez_compressed(packed, frames=frames, time_s=time_s, **numbers)
@@ -215,20 +218,21 @@ def _film(scene: Scene, told: SimulatedTrial, camera: Camera) -> bytes:
 
 def _truth(
     scene: Scene,
-    told: Sequence[SimulatedTrial],
+    simulated: Sequence[SimulatedTrial],
     starts_s: Sequence[float],
     drawn: dict[str, dict[str, Any]],
 ) -> dict[str, Any]:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
-    parts = [one.truth.shifted(start).to_json() for one, start in zip(told, starts_s, strict=True)]
+    shifts = zip(simulated, starts_s, strict=True)
+    parts = [one.truth.shifted(start).to_json() for one, start in shifts]
     card = {"card": scene.card.name, "card_sha256": scene.card.sha256, "seed": scene.seed}
     phases = [phase for part in parts for phase in part.pop("phases")]
-    trials = [_origin(one, drawn) | part for one, part in zip(told, parts, strict=True)]
+    trials = [_origin(one, drawn) | part for one, part in zip(simulated, parts, strict=True)]
     return {"phases": phases, **card, **(trials[0] if len(trials) == 1 else {"trials": trials})}
 
 
-def _origin(told: SimulatedTrial, sensors: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    trial = told.trial
+def _origin(one: SimulatedTrial, sensors: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    trial = one.trial
     return {
         "number": trial.number,
         "object": trial.thing.name,
@@ -236,9 +240,9 @@ def _origin(told: SimulatedTrial, sensors: dict[str, dict[str, Any]]) -> dict[st
         "style": trial.style,
         "supported": bool(trial.supported),
         "grip_n": round(trial.grip_n, 4),
-        "thing": {name: getattr(trial.thing, name) for name in THING_TOLD},
+        "thing": {name: getattr(trial.thing, name) for name in THING_KEYS},
         "drawn": {name: round(value, 6) for name, value in trial.drawn.items()},
-        "effects": told.effects | sensors,
+        "effects": one.effects | sensors,
     }
 
 

@@ -1,13 +1,13 @@
-"""The hand that a card asks for: on how many places its thumb and its four fingers feel.
+"""The hand of a card: how many contacts its thumb and its four fingers have.
 
     [hand]
-    thumb = 4                # contacts on the thumb, 2 unless said
-    finger = 4               # contacts on each of the four fingers, 1 unless said: 20 with the thumb's
+    thumb = 4                # contacts on the thumb, default 2
+    finger = 4               # contacts on each of the four fingers, default 1; 20 in all here
 
-A finger's contacts share it: each has an equal part of the finger's stiffness, and of the object's
-under it, so that a finger on more places is no stiffer finger. Along a cylinder they stand side by
-side over the finger's width. All press along the thumb's axis: there is no palm, and a finger does
-not bend between its contacts.
+Each contact has an equal part of its finger's stiffness, and of the object's under it, so more
+contacts do not make a finger stiffer. Along a cylinder they lie side by side over the finger's
+width. All press along the thumb's axis: there is no palm, and a finger does not bend between its
+contacts.
 """
 
 from __future__ import annotations
@@ -30,32 +30,31 @@ FINGERS_AT_MM = (33.0, 11.0, -11.0, -33.0)
 
 
 @dataclass(frozen=True)
-class Hand:
-    """Numbers of contacts: those of the thumb come first, then finger by finger. The default is the
-    thesis' hand."""
+class HandLayout:
+    """Numbers of contacts, the thumb's first, then finger by finger; default: the thesis' hand."""
 
     thumb: int = 2
     finger: int = 1
 
     @property
     def n_contacts(self) -> int:
-        """S, of the whole hand."""
+        """S, contacts of the whole hand."""
         return self.thumb + len(FINGERS_AT_MM) * self.finger
 
     @property
     def part(self) -> FloatArray:
-        """[S] a contact's stiffness over that of one contact of the thesis' hand."""
+        """[S] a contact's stiffness over that of a contact of the thesis' hand."""
         fingers = np.full(len(FINGERS_AT_MM) * self.finger, 1.0 / self.finger)
         return np.concatenate([np.full(self.thumb, 2.0 / self.thumb), fingers])
 
     @property
     def along_m(self) -> FloatArray:
-        """[S] where the contacts stand along the axis of a cylinder."""
+        """[S] positions of the contacts along the axis of a cylinder."""
         fingers = [_spread(FINGER_MM, self.finger) + middle for middle in FINGERS_AT_MM]
         return 1e-3 * np.concatenate([_spread(THUMB_MM, self.thumb), *fingers])
 
 
 def _spread(width_mm: float, count: int) -> FloatArray:
-    """[count] middles of as many equal parts of a width about 0, the upper first."""
+    """[count] middles of equal parts of a width, centred on 0, the uppermost first."""
     places: FloatArray = width_mm * (0.5 - (np.arange(count) + 0.5) / count)
     return places

@@ -1,8 +1,8 @@
-"""What is held: mass, size, shape, friction and stiffness.
+"""Objects: mass, size, shape, friction and stiffness.
 
-Masses and sizes are the thesis'; friction against silicone and stiffness are ours, plausible for
-foam, PET, rubber and printed plastic, and varied from trial to trial by the card. A card may add
-objects of its own.
+Masses and sizes are the thesis'. Friction against silicone and stiffness are our assumptions for
+foam, PET, rubber and printed plastic; the card varies them from trial to trial. A card may add
+objects.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ OBJECT_KEYS = {
     ),
     "friction": Parameter(0.7, "", 0.0, 3.0, "static friction coefficient on silicone"),
     "kinetic_share": Parameter(0.8, "", 0.0, 1.0, "kinetic over static friction"),
-    "stiffness_n_per_m": Parameter(1e4, "N/m", 50.0, 1e7, "of the object, in series with a finger"),
+    "stiffness_n_per_m": Parameter(1e4, "N/m", 50.0, 1e7, "stiffness, in series with a finger's"),
 }
 EDGE_RADIUS_MM = 5.0
 """A cylinder ends in a rounded edge of this radius."""
@@ -50,9 +50,9 @@ class Thing:
         return 1e3 / self.radius_mm, 1e3 / (self.axial_radius_mm or EDGE_RADIUS_MM)
 
 
-def thing(name: str, told: Mapping[str, Any]) -> Thing:
-    """An object from a card's table; what is not told has the default."""
-    return Thing(name, **{key: float(told.get(key, p.default)) for key, p in OBJECT_KEYS.items()})
+def thing(name: str, values: Mapping[str, Any]) -> Thing:
+    """An object from a card's table; missing values have their defaults."""
+    return Thing(name, **{key: float(values.get(key, p.default)) for key, p in OBJECT_KEYS.items()})
 
 
 def _ball(

@@ -1,18 +1,17 @@
-"""What hand and people do in a trial: the parameters of every action, and one trial's worth of them
-drawn.
+"""What hand and people do in a trial: the parameters of every action, and how a trial is drawn.
 
-The hand takes the object that a person holds out, the person lets go, the hand holds for a while,
+The hand grips the object that a person holds out, the person lets go, the hand holds for a while,
 and then:
 
-    pass        another person takes it slowly, and the hand opens (the full bottle's taker waits before it opens)
+    pass        another person takes it slowly, and the hand opens (wait_s: after a pause)
     pull        another person tears at it
-    fall        the support under a grip too weak for the weight vanishes
+    fall        the support vanishes under a grip too weak for the weight
     put-down    a box comes from below and takes the weight; later the hand opens
-    hold        nothing but the disturbances that are asked for: of grip (dFn), load (dFt) or motor (dq)
+    hold        disturbances only: of grip (dFn), load (dFt) or motor (dq)
     nothing     the hand stays open and empty
 
-Every action may have a supported, weak grip too (weak_share), so that a weak grip gives no fall
-away.
+Every action may also have a weak grip with support (weak_share), so that a weak grip does not
+announce a fall.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from simulation.effect import stream
-from simulation.hand import Hand
+from simulation.hand import HandLayout
 from simulation.objects import Thing
 from simulation.values import Parameter
 
@@ -38,19 +37,31 @@ COMMON = {
     "closing_s": Parameter({"uniform": [0.3, 0.5]}, "s", 0.05, 5, "how long closing takes"),
     "grip_n": Parameter({"uniform": [2.5, 6.0]}, "N", 0.1, 70, "normal force of either side"),
     "spare": Parameter(
-        {"uniform": [1.4, 2.2]}, "", 1, 20, "grip over the least that holds the weight, at least"
+        {"uniform": [1.4, 2.2]},
+        "",
+        1,
+        20,
+        "smallest ratio of the grip to the least grip that holds the weight",
     ),
     "weak_share": Parameter(
-        0.25, "", 0, 1, "how often the grip is weak and the person goes on supporting"
+        0.25, "", 0, 1, "share of trials with a weak grip, which the person keeps supporting"
     ),
     "weak_grip": Parameter(
-        {"uniform": [0.2, 0.75]}, "", 0, 1, "a weak grip over the least that holds the weight"
+        {"uniform": [0.2, 0.75]},
+        "",
+        0,
+        1,
+        "ratio of a weak grip to the least grip that holds the weight",
     ),
     "gentlest_n": Parameter(
-        0.5, "N", 0, 70, "the gentlest grip of the hand: none is weaker, but where it must fall"
+        0.5,
+        "N",
+        0,
+        70,
+        "the weakest grip of the hand; only an object that must fall is held with less",
     ),
     "give_after_s": Parameter(
-        {"uniform": [0.15, 0.4]}, "s", 0, 10, "after closing the person begins to let go"
+        {"uniform": [0.15, 0.4]}, "s", 0, 10, "from closed hand until the person begins to let go"
     ),
     "give_s": Parameter({"uniform": [0.2, 0.5]}, "s", 0.01, 10, "how long letting go takes"),
     "hold_s": Parameter({"uniform": [2.5, 4.0]}, "s", 0.8, 600, "from closed hand to the action"),
@@ -63,13 +74,13 @@ COMMON = {
     "shear_ratio": Parameter(
         {"uniform": [1.0, 1.6]}, "", 0.01, 100, "stiffness along the surface over normal"
     ),
-    "share_spread": Parameter(
-        0.2, "", 0, 0.9, "how unequal the fingers are (spread of their shares)"
-    ),
+    "share_spread": Parameter(0.2, "", 0, 0.9, "spread of the fingers' shares of the grip"),
     "offset_mm": Parameter(
-        1.0, "mm", 0, 20, "how far off its apex a finger meets a curved object (sd)"
+        1.0, "mm", 0, 20, "distance of a contact from the apex of a curved object (sd)"
     ),
-    "friction_factor": Parameter({"normal": [1.0, 0.08]}, "", 0, 3, "of the object's friction"),
+    "friction_factor": Parameter(
+        {"normal": [1.0, 0.08]}, "", 0, 3, "factor of the object's friction"
+    ),
 }
 OPENING = {
     "opening_s": Parameter({"uniform": [0.3, 0.5]}, "s", 0.05, 10, "how long opening takes"),
@@ -80,34 +91,34 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
         "distance_m": Parameter(
             {"uniform": [0.08, 0.25]}, "m", 0, 3, "how far the taker carries it"
         ),
-        "move_s": Parameter({"uniform": [1.0, 2.2]}, "s", 0.05, 60, "in what time"),
+        "move_s": Parameter({"uniform": [1.0, 2.2]}, "s", 0.05, 60, "duration of the move"),
         "open_after_s": Parameter({"uniform": [0.25, 0.8]}, "s", 0, 60, "from taking to opening"),
         "take_s": Parameter(
-            {"uniform": [0.2, 0.6]}, "s", 0.01, 60, "in which the taker takes the weight over"
+            {"uniform": [0.2, 0.6]}, "s", 0.01, 60, "time in which the taker takes over the weight"
         ),
         "wait_s": Parameter(
-            0.0, "s", 0, 60, "the taker waits so long, weight taken, before it moves"
+            0.0, "s", 0, 60, "pause of the taker between taking the weight and moving"
         ),
         "arm_n_per_m": Parameter(
             {"log_uniform": [150, 600]}, "N/m", 1, 1e5, "stiffness of the taker's arm"
         ),
-        "cap_n": Parameter({"uniform": [4, 12]}, "N", 0.1, 500, "the taker pulls no harder"),
+        "cap_n": Parameter({"uniform": [4, 12]}, "N", 0.1, 500, "largest pull of the taker"),
     },
     "pull": {
         "distance_m": Parameter(
-            {"uniform": [0.15, 0.3]}, "m", 0, 3, "how far the object is torn away"
+            {"uniform": [0.15, 0.3]}, "m", 0, 3, "distance the object is torn away"
         ),
-        "move_s": Parameter({"uniform": [0.25, 0.5]}, "s", 0.02, 60, "in what time"),
+        "move_s": Parameter({"uniform": [0.25, 0.5]}, "s", 0.02, 60, "duration of the move"),
         "arm_n_per_m": Parameter(
             {"log_uniform": [600, 2000]}, "N/m", 1, 1e5, "stiffness of the puller's arm"
         ),
-        "cap_n": Parameter({"uniform": [25, 50]}, "N", 0.1, 500, "the puller pulls no harder"),
+        "cap_n": Parameter({"uniform": [25, 50]}, "N", 0.1, 500, "largest pull of the puller"),
     },
     "fall": {
         "vanish_s": Parameter(
-            {"uniform": [0.02, 0.06]}, "s", 0.001, 10, "in which the support is gone"
+            {"uniform": [0.02, 0.06]}, "s", 0.001, 10, "time in which the support vanishes"
         ),
-        "watch_s": Parameter(1.0, "s", 0.1, 60, "how long the fall may take"),
+        "watch_s": Parameter(1.0, "s", 0.1, 60, "time observed after the support vanishes"),
     },
     "put-down": {
         **OPENING,
@@ -115,7 +126,9 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
             {"uniform": [0.02, 0.06]}, "m/s", 0.001, 2, "how fast the hand comes down on the box"
         ),
         "press": Parameter({"uniform": [1.0, 1.3]}, "", 1, 50, "force on the box over the weight"),
-        "excess_n": Parameter({"uniform": [0.0, 0.5]}, "N", 0, 100, "and more, in newtons"),
+        "excess_n": Parameter(
+            {"uniform": [0.0, 0.5]}, "N", 0, 100, "constant part of the force on the box"
+        ),
         "open_after_s": Parameter(
             {"uniform": [1.5, 3.0]}, "s", 0, 60, "from touching the box to opening"
         ),
@@ -127,9 +140,9 @@ ACTIONS: dict[str, dict[str, Parameter]] = {
         ),
         "load_n": Parameter(0.0, "N", -50, 50, "dFt: force along the object at a disturbance"),
         "motor_mm": Parameter(
-            0.0, "mm", -20, 20, "dq: the fingers (not the thumb) move by so much at a disturbance"
+            0.0, "mm", -20, 20, "dq: travel of the fingers (not the thumb) at a disturbance"
         ),
-        "times": Parameter(3.0, "", 0, 100, "how many disturbances"),
+        "times": Parameter(3.0, "", 0, 100, "number of disturbances"),
         "every_s": Parameter({"uniform": [0.8, 1.4]}, "s", 0.2, 60, "from one to the next"),
         "pulse_s": Parameter({"uniform": [0.1, 0.4]}, "s", 0.01, 10, "how long one lasts"),
     },
@@ -141,12 +154,12 @@ FOLDERS = tuple(ACTIONS)
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One trial to be simulated: numbers drawn, nothing left to chance but its effects.
+class PlannedTrial:
+    """One trial to simulate, all its numbers drawn; only effects draw more.
 
-    number: counts the trials of a card, and picks every random stream. told: what the card says of
-    the action; drawn: every parameter's value. contact by contact of the hand: finger_n_per_m,
-    share [S], at_m [2, S].
+    number: counts the trials of a card and picks every random stream. drawn: value of every
+    parameter. supported: a person keeps supporting a weak grip. For each contact of the hand:
+    share of the grip and finger_n_per_m [S], at_m [2, S]. push [3]: direction of taking.
     """
 
     number: int
@@ -160,7 +173,7 @@ class Trial:
     finger_n_per_m: np.ndarray
     at_m: np.ndarray
     push: np.ndarray
-    hand: Hand
+    hand: HandLayout
 
 
 def draw_trial(
@@ -168,20 +181,19 @@ def draw_trial(
     thing: Thing,
     action: str,
     style: str,
-    told: Mapping[str, Any],
+    values: Mapping[str, Any],
     seed: int,
-    hand: Hand,
-) -> Trial:
-    """Draw a trial from the stream of its number; told: values of the card over those of its
-    style."""
+    hand: HandLayout,
+) -> PlannedTrial:
+    """Draw a trial from the stream of its number; values: the card's over those of its style."""
     rng = stream(seed, number, "protocol")
     table = COMMON | ACTIONS[action]
-    drawn = {name: p.draw(told.get(name, p.default), rng) for name, p in table.items()}
+    drawn = {name: p.draw(values.get(name, p.default), rng) for name, p in table.items()}
     share = 1.0 + drawn["share_spread"] * rng.uniform(-1.0, 1.0, hand.n_contacts)
     share[: hand.thumb] /= share[: hand.thumb].sum()
     share[hand.thumb :] /= share[hand.thumb :].sum()
     weak = rng.uniform() < drawn["weak_share"] or action == "fall"
-    return Trial(
+    return PlannedTrial(
         number,
         thing,
         action,
@@ -200,8 +212,7 @@ def draw_trial(
 
 
 def least_grip_n(thing: Thing, friction_factor: float = 1.0) -> float:
-    """The normal force of either side that just holds the weight by kinetic friction; inf without
-    friction."""
+    """Normal force a side, N, that just holds the weight by kinetic friction; inf without."""
     friction = thing.friction * thing.kinetic_share * friction_factor
     return thing.mass_g * 1e-3 * GRAVITY_M_S2 / (2.0 * friction) if friction > 0.0 else np.inf
 
@@ -216,9 +227,9 @@ def _grip_n(thing: Thing, drawn: dict[str, float], weak: bool, gentlest_n: float
 
 
 def _places_m(
-    thing: Thing, drawn: dict[str, float], rng: np.random.Generator, hand: Hand
+    thing: Thing, drawn: dict[str, float], rng: np.random.Generator, hand: HandLayout
 ) -> np.ndarray:
-    """[2, S]: fingers stand along a cylinder, and about the apex of a ball, which they wrap."""
+    """[2, S]: contacts lie along a cylinder, or about the apex of a ball, which fingers wrap."""
     places = 1e-3 * drawn["offset_mm"] * rng.normal(size=(2, hand.n_contacts))
     if not thing.axial_radius_mm:
         places[1] += hand.along_m
@@ -226,7 +237,6 @@ def _places_m(
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:
-    """[3] unit vector along which the object is taken: away from the palm, up or down by up to 60
-    degrees."""
+    """[3] unit vector of taking: away from the palm, up to 60 degrees up or down."""
     angle = rng.uniform(-np.pi / 3, np.pi / 3)
     return np.array([0.0, np.cos(angle), np.sin(angle)])

@@ -1,4 +1,4 @@
-"""Trials through the core, a batch at a time: forces at every sample, and what really happened."""
+"""Steps batches of trials through the core: forces at every sample, and the truth at every step."""
 
 from __future__ import annotations
 
@@ -9,29 +9,30 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
-from simulation.core import Body, State, at_rest, step
+from simulation.body import Body, State, at_rest
+from simulation.core import step
 from simulation.effect import NO_EFFECTS, PhysicsEffects, without_lanes
-from simulation.protocol import Trial
+from simulation.protocol import PlannedTrial
 from simulation.script import Grid, Interval, Script, body_of, grid_of
 
 CHUNK = 64
 WORTH_LEAVING = 16
-"""Lanes that have ended are left when they are one in so many: leaving copies the rest."""
+"""Ended lanes are dropped when they are one in 16 or more, because dropping copies the rest."""
 SLIDES_M_S = 2e-4
-"""Slower than this an element creeps about its equilibrium and does not slip."""
+"""An element slower than this creeps about its equilibrium and does not slip."""
 ONE_ELEMENT = np.ones(1)
 IntArray = npt.NDArray[np.int64]
 Done = Callable[[float], None]
-"""Takes how much is done."""
+"""Called with how much is done."""
 
 
 @dataclass(frozen=True)
-class Loop:
-    """How a batch is stepped: step_s where anything can happen, pressure [E] of the brush, effects,
-    averaging.
+class StepSettings:
+    """How a batch is stepped.
 
-    average_s: the sensor reports the mean over so long before each sample (0: the value at the
-    sample). busy: further fine intervals of every lane.
+    step_s: step where anything can happen. pressure: [E] shares of the brush. average_s: the sensor
+    reports the mean over this time before each sample; 0: the value at the sample. busy: more
+    intervals with fine steps, for every lane.
     """
 
     rate_hz: float
@@ -43,12 +44,12 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What one trial left: forces_n [T, S, 3] at t_s [T], and per step [K] what really happened.
+class TrialMotion:
+    """One trial stepped: forces_n [T, S, 3] and position_m [T, 3] at t_s [T], the truth at steps.
 
-    position_m [T, 3] of the object; per step: at_s, agents_n [K, 3], gripped [K] (any contact),
-    slips and slides [K] (any, every touching element slides), slip_m [K] (mean travel of the
-    touching contacts so far).
+    At each of K steps: at_s; agents_n [K, 3] force of people and box; gripped (any contact);
+    slips, slides (any, every touching element slides); slip_m (mean travel of the touching
+    contacts so far).
     """
 
     t_s: FloatArray
@@ -63,8 +64,7 @@ class Motion:
 
 
 class _Tape:
-    """Arrays that a batch writes while it runs; the samples of all lanes lie end to end, lane by
-    lane."""
+    """Arrays that a batch writes while it runs; samples of all lanes lie end to end."""
 
     def __init__(self, grids: Sequence[Grid], contacts: int) -> None:
         lanes, n_steps = len(grids), max(len(grid.at_s) for grid in grids)
@@ -78,20 +78,21 @@ class _Tape:
         self.slip = np.zeros((n_steps, lanes), dtype=np.float32)
 
 
-def run_batch(trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None) -> list[Motion]:
-    """Step a batch of trials to their ends; a trial's result does not depend on its batch (of two
-    or more).
+def run_batch(
+    trials: Sequence[PlannedTrial], loop: StepSettings, done: Done = lambda share: None
+) -> list[TrialMotion]:
+    """Step a batch of trials to their ends.
 
-    done: told now and then which share of the batch has been stepped.
+    A trial's result does not depend on its batch, if that has two or more. done: called now and
+    then with the share of the batch that is stepped.
     """
     return list(motions(trials, loop, done))
 
 
 def motions(
-    trials: Sequence[Trial], loop: Loop, done: Done = lambda share: None
-) -> Iterator[Motion]:
-    """The same, each motion made when it is asked for: those of a large batch need not be in memory
-    together."""
+    trials: Sequence[PlannedTrial], loop: StepSettings, done: Done = lambda share: None
+) -> Iterator[TrialMotion]:
+    """The same, one motion at a time, so those of a large batch need not all be in memory."""
     spans = loop.busy or [()] * len(trials)
     grids = [
         grid_of(trial, loop.rate_hz, loop.step_s, more)
@@ -119,10 +120,11 @@ def motions(
 
 
 class _Lanes:
-    """The trials of a batch that go on, all behind the first: their bodies, script, state, effects
-    and averages."""
+    """The trials of a batch that still run, all from `first` on, with everything they need."""
 
-    def __init__(self, trials: Sequence[Trial], loop: Loop, start_s: FloatArray) -> None:
+    def __init__(
+        self, trials: Sequence[PlannedTrial], loop: StepSettings, start_s: FloatArray
+    ) -> None:
         self.trials, self.loop, self.effects, self.first = trials, loop, loop.effects, 0
         self.body = body_of(trials, loop.pressure)
         self.script = Script(trials, self.body)
@@ -132,8 +134,7 @@ class _Lanes:
         self.travel_m = np.zeros(shape)
 
     def leave(self, count: int) -> None:
-        """Step the first so many lanes no further, where that is worth the copying; two at least go
-        on."""
+        """Drop the first `count` lanes where that is worth the copying; at least two stay."""
         count = min(count, len(self.trials) - 2)
         if count < max(1, len(self.trials) // WORTH_LEAVING):
             return
@@ -148,14 +149,14 @@ class _Lanes:
 
 
 def _ended(flags: BoolArray) -> int:
-    """How many lanes at the front have all ended."""
+    """Number of lanes at the front that have all ended."""
     return len(flags) if flags.all() else int(np.argmin(flags))
 
 
 def _step_on(
     lanes: _Lanes, tape: _Tape, start: int, at_s: FloatArray, before_s: FloatArray, sample: IntArray
 ) -> None:
-    """A chunk of steps, at_s and before_s [n, B] of the lanes that go on; sample [n, all lanes]."""
+    """A chunk of steps; at_s, before_s [n, B] of the running lanes, sample [n, all lanes]."""
     state, mean, travel = lanes.state, lanes.mean, lanes.travel_m
     for k, now in enumerate(lanes.script.chunk(at_s)):
         dt_s = at_s[k] - before_s[k]
@@ -171,7 +172,7 @@ def _step_on(
 
 
 def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
-    """[K, B] times and samples; a lane that has ended goes on in steps of its last one, unheard."""
+    """[K, B] times and samples; a lane that has ended repeats its last step, without samples."""
     longest = max(len(grid.at_s) for grid in grids)
     at_s, sample = (
         np.empty((longest, len(grids))),
@@ -196,8 +197,7 @@ def _note(tape: _Tape, k: int, first: int, state: State, travel: FloatArray) -> 
 
 
 def _forces(body: Body, state: State) -> FloatArray:
-    """[S, 3, B] on the fingertips: shear x, shear y, normal; the object pulls a sensor the way it
-    moves."""
+    """[S, 3, B] on the fingertips: shear x, y, normal; shear points the way the object moves."""
     shear = (body.brush_n_per_m * state.stretch_m).sum(axis=1)
     forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
     forces[:, 0], forces[:, 1], forces[:, 2] = shear[0], shear[1] * -body.side, state.normal_n
@@ -205,18 +205,17 @@ def _forces(body: Body, state: State) -> FloatArray:
 
 
 class _Mean:
-    """Averaging as the chip does: the mean of the forces over its conversion time before each
-    sample."""
+    """The chip's averaging: the mean of the forces over its conversion time before a sample."""
 
-    def __init__(self, loop: Loop, contacts: int, lanes: int) -> None:
+    def __init__(self, loop: StepSettings, contacts: int, lanes: int) -> None:
         self.window_s, self.period_s = loop.average_s, 1.0 / loop.rate_hz
         self.total, self.weight_s = np.zeros((contacts, 3, lanes)), np.zeros(lanes)
 
     def add(self, body: Body, state: State, at_s: FloatArray, dt_s: FloatArray) -> None:
-        """The part of the step that lies within the window before the next sample counts.
+        """Add the part of the step that lies within the window before the next sample.
 
-        A lane outside its window adds nothing times its forces, which alters no bit and costs less
-        than leaving it out.
+        A lane outside its window adds its forces times zero, which changes no bit and costs less
+        than masking.
         """
         opens_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s - self.window_s
         weight_s = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))
@@ -226,7 +225,7 @@ class _Mean:
         self.weight_s += weight_s
 
     def take(self, lanes: IntArray) -> FloatArray:
-        """[S, 3, n] the mean, and begin anew."""
+        """[S, 3, n] the mean; starts the next one."""
         mean: FloatArray = self.total[..., lanes] / self.weight_s[lanes]
         self.total[..., lanes], self.weight_s[lanes] = 0.0, 0.0
         return mean
@@ -240,12 +239,12 @@ def _sample(
     tape.forces[rows] = np.moveaxis(forces, 2, 0)
 
 
-def _motion(tape: _Tape, rate_hz: float, lane: int, grid: Grid) -> Motion:
+def _motion(tape: _Tape, rate_hz: float, lane: int, grid: Grid) -> TrialMotion:
     n, k = grid.n_samples, len(grid.at_s)
     rows = slice(tape.starts[lane], tape.starts[lane + 1])
     position = tape.position[rows]
     position[grid.sample[-1] + 1 :] = position[grid.sample[-1]]
-    return Motion(
+    return TrialMotion(
         t_s=np.arange(n) / rate_hz,
         forces_n=tape.forces[rows],
         position_m=position,

@@ -1,13 +1,12 @@
-"""A card compiled: the trials it asks for, the effects it names, and each trial simulated to what
-its sensors report.
+"""A card compiled: its trials and effects, and each trial simulated to what its sensors report.
 
-Only what is on the card is in the lists below; nothing else is called, drawn or kept.
+Only what the card names is in the lists below; nothing else is called, drawn or kept.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -17,27 +16,31 @@ from edge_runtime.contract import FloatArray
 from simulation.camera.frames import Camera, Frames
 from simulation.card import Card, Row
 from simulation.effect import PhysicsEffects, Signal, stream
-from simulation.effects import EFFECTS, conversion_s
-from simulation.loop import pressure
-from simulation.protocol import Trial, draw_trial
-from simulation.run import Done, Loop, Motion, motions
+from simulation.effects import EFFECTS, step_settings
+from simulation.protocol import PlannedTrial, draw_trial
+from simulation.run import Done, StepSettings, TrialMotion, motions
 from simulation.script import grid_of
 from simulation.sensor.calibration import calibrate
 from simulation.truth import Truth, truth_of
 
 BATCH = 1000
-"""About so many trials are stepped together: fewer waste time on calls, more on memory."""
+"""About this many trials are stepped together: fewer waste time on calls, more on memory."""
 HOOKS = {"acceleration_m_s2": "shakes", "scale": "textures", "terms": "lags", "turn": "turns"}
+"""Method of an effect -> the list of PhysicsEffects that it belongs to."""
+HAND_MOTION = "motion_m"
+"""Method of an effect that moves the hand where a camera can see it."""
 
 
 @dataclass(frozen=True)
 class SimulatedTrial:
-    """One trial simulated: what the sensors report, what really happened, and the effects'
-    draws."""
+    """One trial simulated: the sensors' report, the truth, the effects' draws.
 
-    trial: Trial
+    hand_m: [T, 3] position of the hand, None where no effect moves it.
+    """
+
+    trial: PlannedTrial
     signal: Signal
-    motion: Motion
+    motion: TrialMotion
     truth: Truth
     effects: dict[str, dict[str, Any]]
     hand_m: FloatArray | None
@@ -49,23 +52,13 @@ class Scene:
     def __init__(self, card: Card, seed: int) -> None:
         self.card, self.seed = card, seed
         named = {name: EFFECTS[name] for name in card.effects}
-        self.loop_effects = {
-            n: e
-            for n, e in named.items()
-            if e.stage == "physics" and n not in ("brush", "averaging")
-        }
+        self.loop_effects = {n: e for n, e in named.items() if e.stage == "physics" and not e.sets}
         self.sensor_effects = {n: e for n, e in named.items() if e.stage == "sensor"}
-        self.average_s = (
-            conversion_s(self._constant("averaging", "averages")) if "averaging" in named else 0.0
-        )
+        self.settings = StepSettings(card.rate_hz, card.step_s, **step_settings(card.effects))
         self.camera = Camera(**card.camera) if card.camera else None
-        self.pressure = (
-            pressure(int(self._constant("brush", "count"))) if "brush" in named else pressure(1)
-        )
 
-    def trials(self, total: int | None = None) -> list[Trial]:
-        """The card's trials; with a total, so many, spread over its rows as the card's counts
-        are."""
+    def trials(self, total: int | None = None) -> list[PlannedTrial]:
+        """The card's trials; with a total, that many in the proportions of the card's counts."""
         cells = [(row, name) for row in self.card.rows for name in row.objects or (None,)]
         counts = [row.count for row, _ in cells]
         if total is not None:
@@ -76,50 +69,50 @@ class Scene:
             for repetition in range(count)
         ]
 
-    def trial(self, row: Row, name: str | None, number: int) -> Trial:
+    def trial(self, row: Row, name: str | None, number: int) -> PlannedTrial:
         """One trial; its number picks its random streams."""
         thing = self.card.objects[name] if name else next(iter(self.card.objects.values()))
-        return draw_trial(number, thing, row.action, row.style, row.told, self.seed, self.card.hand)
+        return draw_trial(
+            number, thing, row.action, row.style, row.values, self.seed, self.card.hand
+        )
 
     def run(
-        self, trials: Sequence[Trial], done: Done = lambda trials: None
+        self, trials: Sequence[PlannedTrial], done: Done = lambda trials: None
     ) -> Iterator[SimulatedTrial]:
-        """Simulate trials, those of like length together; yields them as they are done.
+        """Simulate trials, those of similar length together; yields them as they are finished.
 
-        done: told now and then how many trials' worth has been stepped.
+        done: called now and then with the number of trials stepped so far.
         """
         order = sorted(trials, key=lambda trial: (self._steps(trial), trial.number))
         size = -(-len(order) // max(1, round(len(order) / BATCH)))
         for start in range(0, len(order), size):
             batch = order[start : start + size]
-            yield from self._simulated(batch, partial(_tell, done, start, len(batch)))
+            yield from self._simulated(batch, partial(_report, done, start, len(batch)))
 
-    def run_together(self, trials: Sequence[Trial]) -> list[SimulatedTrial]:
+    def run_together(self, trials: Sequence[PlannedTrial]) -> list[SimulatedTrial]:
         """One batch, in the order given."""
         return list(self._simulated(trials))
 
     def _simulated(
-        self, trials: Sequence[Trial], done: Done = lambda share: None
+        self, trials: Sequence[PlannedTrial], done: Done = lambda share: None
     ) -> Iterator[SimulatedTrial]:
         if len(trials) == 1:  # numpy would sum a single lane in another order
             yield next(self._simulated([trials[0], trials[0]], done))
             return
         drawn = {name: [self._draw(name, trial) for trial in trials] for name in self.loop_effects}
-        made = {
-            name: effect.make(drawn[name], trials, [self._rng(name, trial) for trial in trials])
+        made = [
+            effect.make(drawn[name], trials, [self._rng(name, trial) for trial in trials])
             for name, effect in self.loop_effects.items()
-        }
-        moved = motions(trials, self._loop(list(made.values()), len(trials)), done)
+        ]
+        moves_hand = next((effect for effect in made if hasattr(effect, HAND_MOTION)), None)
+        moved = motions(trials, self._step_settings(made, len(trials)), done)
         for lane, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
-            yield self._told(
-                trial,
-                motion,
-                {name: values[lane] for name, values in drawn.items()},
-                made.get("arm"),
-                lane,
-            )
+            hand_m = None if moves_hand is None else moves_hand.motion_m(motion.t_s, lane)
+            signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
+            effects = {name: values[lane] for name, values in drawn.items()} | sensed
+            yield SimulatedTrial(trial, signal, motion, truth_of(trial, motion), effects, hand_m)
 
-    def _loop(self, made: list[Any], lanes: int) -> Loop:
+    def _step_settings(self, made: list[Any], lanes: int) -> StepSettings:
         lists: dict[str, tuple[Any, ...]] = {
             field: tuple(effect for effect in made if hasattr(effect, hook))
             for hook, field in HOOKS.items()
@@ -127,105 +120,77 @@ class Scene:
         intervals = tuple(
             tuple(span for effect in made for span in effect.busy_s(lane)) for lane in range(lanes)
         )
-        return Loop(
-            self.card.rate_hz,
-            self.card.step_s,
-            self.pressure,
-            PhysicsEffects(**lists),
-            self.average_s,
-            intervals,
-        )
-
-    def _told(
-        self, trial: Trial, motion: Motion, drawn: dict[str, dict[str, Any]], arm: Any, lane: int
-    ) -> SimulatedTrial:
-        hand_m = None if arm is None else arm.motion_m(motion.t_s, lane)
-        signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
-        return SimulatedTrial(
-            trial, signal, motion, truth_of(trial, motion), drawn | sensed, hand_m
-        )
+        return replace(self.settings, effects=PhysicsEffects(**lists), busy=intervals)
 
     def join(
-        self, told: Sequence[SimulatedTrial]
+        self, trials: Sequence[SimulatedTrial]
     ) -> tuple[Signal, list[float], dict[str, dict[str, Any]]]:
-        """Trials end to end, one sample apart: what the sensors report, when each begins in s, the
-        sensors' draws.
+        """(signal of trials end to end, start of each in s, the sensors' draws).
 
-        All through the sensors of the first: one hand for many grasps, not another hand with every
-        grasp.
+        Trials are one sample apart. All pass through the sensors of the first: one hand makes many
+        grasps.
         """
-        if len(told) == 1:
-            return told[0].signal, [0.0], {}
+        if len(trials) == 1:
+            return trials[0].signal, [0.0], {}
         starts_s = [0.0]
-        for one in told[:-1]:
+        for one in trials[:-1]:
             starts_s.append(starts_s[-1] + float(one.motion.t_s[-1]) + 1.0 / self.card.rate_hz)
         t_s = np.concatenate(
-            [one.motion.t_s + start for one, start in zip(told, starts_s, strict=True)]
+            [one.motion.t_s + start for one, start in zip(trials, starts_s, strict=True)]
         )
-        signal, drawn = self.sense(
-            told[0].trial, t_s, np.concatenate([one.motion.forces_n for one in told])
-        )
+        forces_n = np.concatenate([one.motion.forces_n for one in trials])
+        signal, drawn = self.sense(trials[0].trial, t_s, forces_n)
         return signal, starts_s, drawn
 
     def sense(
-        self, trial: Trial, t_s: FloatArray, forces_n: FloatArray
+        self, trial: PlannedTrial, t_s: FloatArray, forces_n: FloatArray
     ) -> tuple[Signal, dict[str, dict[str, Any]]]:
-        """Forces [T, S, 3] at t_s [T] through the card's sensor effects as drawn for a trial, in
-        the card's unit."""
+        """(signal, draws): forces [T, S, 3] at t_s [T] through a trial's sensors, in the card's
+        unit."""
         signal = Signal(t_s, forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
         drawn = {name: self._draw(name, trial) for name in self.sensor_effects}
-        timing = ("timing_jitter", "dropped_samples", "stale_sensor")
         for name, effect in self.sensor_effects.items():
-            if name in timing:
+            if effect.in_card_unit:
                 signal = self._in_card_unit(signal)
             signal = effect.make(signal, drawn[name], self._rng(name, trial))
         return self._in_card_unit(signal), drawn
 
-    def film(self, told: SimulatedTrial, camera: Camera) -> tuple[FloatArray, Frames]:
-        """Stamps in s and frames of one trial, for a camera of the card's."""
-        return camera.film(*self._before_camera(told))
+    def film(self, one: SimulatedTrial, camera: Camera) -> tuple[FloatArray, Frames]:
+        """(time stamps in s, frames) of one trial."""
+        return camera.film(*self._before_camera(one))
 
-    def shooting(self, told: SimulatedTrial, camera: Camera) -> Callable[[float], Frames]:
-        """What takes one frame of a trial at a time."""
-        return camera.shooting(*self._before_camera(told))
+    def shooting(self, one: SimulatedTrial, camera: Camera) -> Callable[[float], Frames]:
+        """A function that takes one frame of a trial at a given time, s."""
+        return camera.shooting(*self._before_camera(one))
 
     def _before_camera(
-        self, told: SimulatedTrial
+        self, one: SimulatedTrial
     ) -> tuple[FloatArray, FloatArray, FloatArray, np.random.Generator]:
-        hand_m = np.zeros_like(told.motion.position_m) if told.hand_m is None else told.hand_m
-        return (
-            told.motion.t_s,
-            told.motion.position_m,
-            hand_m,
-            self._rng("camera_frames", told.trial),
-        )
+        motion, rng = one.motion, self._rng("camera_frames", one.trial)
+        hand_m = np.zeros_like(motion.position_m) if one.hand_m is None else one.hand_m
+        return motion.t_s, motion.position_m, hand_m, rng
 
     def _in_card_unit(self, signal: Signal) -> Signal:
         return calibrate(signal) if signal.unit == "uT" and self.card.unit == "N" else signal
 
-    def _draw(self, name: str, trial: Trial) -> dict[str, Any]:
+    def _draw(self, name: str, trial: PlannedTrial) -> dict[str, Any]:
         return EFFECTS[name].draw(
             self.card.effects[name], stream(self.seed, trial.number, f"{name} parameters")
         )
 
-    def _rng(self, name: str, trial: Trial) -> np.random.Generator:
+    def _rng(self, name: str, trial: PlannedTrial) -> np.random.Generator:
         return stream(self.seed, trial.number, name)
 
-    def _constant(self, name: str, parameter: str) -> float:
-        return float(
-            self.card.effects[name].get(parameter, EFFECTS[name].parameters[parameter].default)
-        )
-
-    def _steps(self, trial: Trial) -> int:
+    def _steps(self, trial: PlannedTrial) -> int:
         return len(grid_of(trial, self.card.rate_hz, self.card.step_s).at_s)
 
 
-def _tell(done: Done, before: int, trials: int, share: float) -> None:
+def _report(done: Done, before: int, trials: int, share: float) -> None:
     done(before + share * trials)
 
 
 def apportion(total: int, counts: Sequence[int]) -> list[int]:
-    """Whole shares of a total as the counts are to each other (largest remainders, earlier
+    """Whole shares of a total in the proportions of the counts (largest remainders, earlier
     first)."""
     exact = [total * count / sum(counts) for count in counts]
     shares = [int(share) for share in exact]

@@ -1,8 +1,7 @@
-"""A batch of trials as the core wants it: bodies, times of every step, and what hand and people do
-then.
+"""A batch of trials as the core takes it: bodies, times of the steps, actions of hand and people.
 
 Steps are fine where anything can happen (something moves, lets go, touches) and one sample long
-elsewhere; a trial's steps depend on nothing but the trial.
+elsewhere; a trial's steps depend on the trial alone.
 """
 
 from __future__ import annotations
@@ -14,17 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import FloatArray
-from simulation.core import Body, Floor, Inputs, Pull
-from simulation.protocol import GRAVITY_M_S2, NEVER_S, Trial
+from simulation.body import Body, Floor, Inputs, Pull
+from simulation.protocol import GRAVITY_M_S2, NEVER_S, PlannedTrial
 
 OPEN_GAP_M = 0.03
 SETTLE_S = 0.4
-"""After something ends, fine steps go on for so long."""
+"""Time with fine steps after something ends."""
 GIVER_N_PER_M, GIVER_CAP_N = 800.0, 40.0
 BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS = 4e3, 40.0, 300.0
 BOX_GAP_M, BOX_OVERSHOOT_M = 0.01, 0.003
 CATCH_S = 0.5
-"""So long before a hand that was only disturbed opens, the person comes back to take the object."""
+"""Time before the hand opens at which the person of a disturbed hold comes back."""
 DAMPING_RATIO = 0.7
 Interval = tuple[float, float]
 
@@ -38,7 +37,7 @@ def smooth(u: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Times:
-    """When what happens in a trial, s; NEVER_S where it does not."""
+    """Times of the events of a trial, s; NEVER_S for an event it does not have."""
 
     close: float
     give: float
@@ -47,7 +46,7 @@ class Times:
     end: float
 
     @staticmethod
-    def of(trial: Trial) -> Times:
+    def of(trial: PlannedTrial) -> Times:
         """From the trial's draws."""
         d = trial.drawn
         if trial.action == "nothing":
@@ -65,8 +64,8 @@ class Times:
         return Times(close, give, act, opens, act + lasts + d["tail_s"])
 
 
-def _lasts(trial: Trial, act: float) -> tuple[float, float]:
-    """How long the action lasts, and when the hand opens."""
+def _lasts(trial: PlannedTrial, act: float) -> tuple[float, float]:
+    """(duration of the action, time at which the hand opens)."""
     d = trial.drawn
     if trial.action == "pass":
         opens = act + d["wait_s"] + d["open_after_s"]
@@ -80,39 +79,38 @@ def _lasts(trial: Trial, act: float) -> tuple[float, float]:
     return (d["move_s"] if trial.action == "pull" else d["watch_s"]), NEVER_S
 
 
-def busy(trial: Trial) -> list[Interval]:
+def busy(trial: PlannedTrial) -> list[Interval]:
     """Intervals in which fine steps are taken, s."""
     t, d = Times.of(trial), trial.drawn
     if trial.action == "nothing":
         return []
-    found = [(t.close, t.close + d["closing_s"]), (t.give, t.give + _giving_s(trial))]
+    intervals = [(t.close, t.close + d["closing_s"]), (t.give, t.give + _giving_s(trial))]
     if t.open < NEVER_S:
-        found.append((t.open, t.open + d["opening_s"]))
+        intervals.append((t.open, t.open + d["opening_s"]))
     if trial.action == "hold":
         starts = [t.act + k * d["every_s"] for k in range(round(d["times"]))]
-        found += [(start, start + d["pulse_s"]) for start in starts] + [(t.open - CATCH_S, t.open)]
+        intervals += [(start, start + d["pulse_s"]) for start in starts] + [
+            (t.open - CATCH_S, t.open)
+        ]
     elif trial.action == "put-down":
-        found.append((t.act, t.act + (BOX_GAP_M + BOX_OVERSHOOT_M) / d["box_m_s"]))
+        intervals.append((t.act, t.act + (BOX_GAP_M + BOX_OVERSHOOT_M) / d["box_m_s"]))
     elif trial.action == "pass":
-        found += [(t.act, t.act + d["take_s"]), (t.act + d["wait_s"], t.open + d["opening_s"])]
+        intervals += [(t.act, t.act + d["take_s"]), (t.act + d["wait_s"], t.open + d["opening_s"])]
     else:
-        found.append(
-            (t.act, t.act + (d["move_s"] if trial.action == "pull" else d["watch_s"] - SETTLE_S))
-        )
-    return [(start - 0.02, stop + SETTLE_S) for start, stop in found]
+        lasts_s = d["move_s"] if trial.action == "pull" else d["watch_s"] - SETTLE_S
+        intervals.append((t.act, t.act + lasts_s))
+    return [(start - 0.02, stop + SETTLE_S) for start, stop in intervals]
 
 
-def _giving_s(trial: Trial) -> float:
+def _giving_s(trial: PlannedTrial) -> float:
     return trial.drawn["vanish_s"] if trial.action == "fall" else trial.drawn["give_s"]
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Steps of one trial: at_s [K] their ends, sample [K] the sample each ends at (-1 between
-    samples).
+    """Steps of one trial: at_s [K] their ends; sample [K] the sample each ends at, or -1.
 
-    n_samples: of the whole trial; before the first step and after the last nothing touches, and
-    nothing is stepped.
+    n_samples: of the whole trial; before the first step and after the last there is no contact.
     """
 
     at_s: FloatArray
@@ -121,10 +119,15 @@ class Grid:
     n_samples: int
 
 
-def grid_of(trial: Trial, rate_hz: float, step_s: float, more: Sequence[Interval] = ()) -> Grid:
-    """Samples are at 0, 1/rate, ..; the step to the next is cut into ceil(1 / (rate * step_s))
-    where it touches an interval in which anything can happen. Stepping begins as the hand begins to
-    close, and ends when it is open."""
+def grid_of(
+    trial: PlannedTrial, rate_hz: float, step_s: float, more: Sequence[Interval] = ()
+) -> Grid:
+    """The steps of a trial; more: further intervals with fine steps.
+
+    Samples are at 0, 1/rate, ..; the step to the next is cut into ceil(1 / (rate * step_s)) where
+    it touches an interval in which anything can happen. Stepping begins as the hand begins to close
+    and ends when it is open.
+    """
     times, fine = Times.of(trial), [*busy(trial), *more]
     n, pieces = (
         int(np.floor(times.end * rate_hz)),
@@ -147,8 +150,8 @@ def grid_of(trial: Trial, rate_hz: float, step_s: float, more: Sequence[Interval
     return Grid((index[place] + within / counts[place]) / rate_hz, sample, first / rate_hz, n + 1)
 
 
-def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
-    """Constants of a batch; pressure [E]: share of the normal each brush element bears."""
+def body_of(trials: Sequence[PlannedTrial], pressure: FloatArray) -> Body:
+    """Constants of a batch; pressure [E]: share of the normal on each brush element."""
     d = {
         name: np.array([t.drawn[name] for t in trials])
         for name in ("tilt_deg", "roll_deg", "shear_ratio")
@@ -180,14 +183,14 @@ def body_of(trials: Sequence[Trial], pressure: FloatArray) -> Body:
 
 
 class Script:
-    """What hand and people do in a batch, at any times [n, B].
+    """Actions of hand and people in a batch, at any times [n, B].
 
-    boxed: whether there are boxes, which are at -10 m where nothing is set down; by itself, where
-    one of the trials sets something down. What falls for more than a second meets one, so a batch
-    keeps its boxes to its end.
+    boxed: there are boxes, at -10 m for trials that set nothing down; always where one trial sets
+    something down. An object that falls for more than a second meets one, so a batch keeps its
+    boxes to its end.
     """
 
-    def __init__(self, trials: Sequence[Trial], body: Body, boxed: bool = False) -> None:
+    def __init__(self, trials: Sequence[PlannedTrial], body: Body, boxed: bool = False) -> None:
         self.trials, self.body = trials, body
         times = [Times.of(t) for t in trials]
         self.t = {
@@ -207,7 +210,7 @@ class Script:
         self._drawn: dict[str, FloatArray] = {}
 
     def d(self, name: str, default: float = 0.0) -> FloatArray:
-        """[B] a drawn parameter, and the default where an action has no such thing."""
+        """[B] a drawn parameter; the default for actions that do not have it."""
         if name not in self._drawn:
             self._drawn[name] = np.array([t.drawn.get(name, default) for t in self.trials])
         return self._drawn[name]
@@ -237,14 +240,14 @@ class Script:
         return closing - smooth((t_s - self.t["open"]) / self.d("opening_s", 1.0))
 
     def _pulse(self, t_s: FloatArray) -> FloatArray:
-        """[n, B] 0 .. 1, the disturbances of a perturbed hold."""
+        """[n, B] strength of the disturbance of a perturbed hold, 0 .. 1."""
         if not self.holds.any():
             return np.zeros_like(t_s)
         since, every, lasts = t_s - self.t["act"], self.d("every_s", 1.0), self.d("pulse_s", 1.0)
         number = np.floor(since / every)
         within = np.sin(np.pi * np.clip((since - number * every) / lasts, 0.0, 1.0))
-        asked = self.holds & (number >= 0) & (number < np.round(self.d("times")))
-        return np.where(asked, within * within, 0.0)
+        disturbed = self.holds & (number >= 0) & (number < np.round(self.d("times")))
+        return np.where(disturbed, within * within, 0.0)
 
     def _closure(self, shut: FloatArray, pulse: FloatArray) -> FloatArray:
         grip = 1.0 + self.d("grip_change") * pulse
@@ -253,8 +256,7 @@ class Script:
         return closure
 
     def _giver(self, t_s: FloatArray) -> tuple[FloatArray, ...]:
-        """The person who holds the object out: there until he lets go; a falling object's support
-        just vanishes."""
+        """The person who holds the object out until letting go; a fall's support just vanishes."""
         lasts = np.where(self.falls, self.d("vanish_s", 1.0), self.d("give_s", 1.0))
         there = 1.0 - smooth((t_s - self.t["give"]) / lasts)
         if self.holds.any():
@@ -272,7 +274,7 @@ class Script:
         )
 
     def _taker(self, t_s: FloatArray) -> tuple[FloatArray, ...]:
-        """The person who takes (gently, with the weight) or tears."""
+        """The person who takes the object (gently, with its weight) or tears at it."""
         grasped = self.takes & (t_s >= self.t["act"])
         start, move_s = self.t["act"] + self.d("wait_s"), self.d("move_s", 1.0)
         u = np.clip((t_s - start) / move_s, 0.0, 1.0)
@@ -291,7 +293,7 @@ class Script:
         )
 
     def _disturber(self, t_s: FloatArray, pulse: FloatArray) -> tuple[FloatArray, ...]:
-        """A force along the object: a share of its weight, taken off or laid on."""
+        """A force along the object, as a share of its weight, subtracted or added."""
         still = np.zeros((len(t_s), *self.push.shape))
         nothing = np.zeros_like(t_s)
         share = np.where(self.holds, -self.d("load_n") / self.weight_n, 0.0) * pulse

@@ -1,5 +1,4 @@
-"""The cards that come with the package; apart from card.py, so that `--help` can name them without
-numpy."""
+"""The shipped cards; apart from card.py, so that `--help` can name them without numpy."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """A table of numbers as CSV bytes, many times faster than formatting them one by one.
 
-Columns of as many decimals are formatted together: every cell is scaled, rounded half to even, and
-taken apart into groups of four digits by integer division; a group's letters are looked up. Where a
-cell is shorter than its column's longest there are blanks, and they are taken out of the whole
-table in the end.
+Neighbouring columns with the same number of decimals are formatted together. Every cell is scaled,
+rounded half to even, and divided into groups of four digits, whose letters a table holds. Cells
+shorter than the longest of their columns get blanks, which are removed from the whole at the end.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ Letters = npt.NDArray[np.uint8]
 Whole = npt.NDArray[np.unsignedinteger[Any]]
 LARGEST = 2**53
 GROUP = 4
-"""Digits that are looked up together: four letters are one uint32."""
+"""Digits of one table entry: four letters are one uint32."""
 BLANK, MINUS, POINT, COMMA, NEWLINE = (ord(letter) for letter in " -.,\n")
 NAN = np.frombuffer(b"nan", dtype=np.uint8)
 
@@ -51,10 +50,10 @@ def csv_bytes(header: Sequence[str], columns: Sequence[Column]) -> bytes:
 def _cells(values: FloatArray, decimals: int) -> Letters:
     """[T, K] numbers -> [T, K, width] letters, a comma at the end."""
     lost = np.isnan(values)
-    found = np.where(lost, 0.0, values) if lost.any() else values
-    if not (np.abs(found) < LARGEST / 10.0**decimals).all():
-        raise ValueError("a value is infinite or has more digits than it can hold")
-    scaled = np.rint(found * 10.0**decimals)
+    known = np.where(lost, 0.0, values) if lost.any() else values
+    if not (np.abs(known) < LARGEST / 10.0**decimals).all():
+        raise ValueError("a value is infinite or has more digits than float64 holds")
+    scaled = np.rint(known * 10.0**decimals)
     left = np.abs(scaled)
     before_point = max(len(str(int(left.max()))) - decimals, len(NAN) - 1)
     letters = np.empty(
@@ -73,13 +72,12 @@ def _cells(values: FloatArray, decimals: int) -> Letters:
 
 
 def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
-    """The last digits of whole numbers [T, K], and the point before them, at the end of letters;
-    returns the rest."""
+    """Write the last digits of whole numbers [T, K] with the point; returns the digits before."""
     for end in range(decimals, 0, -GROUP):
         start = max(end - GROUP, 0)
-        left, group = _parted(left, end - start)
+        left, group = _split(left, end - start)
         place = letters.shape[-1] - decimals
-        letters[..., place + start : place + end] = _looked_up(
+        letters[..., place + start : place + end] = _letters_of(
             _zeros_in_front(), group, end - start
         )
     if decimals:
@@ -88,27 +86,27 @@ def _write_decimals(left: Whole, letters: Letters, decimals: int) -> Whole:
 
 
 def _write_whole(left: Whole, letters: Letters) -> None:
-    """Whole numbers [T, K] that fill letters at most; blanks in front, and one digit at least."""
+    """Write whole numbers [T, K] right-aligned, with blanks in front and at least one digit."""
     for end in range(letters.shape[-1], 0, -GROUP):
         start = max(end - GROUP, 0)
         is_last, whole = end == letters.shape[-1], left
-        left, group = _parted(left, end - start)
-        letters[..., start:end] = _looked_up(_blanks_in_front(), group, end - start)
+        left, group = _split(left, end - start)
+        letters[..., start:end] = _letters_of(_blanks_in_front(), group, end - start)
         if not is_last:
             letters[..., start:end][whole == 0] = BLANK
         if start:
             full = left > 0
-            letters[..., start:end][full] = _looked_up(_zeros_in_front(), group[full], end - start)
+            letters[..., start:end][full] = _letters_of(_zeros_in_front(), group[full], end - start)
 
 
-def _parted(left: Whole, digits: int) -> tuple[Whole, Whole]:
+def _split(left: Whole, digits: int) -> tuple[Whole, Whole]:
     """(the digits in front, the last ones)."""
     ten = left.dtype.type(10**digits)
     above = left // ten
     return above, left - above * ten
 
 
-def _looked_up(table: npt.NDArray[np.uint32], group: Whole, width: int) -> Letters:
+def _letters_of(table: npt.NDArray[np.uint32], group: Whole, width: int) -> Letters:
     """[..] -> [.., width] the last letters of each group."""
     return table[group].view(np.uint8).reshape(*group.shape, GROUP)[..., GROUP - width :]
 

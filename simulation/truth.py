@@ -1,10 +1,9 @@
-"""What really happened in a trial, read from the core's own state, never from a sensor: events and
-phases.
+"""The truth of a trial, events and phases, from the core's own state, never from a sensor.
 
-load onset     the first change, after the action began, of what people and box do to the object by LOAD_N
-incipient slip from then on, the first element of any touching brush that slides
-gross slip     all elements of all touching contacts slide, or the object has slipped 2 mm since the load's onset
-contact lost   no finger touches any more, for good
+load onset      after the action begins, the force of people and box changes by LOAD_N
+incipient slip  from then on, the first element of any touching brush slides
+gross slip      all elements of all touching contacts slide, or the slip since load onset is 2 mm
+contact lost    the last contact ends
 """
 
 from __future__ import annotations
@@ -24,21 +23,24 @@ from edge_runtime.contract import (
     FloatArray,
 )
 from edge_runtime.trial_layout import RISKY_ACTIONS
-from simulation.protocol import Trial
-from simulation.run import Motion
+from simulation.protocol import PlannedTrial
+from simulation.run import TrialMotion
 from simulation.script import Times
 
 LOAD_N = 0.1
 GROSS_SLIP_M = 2e-3
 TRANSFERRED = 0.95
+"""Share of the final force at which the weight counts as taken over."""
 PROVENANCE = "scene"
 Mark = tuple[float, int]
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Times in s, None where a thing never happened; marks: (since when, situation), in order,
-    until end_s."""
+    """Times in s, None for an event that never happened.
+
+    marks: (start in s, situation), in order, until end_s.
+    """
 
     contact_s: float | None
     load_onset_s: float | None
@@ -50,7 +52,7 @@ class Truth:
     end_s: float
 
     def to_json(self) -> dict[str, Any]:
-        """As the sidecar has it: events, and phases as intervals with their provenance."""
+        """As in trial_<n>.truth.json: events, and phases as intervals with their provenance."""
         stops = [since for since, _ in self.marks[1:]] + [self.end_s]
         events = ("contact_s", "load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")
         phases = [
@@ -65,18 +67,18 @@ class Truth:
             for (t0, situation), t1 in zip(self.marks, stops, strict=True)
             if t1 > t0
         ]
-        told = {name: _rounded(getattr(self, name)) for name in events}
-        return {"phases": phases, **told, "slip_mm": round(self.slip_mm, 4)}
+        times = {name: _rounded(getattr(self, name)) for name in events}
+        return {"phases": phases, **times, "slip_mm": round(self.slip_mm, 4)}
 
     def shifted(self, by_s: float) -> Truth:
-        """The same, later."""
+        """The same truth, later by a time, s."""
         names = ("contact_s", "load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")
         moved = {n: None if getattr(self, n) is None else getattr(self, n) + by_s for n in names}
         marks = tuple((since + by_s, situation) for since, situation in self.marks)
         return Truth(**moved, slip_mm=self.slip_mm, marks=marks, end_s=self.end_s + by_s)
 
 
-def truth_of(trial: Trial, motion: Motion) -> Truth:
+def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
     """Read the events of a trial from its steps."""
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     held = np.flatnonzero(motion.gripped)
@@ -105,14 +107,14 @@ def truth_of(trial: Trial, motion: Motion) -> Truth:
     )
 
 
-def _clock(motion: Motion, beyond: int | None) -> Any:
+def _clock(motion: TrialMotion, beyond: int | None) -> Any:
     def at(step: int | None) -> float | None:
         return None if step is None or step == beyond else float(motion.at_s[step])
 
     return at
 
 
-def _onset(motion: Motion, act_s: float) -> int | None:
+def _onset(motion: TrialMotion, act_s: float) -> int | None:
     first = int(np.searchsorted(motion.at_s, act_s))
     if first >= len(motion.at_s):
         return None
@@ -122,8 +124,8 @@ def _onset(motion: Motion, act_s: float) -> int | None:
 
 
 def _marks(
-    trial: Trial,
-    motion: Motion,
+    trial: PlannedTrial,
+    motion: TrialMotion,
     times: Times,
     contact: int,
     onset: int | None,
@@ -147,9 +149,10 @@ def _marks(
     return [*[mark for mark in marks if mark[0] < gone[0]], gone]
 
 
-def _transferred(trial: Trial, motion: Motion, times: Times, onset: int) -> float | None:
-    """When a put-down (or a taker who waits) has taken the weight over; None where there is no such
-    pause."""
+def _transferred(
+    trial: PlannedTrial, motion: TrialMotion, times: Times, onset: int
+) -> float | None:
+    """Time at which box or waiting taker has taken over the weight; None without such a pause."""
     if trial.action == "pass" and trial.drawn["wait_s"] == 0.0:
         return None
     before_opening = motion.at_s < times.open
@@ -161,8 +164,8 @@ def _transferred(trial: Trial, motion: Motion, times: Times, onset: int) -> floa
     return float(motion.at_s[onset + (_first(size[onset:] >= TRANSFERRED * plateau) or 0)])
 
 
-def _perturbed(motion: Motion, times: Times, lost: int) -> list[Mark]:
-    """A disturbed hold is a grasp, unless the object slips 2 mm or goes before the hand opens."""
+def _perturbed(motion: TrialMotion, times: Times, lost: int) -> list[Mark]:
+    """A disturbed hold: a grasp, unless the object slips 2 mm or is lost before the hand opens."""
     acts, opens = (int(np.searchsorted(motion.at_s, t)) for t in (times.act, times.open))
     marks: list[Mark] = []
     within = slice(acts, min(opens, lost))

@@ -5,7 +5,7 @@ grip_n = { uniform = [6, 10] }
 grip_n = { normal = [8, 1] }            # mean and standard deviation, kept within the allowed range
 grip_n = { log_uniform = [0.1, 10] }
 grip_n = { choice = [4, 8, 12] }
-sensors = [2, 5]                        # where a list is what is wanted
+sensors = [2, 5]                        # for a parameter that is a list
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ LENGTHS = {"uniform": 2, "normal": 2, "log_uniform": 2}
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a card may say of one value: its default, its unit, and the range it is kept in.
+    """One parameter: its default, its unit, and the range that values and draws keep within.
 
-    many: the value is a list of numbers (such as sensors), not one number.
+    about: what it is. many: the value is a list of numbers (such as sensors), not one number.
     """
 
     default: Any
@@ -44,7 +44,7 @@ class Parameter:
     many: bool = False
 
     def allowed(self) -> str:
-        """In words, for errors and tables."""
+        """The range in words, for errors and tables."""
         what = "a list of numbers" if self.many else "a number"
         return f"{what} from {self.low:g} to {self.high:g}{f' {self.unit}' if self.unit else ''}"
 

@@ -1,12 +1,11 @@
-"""A protocol card (TOML): which objects, which actions, how often. The words are those of a scene's
-card.
+"""A protocol card (TOML): which objects, which actions, how often; keys as on a scene's card.
 
     title = "Five objects, thirty minutes"
 
     [[trials]]
     objects = ["soft-ball", "my-cup"]
     action = "pull"
-    style = "author"         # a word for whoever acts, kept with the trial
+    style = "author"         # a word for how the person acts, kept with the trial
     count = 10               # trials of each object
 
     [[trials]]
@@ -14,10 +13,9 @@ card.
     count = 2
 
     [objects.my-cup]
-    mass_g = 212             # of an object that the table does not know
+    mass_g = 212             # needed for objects that are not in the built-in table
 
-Every person gets an order of their own, drawn from the seed and the pseudonym, the same whenever it
-is asked for.
+Every person gets a random order, drawn from the seed and the pseudonym, so it is always the same.
 """
 
 from __future__ import annotations
@@ -25,14 +23,14 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.errors import CardError, DataNotFound, UsageError
-from edge_runtime.reading import require_file, text_of
+from edge_runtime.card_file import CardReader, read_toml
+from edge_runtime.errors import DataNotFound, UsageError
+from edge_runtime.reading import require_file
 from edge_runtime.trial_layout import SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
@@ -49,7 +47,7 @@ OBJECT_KEYS = ("mass_g",)
 
 @dataclass(frozen=True)
 class Task:
-    """One trial to be recorded; thing is "nothing" for the empty hand."""
+    """One trial to record; thing: "nothing" for the empty hand."""
 
     thing: str
     action: str
@@ -82,8 +80,7 @@ class Protocol:
 
 
 def left(plan: Sequence[Task], done: Sequence[Task]) -> list[Task]:
-    """What is still to be recorded: the plan without, for each trial done, the first one like
-    it."""
+    """What is left to record: the plan without one task for each trial that is done."""
     counts: dict[Task, int] = {}
     for task in done:
         counts[task] = counts.get(task, 0) + 1
@@ -101,8 +98,8 @@ def word(text: str, what: str) -> str:
     if not WORD.fullmatch(text) or len(text) > LONGEST_WORD or text.lower() in (NOTHING, DISCARDED):
         raise UsageError(
             f"{what} {text[:40]!r} is not allowed",
-            cause="an address, a path, or a word that has a meaning here",
-            next_step=f"letters, digits and dashes, at most {LONGEST_WORD}, such as p01; never anybody's name",
+            cause="an address, a path, or a reserved word",
+            next_step=f"up to {LONGEST_WORD} letters, digits and dashes, such as p01; no real name",
         )
     return text
 
@@ -111,86 +108,60 @@ def read_protocol(path: Path) -> Protocol:
     """Read and check a card. Raises CardError, DataNotFound."""
     try:
         require_file(path)
-        text = text_of(path)
-        raw = tomllib.loads(text)
+        text, raw = read_toml(path)
     except FileNotFoundError:
         raise DataNotFound(
             "no such card", where=path, next_step="docs/recording.md shows one"
         ) from None
-    except (OSError, ValueError, RecursionError) as error:
-        what = f"no TOML ({type(error).__name__}: {str(error)[:80]})"
-        raise CardError(what, where=path, next_step="mend it") from None
-    return _Reader(path).protocol(raw, text)
+    return _ProtocolReader(path).protocol(raw, text)
 
 
-class _Reader:
-    """Every complaint names the file, the key, the value and what is allowed."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
+class _ProtocolReader(CardReader):
+    """Checks one protocol card."""
 
     def protocol(self, raw: dict[str, Any], text: str) -> Protocol:
-        self.known(raw, SECTIONS, "the card")
+        self.require_known(raw, SECTIONS, "section")
         rows = raw.get("trials")
         if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
-            raise self.refuse("trials", rows, "at least one [[trials]] with an action")
+            raise self.refused("trials", rows, "at least one [[trials]] with an action")
         tasks = [task for k, row in enumerate(rows) for task in self.row(f"trials[{k}]", row)]
         if len(tasks) > MOST_TRIALS:
-            raise self.refuse("trials", len(tasks), f"at most {MOST_TRIALS} in all")
-        return Protocol(self.path.stem, text, tuple(tasks), self.masses(raw.get("objects", {})))
+            raise self.refused("trials", len(tasks), f"at most {MOST_TRIALS} in all")
+        return Protocol(self.path.stem, text, tuple(tasks), self.masses(self.table(raw, "objects")))
 
     def row(self, key: str, row: dict[str, Any]) -> list[Task]:
-        self.known(row, ROW_KEYS, key)
+        self.require_known(row, ROW_KEYS, key)
         action, style = row.get("action"), row.get("style", "")
         count, names = row.get("count", 1), row.get("objects", [])
         if not isinstance(action, str) or action not in ACTIONS:
-            raise self.refuse(f"{key}.action", action, ", ".join(ACTIONS))
+            raise self.refused(f"{key}.action", action, ", ".join(ACTIONS))
         if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_TRIALS:
-            raise self.refuse(f"{key}.count", count, f"a whole number from 1 to {MOST_TRIALS}")
+            raise self.refused(f"{key}.count", count, f"a whole number from 1 to {MOST_TRIALS}")
         if not isinstance(style, str) or (style and not WORD.fullmatch(style)):
-            raise self.refuse(f"{key}.style", style, "a word of letters, digits and dashes")
+            raise self.refused(f"{key}.style", style, "a word of letters, digits and dashes")
         if not isinstance(names, list) or bool(names) == (action == NOTHING):
-            raise self.refuse(
-                f"{key}.objects", names, "a list of objects, and none for the action nothing"
-            )
+            allowed = "a list of objects, and none for the action nothing"
+            raise self.refused(f"{key}.objects", names, allowed)
         things = [self.thing(f"{key}.objects", name) for name in names] or [NOTHING]
         return [Task(thing, action, style) for _ in range(count) for thing in things]
 
-    def masses(self, told: Any) -> dict[str, float]:
-        if not isinstance(told, dict):
-            raise self.refuse("objects", told, "tables: [objects.NAME]")
+    def masses(self, objects: dict[str, Any]) -> dict[str, float]:
         return {
             self.thing("objects", name): self.mass(f"objects.{name}", table)
-            for name, table in told.items()
+            for name, table in objects.items()
         }
 
     def mass(self, key: str, table: Any) -> float:
-        if not isinstance(table, dict):
-            raise self.refuse(key, table, f"a table: [{key}]")
-        self.known(table, OBJECT_KEYS, key)
-        mass_g = table.get("mass_g")
-        if (
-            isinstance(mass_g, bool)
-            or not isinstance(mass_g, int | float)
-            or not 0.0 < mass_g < math.inf
-        ):
-            raise self.refuse(f"{key}.mass_g", mass_g, "grams, above 0")
+        mass_g = self.require_table(key, table).get("mass_g")
+        self.require_known(table, OBJECT_KEYS, key)
+        if isinstance(mass_g, bool) or not isinstance(mass_g, int | float):
+            raise self.refused(f"{key}.mass_g", mass_g, "grams, a number")
+        if not 0.0 < mass_g < math.inf:
+            raise self.refused(f"{key}.mass_g", mass_g, "grams, above 0")
         return float(mass_g)
 
     def thing(self, key: str, name: Any) -> str:
         try:
             return word(name if isinstance(name, str) else "", "object")
         except UsageError:
-            raise self.refuse(key, name, "a word of letters, digits and dashes") from None
-
-    def known(self, told: dict[str, Any], allowed: tuple[str, ...], what: str) -> None:
-        for name in told:
-            if name not in allowed:
-                raise CardError(
-                    f"{what}: {name!r} is not known",
-                    where=self.path,
-                    next_step=f"allowed: {', '.join(allowed)}",
-                )
-
-    def refuse(self, key: str, value: Any, allowed: str) -> CardError:
-        return CardError(f"{key} = {value!r:.60}", where=self.path, next_step=f"allowed: {allowed}")
+            raise self.refused(key, name, "a word of letters, digits and dashes") from None

@@ -29,7 +29,7 @@ from holdfast.recorder.folder import INTERRUPTED, KEPT, REDONE, discard, new_tri
 from holdfast.recorder.keys import HELP_READY, HELP_TRIAL, Keys
 from holdfast.recorder.labels import MARKS, read_meta
 from holdfast.recorder.quality import Quality, in_words
-from holdfast.recorder.trial import Trial
+from holdfast.recorder.trial import TrialRecorder
 
 READY_WAIT_S = 0.1
 CAMERA_EVERY = 30
@@ -50,13 +50,13 @@ class SessionOptions:
     mass_g: dict[str, float]
 
 
-def show_nothing(trial: Trial, measured: Measured, now_ns: int) -> None:
+def show_nothing(trial: TrialRecorder, measured: Measured, now_ns: int) -> None:
     """Where there is no terminal to show a trial on."""
 
 
 HostClock = Callable[[], int]
 """CLOCK_MONOTONIC, ns, by which a camera's frames are stamped too."""
-Show = Callable[[Trial, Measured, int], None]
+Show = Callable[[TrialRecorder, Measured, int], None]
 
 
 class Session:
@@ -159,7 +159,7 @@ class Session:
             raise
         return outcome
 
-    def _open(self, folder: Path, task: Task) -> Trial:
+    def _open(self, folder: Path, task: Task) -> TrialRecorder:
         if isinstance(self.source, Paced):
             self.source.begin_anew()
         about = {
@@ -171,11 +171,11 @@ class Session:
             **self.about,
         }
         quality = Quality(self.bias, self.period_ns, self.source.unit)
-        return Trial(
+        return TrialRecorder(
             folder, self.source.n_channels, about, quality, self.host_ns() - self.clock.now_ns()
         )
 
-    def _samples(self, trial: Trial, stopped: Callable[[], bool]) -> str:
+    def _samples(self, trial: TrialRecorder, stopped: Callable[[], bool]) -> str:
         stamps, start_ns, turn = Stamps(self.period_ns), self.clock.now_ns(), 0
         end_ns = None if self.asked.seconds is None else start_ns + round(1e9 * self.asked.seconds)
         while not stopped():
@@ -206,13 +206,13 @@ class Session:
             turn += missed
         return "signal"
 
-    def _look_at_camera(self, trial: Trial, camera: Beside) -> None:
+    def _look_at_camera(self, trial: TrialRecorder, camera: Beside) -> None:
         why = camera.lost()
         if why:
             trial.note({"t_s": trial.t_s, "event": "camera_lost", "why": why})
             self.say(f"the camera is lost, the hand is recorded on: {why}")
 
-    def _end(self, trial: Trial, task: Task, outcome: str) -> None:
+    def _end(self, trial: TrialRecorder, task: Task, outcome: str) -> None:
         filmed: dict[str, Any] = {}
         if self.camera is not None:
             self._look_at_camera(trial, self.camera)
@@ -251,13 +251,13 @@ class Session:
             write_whole(home / META, json.dumps(told) + "\n")
 
 
-def _is_over(events: list[dict[str, Any]] | None, trial: Trial) -> bool:
+def _is_over(events: list[dict[str, Any]] | None, trial: TrialRecorder) -> bool:
     """Whether a scene's last phase ended before the trial's last sample; None: there is no
     scene."""
     return events is not None and all(one["t1_s"] < trial.t_s for one in events if "label" in one)
 
 
-def _require_one_clock(trial: Trial, trouble: str, t_ns: int) -> None:
+def _require_one_clock(trial: TrialRecorder, trouble: str, t_ns: int) -> None:
     """Raise TimeError where stamps jump by a second or more: another clock, or a machine that
     slept."""
     if trouble == "restarts" or (

@@ -16,7 +16,7 @@ import numpy as np
 
 from edge_runtime.live import Measured
 from edge_runtime.visible import visible_lines
-from holdfast.recorder.trial import Trial
+from holdfast.recorder.trial import TrialRecorder
 
 REDRAW_NS = 250_000_000
 RATE_OVER_NS = 1_000_000_000
@@ -47,7 +47,7 @@ class StatusLine:
         if self._write(visible_lines(line)):
             self._drawn = False
 
-    def show(self, trial: Trial, measured: Measured, now_ns: int) -> None:
+    def show(self, trial: TrialRecorder, measured: Measured, now_ns: int) -> None:
         """The newest sample of a trial, if it is time to redraw."""
         if now_ns < self._due_ns or not trial.started:
             return
@@ -60,7 +60,7 @@ class StatusLine:
         return self._sink(f"{OVER_THE_LINE_ABOVE if self._drawn else ''}{line}")
 
 
-def status_text(trial: Trial, measured: Measured, of: str = "") -> str:
+def status_text(trial: TrialRecorder, measured: Measured, of: str = "") -> str:
     """The line: forces are of the field or force without the bias taken before, - where a finger is
     not valid."""
     unit, bias = trial.quality.unit, np.nan_to_num(trial.quality.bias)

@@ -18,7 +18,7 @@ from holdfast.recorder.labels import is_complete, truth_in, write_truth
 from holdfast.recorder.quality import Quality
 
 
-class Trial:
+class TrialRecorder:
     """A folder that is being recorded into. about: what meta.json says beside state and quality."""
 
     def __init__(

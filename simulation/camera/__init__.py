@@ -1,2 +1,1 @@
-"""A camera before the hand: frames with a tag on the object and one on the hand. Runs only where a
-card has one."""
+"""A camera before the hand: frames with a tag on the object and one on the hand."""

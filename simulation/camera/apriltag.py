@@ -1,7 +1,6 @@
 """AprilTags of the family 36h11: their black and white cells.
 
-The code words and the order of their bits are the family's (Olson, ICRA 2011;
-AprilRobotics/apriltag, tag36h11).
+Code words and bit order: Olson, ICRA 2011; AprilRobotics/apriltag, tag36h11.
 """
 
 from __future__ import annotations
@@ -15,16 +14,15 @@ from edge_runtime.contract import FloatArray
 CODES = (0xD7E00984B, 0xDDA664CA7)
 """Words of tags 0 and 1, 36 bits each."""
 SIDE_CELLS = 8
-"""Cells along the side of a tag: six of data in a black border of one. Around it a white margin of
-one."""
+"""Cells along the side of a tag: six of data and a black border of one; a white margin of one
+surrounds it."""
 _QUARTER_ROWS, _QUARTER_COLUMNS = [0, 0, 0, 0, 0, 1, 1, 1, 2], [0, 1, 2, 3, 4, 1, 2, 3, 2]
-"""Where the first nine bits lie in the six by six; each next nine lie a quarter turn (clockwise)
-further."""
+"""Places of the first nine bits in the six by six; each next nine lie a quarter turn clockwise."""
 
 
 @cache
 def cells(tag: int) -> FloatArray:
-    """[10, 10] of a tag with its white margin, 1 white and 0 black, first row on top; read only."""
+    """[10, 10] cells of a tag with its margin, 1 white, 0 black, first row on top; read-only."""
     bits = [CODES[tag] >> (35 - k) & 1 for k in range(36)]
     data = np.zeros((6, 6))
     for quarter in range(4):

@@ -1,12 +1,10 @@
-"""Frames of a camera that looks along the object's y: x to the right, z upwards, one tag each on
-object and hand.
+"""Frames of a camera that looks along the object's y: x to the right, z upwards, two tags.
 
-A pixel's value is the exact integral, over its area, of the tags seen through a Gaussian lens:
-cells are rectangles along the axes, so the integral is a product of two one-dimensional ones, each
-in closed form (a cell's edge seen at u is F(u) = u Phi(u) + phi(u), the integral of the normal
-distribution). Drawing with sub-samples instead would move a tag by up to 0.1 px. What is left out:
-perspective, tilt, fingers before the tag, rolling shutter, uneven light. So a tracker's error here
-is a lower bound.
+A pixel's value is the exact integral, over its area, of the tags seen through a Gaussian lens.
+Cells are rectangles along the axes, so the integral is a product of two one-dimensional ones, each
+in closed form: a cell's edge at u gives F(u) = u Phi(u) + phi(u), the integral of the normal
+distribution. Sub-sampling instead would move a tag by up to 0.1 px. Left out: perspective, tilt,
+fingers before the tag, rolling shutter, uneven light. So a tracker's error here is a lower bound.
 """
 
 from __future__ import annotations
@@ -25,11 +23,10 @@ Frames = npt.NDArray[np.uint8]
 
 OBJECT_TAG, HAND_TAG = 0, 1
 AWAY_SIDES = 1.0
-"""At rest the object's tag lies so many of its sides to the right of the middle, the hand's as many
-to the left."""
+"""At rest the tag of the object lies one side right of the middle, the hand's one side left."""
 BLACK, WHITE, GREY = 30.0, 220.0, 120.0
 FAR_BLURS = 6.0
-"""Further from a tag than so many blurs nothing of it is seen (1e-9 of it)."""
+"""Beyond this many blurs from a tag, less than 1e-9 of it is visible."""
 EXPOSED_AT = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 """Shares of the exposure at which the moving tags are drawn; the frame is their mean."""
 
@@ -40,7 +37,7 @@ CAMERA = {
     "px_per_mm": Parameter(4.0, "px/mm", 0.1, 100, "scale in the plane of the tags"),
     "tag_mm": Parameter(10.0, "mm", 1, 200, "side of a tag, its white margin not counted"),
     "exposure_ms": Parameter(
-        2.0, "ms", 0.01, 100, "of a frame; it is stamped at its end, as depthai does"
+        2.0, "ms", 0.01, 100, "exposure; the time stamp is its end, as in depthai"
     ),
     "blur_px": Parameter(0.7, "px", 0.05, 10, "standard deviation of the lens's blur"),
     "noise_levels": Parameter(
@@ -70,8 +67,10 @@ class Camera:
     def film(
         self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray, rng: np.random.Generator
     ) -> tuple[FloatArray, Frames]:
-        """Stamps [K] in s and frames [K, H, W] of a trial; object_m, hand_m: [T, 3] at t_s [T],
-        object in the hand."""
+        """(time stamps [K] in s, frames [K, H, W]) of a trial.
+
+        object_m: [T, 3] of the object in the hand, hand_m: [T, 3] of the hand, at t_s [T].
+        """
         stamps_s = self.stamps_s(float(t_s[-1]))
         frames = np.empty((len(stamps_s), int(self.height_px), int(self.width_px)), dtype=np.uint8)
         shoot = self.shooting(t_s, object_m, hand_m, rng)
@@ -82,9 +81,8 @@ class Camera:
     def shooting(
         self, t_s: FloatArray, object_m: FloatArray, hand_m: FloatArray, rng: np.random.Generator
     ) -> Callable[[float], Frames]:
-        """What takes one frame [H, W] of a trial, given when its exposure ends, s; after the trial
-        all stands still."""
-        # here: half of the start of a card that has no camera
+        """A function: end of an exposure, s -> frame [H, W]; after the trial nothing moves."""
+        # imported here: half of the start-up time of a card that has no camera
         from scipy.interpolate import CubicSpline
 
         places = CubicSpline(t_s, np.hstack([object_m + hand_m, hand_m]))
@@ -96,16 +94,17 @@ class Camera:
         return shoot
 
     def draw(self, object_mm: FloatArray, hand_mm: FloatArray) -> FloatArray:
-        """[H, W] levels at one instant, tags moved by (x, z) in mm from where they rest; no noise,
-        not rounded."""
+        """[H, W] exact levels at one instant, without noise; tags moved by (x, z) mm from rest."""
         image = np.full((int(self.height_px), int(self.width_px)), GREY)
         for rows, columns, light in self._tags(object_mm, hand_mm):
             image[rows, columns] += light
         return image
 
     def _blurred(self, at_mm: FloatArray) -> FloatArray:
-        """[H, W] the mean of what is drawn at [E, 6]; averaged only where a tag ever is, which
-        alters no bit."""
+        """[H, W] mean of the drawings at [E, 6].
+
+        Only where a tag ever is, which changes no bit.
+        """
         drawn = [self._tags(at[[0, 2]], at[[3, 5]]) for at in at_mm]
         reach = [
             [(one.start, one.stop) for one in (rows, columns)]
@@ -126,8 +125,8 @@ class Camera:
     def _tags(
         self, object_mm: FloatArray, hand_mm: FloatArray
     ) -> list[tuple[slice, slice, FloatArray]]:
-        """Of each tag: the rows and columns it reaches, and what it adds to the grey there."""
-        found = []
+        """For each tag: the rows and columns it reaches, and what it adds to the grey there."""
+        seen = []
         for tag, moved_mm in ((OBJECT_TAG, object_mm), (HAND_TAG, hand_mm)):
             column_px, row_px = self.centre_px(tag, moved_mm)
             (rows, down), (columns, across) = (
@@ -135,14 +134,9 @@ class Camera:
                 self._seen(column_px, self.width_px),
             )
             covered = np.outer(down.sum(axis=1), across.sum(axis=1))
-            found.append(
-                (
-                    rows,
-                    columns,
-                    down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T - GREY * covered,
-                )
-            )
-        return found
+            light = down @ (BLACK + (WHITE - BLACK) * cells(tag)) @ across.T - GREY * covered
+            seen.append((rows, columns, light))
+        return seen
 
     def centre_px(self, tag: int, moved_mm: FloatArray) -> tuple[float, float]:
         """(column, row) of a tag's centre; the first pixel reaches from 0 to 1."""
@@ -151,8 +145,7 @@ class Camera:
         return float(column_px), float(0.5 * self.height_px - self.px_per_mm * moved_mm[1])
 
     def _seen(self, centre_px: float, size_px: float) -> tuple[slice, FloatArray]:
-        """The n pixels a tag reaches along one axis, and [n, 10] the share of each that every cell
-        fills."""
+        """(the n pixels a tag reaches along one axis, [n, 10] the share of each in every cell)."""
         from scipy.special import ndtr
 
         cell_px = self.tag_mm * self.px_per_mm / SIDE_CELLS

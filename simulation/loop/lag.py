@@ -1,4 +1,4 @@
-"""Silicone yields late: a Maxwell branch beside the normal spring."""
+"""Silicone yields with a delay: a Maxwell branch beside the normal spring."""
 
 from __future__ import annotations
 
@@ -28,18 +28,17 @@ class Lag:
         self.held_n = np.zeros(self.stiffness.shape)
 
     def terms(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(stiffness, force remembered), both [6, B]: q after the step is held + stiffness * change
-        of depth."""
+        """(stiffness, held), [S, B] each: q after the step = held + stiffness * change of depth."""
         left = 1.0 / (1.0 + dt_s / self.time_s)
         return self.stiffness * left, self.held_n * left
 
     def moved(self, change_m: FloatArray, touching: BoolArray, dt_s: FloatArray) -> None:
-        """Take the change of depth in; without contact nothing is remembered."""
+        """Take in the change of depth; without contact the memory is lost."""
         stiffness, held = self.terms(dt_s)
         self.held_n = np.where(touching, held + stiffness * change_m, 0.0)
 
     def busy_s(self, lane: int) -> list[tuple[float, float]]:
-        """Nothing of its own."""
+        """No interval of its own."""
         return []
 
 

@@ -1,4 +1,4 @@
-"""The object turns about the thumb's axis: a weight off the middle of the grip pivots in it."""
+"""The object turns about the thumb's axis: held off its centre of mass, it pivots in the grip."""
 
 from __future__ import annotations
 
@@ -7,17 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from edge_runtime.contract import FloatArray
-from simulation.core import MAX_SWEEPS, RHO_TOLERANCE, TINY, Body, State, brush_j, two_at_least
+from simulation.body import Body, State
+from simulation.core import MAX_SWEEPS, RHO_TOLERANCE, two_at_least
 from simulation.effect import Drawn, Effect
+from simulation.energy import TINY, brush_j
 from simulation.objects import Thing
-from simulation.protocol import Trial
+from simulation.protocol import PlannedTrial
 from simulation.values import Parameter
 
 
 def gyration_m2(thing: Thing) -> float:
-    """Moment of inertia about x over the mass, m^2: (b^2 + c^2) / 5 of an ellipsoid, R^2 / 4 + L^2
-    / 3 of a cylinder of half length L (Meriam & Kraige, "Engineering mechanics: dynamics", table
-    D/4)."""
+    """Moment of inertia about x over the mass, m^2.
+
+    (b^2 + c^2) / 5 of an ellipsoid, R^2 / 4 + L^2 / 3 of a cylinder of half length L (Meriam &
+    Kraige, "Engineering mechanics: dynamics", table D/4).
+    """
     across, axial, half = (
         1e-3 * thing.radius_mm,
         1e-3 * thing.axial_radius_mm,
@@ -27,20 +31,24 @@ def gyration_m2(thing: Thing) -> float:
 
 
 class Rotation:
-    """Angle about x (rad): I d(omega)/dt = offset x F - sum of p x f over the brushes, p from the
-    object's middle.
+    """Angle about x, rad: I d(omega)/dt = offset x F - sum of p x f over the brushes.
 
-    F is the weight less what people and a box carry, who are taken to hold the object at its centre
-    of mass; so it turns only while the hand holds it, and out of the hand it keeps its rate. I = m
-    (gyration + offset^2), kg m^2. The brushes feel omega x p beside the core's translation; after
-    the core's step this one is made by itself, implicit in omega, with the core's reweighting and
-    the core's balance of energy (operator splitting: Strang, SIAM J. Numer. Anal. 5, 1968; first
-    order here). It holds exactly while friction can. Not in it: the hand's own acceleration does
-    not turn the object, and turning does not move its middle.
+    p is from the object's middle. F is the weight less what people and a box carry, who are assumed
+    to hold the object at its centre of mass. So the object turns only while the hand holds it, and
+    out of the hand it keeps its rate. I = m (gyration + offset^2), kg m^2.
+
+    The brushes move by omega x p beside the core's translation. This step comes after the core's,
+    implicit in omega, with the same reweighting and the same balance of energy (operator splitting:
+    Strang, SIAM J. Numer. Anal. 5, 1968; first order here). The object does not turn at all while
+    friction can hold it. Left out: the hand's own acceleration does not turn the object, and
+    turning does not move its middle.
     """
 
     def __init__(
-        self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[PlannedTrial],
+        rngs: Sequence[np.random.Generator],
     ) -> None:
         self.offset_m = 1e-3 * np.array([[d["offset_y_mm"], d["offset_z_mm"]] for d in drawn]).T
         gyration = np.array([gyration_m2(trial.thing) for trial in trials])
@@ -49,14 +57,14 @@ class Rotation:
         self.rho: FloatArray = np.ones(1)
 
     def turn(self, body: Body, state: State, limit_m: FloatArray, dt_s: FloatArray) -> None:
-        """Turn by one step; changes the brushes' stretch and slip and the energy in them."""
+        """Turn by one step; changes stretch, slip and energy of the brushes."""
         inertia = body.mass_kg * self.inertia_m2
         force_n = body.mass_kg * body.gravity_m_s2[1:] + state.agents_n[1:]
         force_n = np.where((state.normal_n > 0.0).any(axis=0), force_n, 0.0)
         place = self.place_m()
         drive = inertia * self.rate + dt_s * (place[0] * force_n[1] - place[1] * force_n[0])
         lever = body.at_m - state.position_m[1:, None]
-        across = np.stack([-lever[1], lever[0]])  # [2, 6, B] d(y, z) of a turn by one radian
+        across = np.stack([-lever[1], lever[0]])  # [2, S, B] d(y, z) of a turn by one radian
         damped = inertia + dt_s * self._damping(body, state, across, limit_m)
         rate, trial, length = self._solve(
             drive, damped, body.brush_n_per_m, state.stretch_m, across, limit_m, dt_s
@@ -81,14 +89,13 @@ class Rotation:
         return turned
 
     def busy_s(self, lane: int) -> list[tuple[float, float]]:
-        """Nothing of its own."""
+        """No interval of its own."""
         return []
 
     def _damping(
         self, body: Body, state: State, across: FloatArray, limit_m: FloatArray
     ) -> FloatArray:
-        """[B] N m s/rad of the fingers along the surface: of the elements that touch and do not
-        slide."""
+        """[B] damping of the fingers along the surface, N m s/rad: of the elements that stick."""
         sticks = (self.rho == 1.0) & (state.slip_m_s == 0.0) & (limit_m > 0.0)
         stiff = np.where(sticks, body.brush_n_per_m, 0.0) * (across * across).sum(axis=0)
         coefficient: FloatArray = body.loss_s * stiff.sum(axis=(0, 1))
@@ -104,8 +111,7 @@ class Rotation:
         limit: FloatArray,
         dt_s: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Rate [B], and the brushes' trial stretch and its length; sets rho, reweighted until it
-        stands still."""
+        """(rate [B], trial stretch of the brushes, its length); reweights rho until it settles."""
         before = np.broadcast_to(self.rho, limit.shape)
         parts = (brush, stretch, across, limit, dt_s)
         rate, rho, trial, length = _sweep(drive, inertia, before, *parts)
@@ -154,8 +160,7 @@ def _sweep(
     limit: FloatArray,
     dt_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """One reweighting: rate [B] with the springs weakened by rho; rho, stretch and its length after
-    it."""
+    """One reweighting of the springs by rho: (rate [B], rho, stretch, its length)."""
     spring = brush * rho
     pull = (spring * (stretch * across[:, None]).sum(axis=0)).sum(axis=(0, 1))
     stiffness = (spring * (across * across).sum(axis=0)).sum(axis=(0, 1))
@@ -171,7 +176,7 @@ ROTATION = Effect(
     make=Rotation,
     parameters={
         "offset_y_mm": Parameter(
-            {"normal": [0, 5]}, "mm", -100, 100, "centre of mass beside the grip, across"
+            {"normal": [0, 5]}, "mm", -100, 100, "centre of mass off the grip, across"
         ),
         "offset_z_mm": Parameter(
             {"normal": [0, 15]}, "mm", -200, 200, "and along the object's axis"

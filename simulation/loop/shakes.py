@@ -1,4 +1,4 @@
-"""The hand itself moves: in the hand's frame the object feels minus its acceleration."""
+"""The hand itself moves: in its frame the object is accelerated the other way."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ _COMPONENTS = 2
 
 
 def _directions(rngs: Sequence[np.random.Generator]) -> FloatArray:
-    """[3, B] a random unit vector a lane."""
+    """[3, B] a random unit vector for each lane."""
     raw = np.stack([rng.normal(size=3) for rng in rngs], axis=1)
     unit: FloatArray = raw / np.sqrt((raw * raw).sum(axis=0))
     return unit
 
 
 class Arm:
-    """Reaches of the arm, forth and back: minimum jerk, x = amplitude (10 u^3 - 15 u^4 + 6 u^5), u
-    = t / duration.
+    """Reaches of the arm, forth and back, with minimum jerk (Flash & Hogan, J. Neurosci. 5, 1985).
 
-    Acceleration amplitude / duration^2 (60 u - 180 u^2 + 120 u^3), m/s^2 (Flash & Hogan, J.
-    Neurosci. 5, 1985).
+    x = amplitude (10 u^3 - 15 u^4 + 6 u^5), u = t / duration; acceleration
+    amplitude / duration^2 (60 u - 180 u^2 + 120 u^3), m/s^2.
     """
 
     def __init__(
@@ -41,8 +40,8 @@ class Arm:
         self.count = np.round(np.array([d["count"] for d in drawn]))
 
     def _now(self, t_s: FloatArray, lane: int | slice) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Which reach is under way, its progress, and which way it goes: 0 before the first and
-        after the last."""
+        """(number, progress, direction) of the reach now; direction 0 before the first, after the
+        last."""
         cycle = self.lasts_s[lane] + self.rest_s[lane]
         number = np.floor((t_s - self.start_s[lane]) / cycle)
         u = np.clip((t_s - self.start_s[lane] - number * cycle) / self.lasts_s[lane], 0.0, 1.0)
@@ -59,7 +58,7 @@ class Arm:
         return acceleration
 
     def motion_m(self, t_s: FloatArray, lane: int) -> FloatArray:
-        """[T, 3] of one lane's hand, from where it began."""
+        """[T, 3] position of one lane's hand, from where it began."""
         number, u, way = self._now(t_s, lane)
         gone = u * u * u * (10.0 - u * (15.0 - 6.0 * u))
         before = np.clip(number, 0.0, self.count[lane]) % 2
@@ -74,7 +73,7 @@ class Arm:
 
 
 class Tremor:
-    """Two sines of 4 to 12 Hz in random directions and phases, each of half the amplitude, m/s^2.
+    """Two sines of 4 to 12 Hz, random directions and phases, half the amplitude each, m/s^2.
 
     Frequencies of physiological and essential tremor: Elble & Koller, "Tremor", 1990.
     """
@@ -95,13 +94,12 @@ class Tremor:
         return total
 
     def busy_s(self, lane: int) -> list[Span]:
-        """All the time."""
+        """The whole trial."""
         return [(0.0, FOREVER_S)]
 
 
 class Knock:
-    """Somebody bumps into the hand: half a sine of peak (m/s^2) and duration; impulse 2/pi peak *
-    duration, m/s."""
+    """A blow to the hand: half a sine, peak in m/s^2; change of speed 2/pi peak * duration."""
 
     def __init__(
         self, drawn: Sequence[Drawn], trials: Sequence[object], rngs: Sequence[np.random.Generator]
@@ -119,7 +117,7 @@ class Knock:
         return acceleration
 
     def busy_s(self, lane: int) -> list[Span]:
-        """The pulse and what comes after."""
+        """The pulse and the time after it."""
         return [(self.at_s[lane] - 0.01, self.at_s[lane] + self.lasts_s[lane] + 0.3)]
 
 
@@ -131,8 +129,8 @@ ARM = Effect(
         "amplitude_m": Parameter({"uniform": [0.05, 0.3]}, "m", 0, 2, "length of a reach"),
         "lasts_s": Parameter({"uniform": [0.6, 1.5]}, "s", 0.1, 10, "time of a reach"),
         "rest_s": Parameter({"uniform": [0.3, 1.0]}, "s", 0, 60, "between reaches"),
-        "at_s": Parameter({"uniform": [4.2, 5.0]}, "s", 0, 600, "when the first begins"),
-        "count": Parameter(2.0, "", 0, 1000, "reaches, forth and back in turn"),
+        "at_s": Parameter({"uniform": [4.2, 5.0]}, "s", 0, 600, "start of the first reach"),
+        "count": Parameter(2.0, "", 0, 1000, "reaches, alternately forth and back"),
     },
 )
 TREMOR = Effect(
@@ -153,6 +151,6 @@ KNOCK = Effect(
     parameters={
         "peak_m_s2": Parameter({"uniform": [5, 40]}, "m/s^2", 0, 1000, "greatest acceleration"),
         "lasts_s": Parameter({"uniform": [0.005, 0.03]}, "s", 0.001, 1, "of the pulse"),
-        "at_s": Parameter({"uniform": [4.5, 6.0]}, "s", 0, 600, "when"),
+        "at_s": Parameter({"uniform": [4.5, 6.0]}, "s", 0, 600, "start of the pulse"),
     },
 )

@@ -1,4 +1,4 @@
-"""Roughness of the object: friction changes with the place, so a slip vibrates."""
+"""Roughness of the object: friction changes with the place, so that slipping vibrates."""
 
 from __future__ import annotations
 
@@ -8,22 +8,25 @@ import numpy as np
 
 from edge_runtime.contract import FloatArray
 from simulation.effect import Drawn, Effect
-from simulation.protocol import Trial
+from simulation.protocol import PlannedTrial
 from simulation.values import Parameter
 
 MOST_ELEMENTS = 50
 
 
 class Texture:
-    """Limit of an element times 1 + depth sin(2 pi s / wavelength + phase), s its slip so far, m.
+    """Friction limit of an element times 1 + depth sin(2 pi s / wavelength + phase), s its slip.
 
-    At a slip speed v the force swings with v / wavelength (Hz), the vibration by which skin and
-    slip sensors feel slip (Johansson & Flanagan, Nat. Rev. Neurosci. 10, 2009). Phases are random
-    for every element; needs fine steps.
+    At a slip speed v the force swings with v / wavelength, Hz: the vibration by which skin and slip
+    sensors detect slip (Johansson & Flanagan, Nat. Rev. Neurosci. 10, 2009). Each element has a
+    random phase. The effect needs fine steps.
     """
 
     def __init__(
-        self, drawn: Sequence[Drawn], trials: Sequence[Trial], rngs: Sequence[np.random.Generator]
+        self,
+        drawn: Sequence[Drawn],
+        trials: Sequence[PlannedTrial],
+        rngs: Sequence[np.random.Generator],
     ) -> None:
         self.depth = np.array([d["depth"] for d in drawn])
         self.per_m = 2e3 * np.pi / np.array([d["wavelength_mm"] for d in drawn])
@@ -32,14 +35,14 @@ class Texture:
         self.slipped_m: FloatArray | None = None
 
     def scale(self, slipped_m: FloatArray) -> FloatArray:
-        """[E, 6, B] factor of the limit, told what each element slipped in the last step."""
+        """[E, S, B] factor of the friction limit; slipped_m [E, S, B]: slip in the last step."""
         self.slipped_m = slipped_m if self.slipped_m is None else self.slipped_m + slipped_m
         place = self.per_m * self.slipped_m + self.phase[: len(slipped_m)]
         factor: FloatArray = 1.0 + self.depth * np.sin(place)
         return factor
 
     def busy_s(self, lane: int) -> list[tuple[float, float]]:
-        """Nothing of its own."""
+        """No interval of its own."""
         return []
 
 
@@ -53,4 +56,5 @@ TEXTURE = Effect(
         ),
         "depth": Parameter({"uniform": [0.1, 0.3]}, "", 0, 0.9, "how much friction swings"),
     },
+    longest_step_s=1e-3,
 )

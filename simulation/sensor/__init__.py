@@ -1,5 +1,4 @@
-"""Effects of the sensor, in the order they act: magnet in silicone, chip, then the bus and the
-clock."""
+"""Effects of the sensor in the order they act: magnet in silicone, chip, then bus and clock."""
 
 from __future__ import annotations
 

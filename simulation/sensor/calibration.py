@@ -1,5 +1,4 @@
-"""From field back to newton, the way the thesis did: one linear map for all sensors, fitted to
-known loads."""
+"""From field back to newtons as in the thesis: one linear map for all sensors, fitted to loads."""
 
 from __future__ import annotations
 
@@ -13,11 +12,11 @@ from simulation.effect import Signal
 from simulation.sensor.magnet import HEIGHT, dipole_ut, place_m
 
 SHEAR_SHARE = 0.5
-"""Shear of the calibration's loads over their normal force, at most."""
+"""Largest shear of the calibration's loads over their normal force."""
 
 
 def loads_n() -> FloatArray:
-    """[M, 3] the thesis' loads: normal 0 .. 14 N, and shear to every side under 5 and 14 N."""
+    """[M, 3] the thesis' loads: 0 .. 14 N normal, and shear to every side at 5 and 14 N normal."""
     normal = np.stack([np.zeros(15), np.zeros(15), np.arange(15.0)], axis=1)
     angles = np.radians(np.arange(0, 360, 45))
     shear = [
@@ -40,16 +39,17 @@ def linear_map() -> tuple[FloatArray, FloatArray]:
 
 
 def calibrate(signal: Signal) -> Signal:
-    """A signal in uT as newtons, not tared: 23 N of the magnet's own field, -23 N from a magnet
-    upside down."""
+    """A signal in uT as newtons, its bias not removed.
+
+    The magnet's own field is 23 N, that of a magnet upside down -23 N.
+    """
     matrix, _ = linear_map()
     newton = np.einsum("ij,tsj->tsi", matrix, signal.values)
     return replace(signal, values=newton, unit="N")
 
 
 def residual_n() -> tuple[float, float]:
-    """Root mean square error of the map over its loads: (normal, shear), N; published for the real
-    one: 0.27, 0.12."""
+    """RMS error of the map over its loads: (normal, shear), N; hardware: 0.27, 0.12."""
     matrix, rest = linear_map()
     forces = loads_n()
     error = (dipole_ut(place_m(forces, HEIGHT.default)) - rest) @ matrix.T - forces

@@ -10,8 +10,10 @@ from simulation.effect import Drawn, Effect, Signal
 from simulation.values import Parameter
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
-"""1 sigma at 32 conversions averaged (data sheet SLYS045); its 125 and 68 uT at one fit root 32
-within 10 %."""
+"""1 sigma at 32 averaged conversions (data sheet SLYS045).
+
+Its 125 and 68 uT at one conversion agree with 1/sqrt(32) within 10 %.
+"""
 RANGE_UT = np.array([40e3, 40e3, 80e3])
 
 
@@ -22,8 +24,7 @@ def hall_noise(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal
 
 
 def saturation(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Beyond +-40 mT in x, y and +-80 mT in z the chip shows its limit, and the sensor is invalid
-    there."""
+    """Beyond +-40 mT in x, y and +-80 mT in z the chip reports its limit; the sensor is invalid."""
     limit = RANGE_UT * drawn["range"]
     inside = (np.abs(signal.values) < limit).all(axis=2)
     return replace(
@@ -32,8 +33,7 @@ def saturation(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal
 
 
 def quantisation(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Rounds to steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at the 12 bits that carry
-    information."""
+    """Rounds to steps of 2 range / 2^bits: 19.5 uT in x, y and 39 uT in z at 12 effective bits."""
     step = 2.0 * RANGE_UT / 2.0 ** drawn["bits"]
     return replace(signal, values=np.rint(signal.values / step) * step)
 

@@ -1,4 +1,4 @@
-"""From force to field: a magnet in silicone above a Hall chip, and what goes wrong with it."""
+"""From force to field: a magnet in silicone above a Hall chip, and its faults."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EARTH_UT = np.array([20.0, 0.0, 43.0])
 
 
 def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArray:
-    """[.., 3] field in uT at the chip of a dipole along z at place_m [.., 3] above it.
+    """[.., 3] field at the chip, uT, of a dipole along z at place_m [.., 3] above it.
 
     B = mu0/4pi (3 (m.r) r / r^5 - m / r^3) (Jackson, "Classical electrodynamics", 1998, 5.56).
     """
@@ -38,8 +38,7 @@ def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArr
 
 
 def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
-    """[.., 3] where forces [.., 3] push the magnet: down with the normal, sideways with the
-    shear."""
+    """[.., 3] position of the magnet under forces [.., 3]: normal pushes down, shear sideways."""
     yielding = forces_n / (1.0 + np.abs(forces_n) / STIFFENING_N)
     return np.stack(
         [
@@ -52,18 +51,16 @@ def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
 
 
 def dipole(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Force moves a magnet in silicone, and the chip under it reads the field of a dipole, uT, rest
-    field included.
+    """Force moves a magnet in silicone; the chip under it reads its dipole field, uT.
 
-    Displacement F / (k (1 + |F| / 30 N)) axis by axis, k 30 N/mm in and 15 N/mm sideways (a
-    Shore-35A dome); field: dipole_ut.
+    The field at rest is included. Displacement F / (k (1 + |F| / 30 N)) for each axis, k 30 N/mm
+    inwards and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
     """
     return replace(signal, values=dipole_ut(place_m(signal.values, drawn["height_mm"])), unit="uT")
 
 
 def cross_talk(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Axes leak into each other by a share, and a neighbour's magnet is felt as (height /
-    spacing)^3 of its field.
+    """Axes leak into each other, and neighbours' magnets add (height / spacing)^3 of their field.
 
     A dipole's field falls as r^-3; neighbours are the sensors before and after. uT.
     """
@@ -77,11 +74,10 @@ def cross_talk(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal
 
 
 def gain_tilt(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Each sensor has a gain of its own, 1 + gain_sd n, and is glued in at an angle of tilt_sd_deg
-    n about x and y.
+    """Each sensor has its own gain, 1 + gain_sd n, and its own tilt, tilt_sd_deg n about x and y.
 
-    Values become gain * R v, R the rotation; drawn once a recording, so that no calibration can be
-    learned.
+    n is standard normal. Values become gain * R v, R the rotation. Both are drawn for each
+    recording, so a model cannot learn the calibration.
     """
     sensors = signal.values.shape[1]
     gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
@@ -95,13 +91,12 @@ def gain_tilt(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
 
 
 def magnet_reversed(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """The magnets of these sensors (1 .. 6) are glued in upside down: their field has the other
-    sign (thesis)."""
+    """The magnets of these sensors (1 .. 6) are upside down (thesis): their field flips."""
     return replace(signal, values=_at(signal.values, drawn["sensors"], -1.0))
 
 
 def magnet_lost(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """From at_s on the magnets of these sensors are gone, and the earth's field is left, 48 uT."""
+    """From at_s on the magnets of these sensors are lost; the earth's field remains, 48 uT."""
     values = signal.values.copy()
     gone = signal.t_s >= drawn["at_s"]
     for index in _indices(drawn["sensors"]):
@@ -110,10 +105,10 @@ def magnet_lost(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signa
 
 
 def thermal_drift(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field a degree
-    (neodymium).
+    """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
 
-    With compensated = 1 the chip's own temperature coefficient takes that off, and a tenth is left.
+    That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
+    it, and a tenth remains.
     """
     warm = drawn["warming_degc"] * (1.0 - np.exp(-signal.t_s / drawn["time_s"]))
     share = 0.0012 * (0.1 if drawn["compensated"] else 1.0)
@@ -133,7 +128,7 @@ def _indices(sensors: Sequence[float]) -> list[int]:
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
 SENSORS = Parameter([], "", 1, 6, "which sensors", many=True)
 MAGNET = (
-    Effect("dipole", "sensor", dipole, {"height_mm": HEIGHT}),
+    Effect("dipole", "sensor", dipole, {"height_mm": HEIGHT}, gives_unit="uT"),
     Effect(
         "cross_talk",
         "sensor",
@@ -159,7 +154,7 @@ MAGNET = (
         "magnet_lost",
         "sensor",
         magnet_lost,
-        {"sensors": SENSORS, "at_s": Parameter(5.0, "s", 0, 1e6, "when")},
+        {"sensors": SENSORS, "at_s": Parameter(5.0, "s", 0, 1e6, "time of the loss")},
         needs=("dipole",),
     ),
     Effect(
@@ -167,7 +162,7 @@ MAGNET = (
         "sensor",
         thermal_drift,
         {
-            "warming_degc": Parameter({"uniform": [0, 10]}, "degC", -50, 80, "in the end"),
+            "warming_degc": Parameter({"uniform": [0, 10]}, "degC", -50, 80, "final warming"),
             "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),
             "compensated": Parameter(1.0, "", 0, 1, "1: the chip compensates"),
         },

@@ -1,4 +1,4 @@
-"""Clock and bus: samples that come late, not at all, or again."""
+"""Clock and bus: late, lost and repeated samples."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from simulation.values import Parameter
 STALE_AFTER_S = 0.02
 LONGEST_BURST = 3
 LATEST = 0.45
-"""A sample is late or early by less than half a step, so that none overtakes another."""
+"""A sample is late or early by less than half a step, so the order is kept."""
 
 
 def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A sample is taken at t + e, e normal with sd_ms: its value is the one at that time, its stamp
-    tells it."""
+    """A sample is taken at t + e, e normal with sd_ms; value and time stamp are of that moment."""
     step_s = float(signal.t_s[1] - signal.t_s[0])
     late_s = np.clip(
         1e-3 * drawn["sd_ms"] * rng.normal(size=len(signal.t_s)), -LATEST * step_s, LATEST * step_s
@@ -32,11 +31,10 @@ def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Sig
 
 
 def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A share of the samples never comes, in bursts of 1 to 3 rows, never the first two or the
-    last.
+    """A share of the samples is lost, in bursts of 1 to 3 rows; the first two and the last stay.
 
-    Two rows come between bursts, then one begins with probability p a row: m / (m + 1 + 1 / p) is
-    lost, m the mean burst.
+    At least two rows lie between bursts, then one begins with probability p at each row. So
+    m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a burst.
     """
     n, mean = len(signal.t_s), 0.5 * (1 + LONGEST_BURST)
     bursts = rng.integers(1, LONGEST_BURST + 1, n)
@@ -54,8 +52,10 @@ def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> S
 
 
 def stale_sensor(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """From at_s on for lasts_s a sensor repeats its last value; after 20 ms the driver knows, and
-    it is invalid."""
+    """From at_s on for lasts_s a sensor repeats its last value.
+
+    After 20 ms the driver detects it, and the sensor is invalid.
+    """
     values, valid = signal.values.copy(), signal.valid.copy()
     stuck = np.flatnonzero(
         (signal.t_s >= drawn["at_s"]) & (signal.t_s < drawn["at_s"] + drawn["lasts_s"])
@@ -72,13 +72,15 @@ TIMING = (
         "timing_jitter",
         "sensor",
         timing_jitter,
-        {"sd_ms": Parameter(0.3, "ms", 0, 20, "of a sample's time")},
+        {"sd_ms": Parameter(0.3, "ms", 0, 20, "standard deviation of a sample's time")},
+        in_card_unit=True,
     ),
     Effect(
         "dropped_samples",
         "sensor",
         dropped_samples,
-        {"share": Parameter(0.01, "", 0, 0.3, "of the samples")},
+        {"share": Parameter(0.01, "", 0, 0.3, "share of the samples")},
+        in_card_unit=True,
     ),
     Effect(
         "stale_sensor",
@@ -86,9 +88,10 @@ TIMING = (
         stale_sensor,
         {
             "sensors": Parameter([], "", 1, 6, "which sensors", many=True),
-            "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "from when"),
-            "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "how long"),
+            "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
+            "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
         },
         marks_invalid=True,
+        in_card_unit=True,
     ),
 )

@@ -42,6 +42,7 @@ from edge_runtime.errors import (
     UnitError,
 )
 from holdfast import calibrate
+from holdfast.calibration.reading import read_studies
 from training.datasets import data_folder
 
 FINITE = st.floats(-1e4, 1e4)
@@ -606,13 +607,13 @@ def write_probings(root: Path, newtons_in_a_unit: float) -> Path:
 def test_the_unit_of_the_load_is_found_in_the_readings(
     tmp_path: Path, unit: str, newtons: float
 ) -> None:
-    study = calibrate.read_studies(write_probings(tmp_path, newtons))[0]
+    study = read_studies(write_probings(tmp_path, newtons))[0]
     assert study.load_unit == unit
     assert study.force_n[:, 2].max() == pytest.approx(34.0, abs=0.01)
 
 
 def test_a_row_that_says_minus_one_has_no_load_and_is_left_out(tmp_path: Path) -> None:
-    study = calibrate.read_studies(write_probings(tmp_path, 9.80665e-3))[0]
+    study = read_studies(write_probings(tmp_path, 9.80665e-3))[0]
     assert len(study.blocks) == 400
     assert study.force_n[:, 2].min() == 0.0
     assert "no reading in 400 rows" in study.evidence[0]
@@ -620,9 +621,9 @@ def test_a_row_that_says_minus_one_has_no_load_and_is_left_out(tmp_path: Path) -
 
 def test_loads_in_no_unit_we_know_are_refused_with_the_evidence(tmp_path: Path) -> None:
     with pytest.raises(
-        UnitError, match=r"fits no unit we know.*as newton: largest 3.4e\+05 N.*: out"
+        UnitError, match=r"fits no known unit.*as newton: largest 3.4e\+05 N.*: out"
     ):
-        calibrate.read_studies(write_probings(tmp_path, 1e-4))
+        read_studies(write_probings(tmp_path, 1e-4))
 
 
 def test_a_load_below_zero_beside_the_marker_is_refused(tmp_path: Path) -> None:
@@ -632,7 +633,7 @@ def test_a_load_below_zero_beside_the_marker_is_refused(tmp_path: Path) -> None:
     table[0, 4] = -0.5
     np.savetxt(path, table, delimiter=",")
     with pytest.raises(UnitError, match=r"probe_1: loads below zero"):
-        calibrate.read_studies(root)
+        read_studies(root)
 
 
 def test_a_probing_with_rows_missing_is_refused(tmp_path: Path) -> None:
@@ -640,10 +641,10 @@ def test_a_probing_with_rows_missing_is_refused(tmp_path: Path) -> None:
     path = root / "normal_force" / "probe_0" / "states.csv"
     path.write_text("\n".join(path.read_text().splitlines()[:-1]))
     with pytest.raises(ColumnError, match=r"probe_0: .*400 and 399 rows"):
-        calibrate.read_studies(root)
+        read_studies(root)
     path.unlink()
     with pytest.raises(DataNotFound, match=r"states.csv: no such file"):
-        calibrate.read_studies(root)
+        read_studies(root)
 
 
 @pytest.fixture(scope="module")

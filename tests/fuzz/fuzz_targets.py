@@ -59,7 +59,7 @@ from edge_runtime.onnx_bytes import read_onnx
 from edge_runtime.tactile_file import mend
 from edge_runtime.tare import Tare
 from edge_runtime.trial_file import read_trial
-from holdfast.calibrate import read_studies
+from holdfast.calibration.reading import read_studies
 from holdfast.live_sources import open_live
 from holdfast.mistakes import require_meant
 from holdfast.recorder.card import read_protocol

@@ -45,7 +45,7 @@ from edge_runtime.trial_file import check_columns, read_trial
 from edge_runtime.visible import LONGEST_LINE, one_line, visible
 from export.artifact import read_artifact, write_artifact
 from export.exporting import export_artifact
-from holdfast.calibrate import read_studies
+from holdfast.calibration.reading import read_studies
 from holdfast.cli import main
 from holdfast.live_sources import open_bus, open_live
 from holdfast.onset import _starts_s

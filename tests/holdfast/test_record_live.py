@@ -24,7 +24,7 @@ from holdfast.recorder.keys import Keys
 from holdfast.recorder.quality import Quality
 from holdfast.recorder.session import Session, SessionOptions
 from holdfast.recorder.status import OVER_THE_LINE_ABOVE, StatusLine, columns_of, status_text
-from holdfast.recorder.trial import Trial
+from holdfast.recorder.trial import TrialRecorder
 
 SHORT_SCENE = """
 [record]
@@ -212,7 +212,7 @@ def test_a_terminal_that_takes_nothing_costs_no_sample(tmp_path, takes):
 def test_a_finger_that_is_lost_shows_no_force_and_a_field_is_shown_in_its_unit(tmp_path):
     clock = VirtualClock()
     source = Hand(clock, 9)
-    trial = Trial(tmp_path, 18, {}, Quality(np.full(18, np.nan), 1e7, "uT"), 0)
+    trial = TrialRecorder(tmp_path, 18, {}, Quality(np.full(18, np.nan), 1e7, "uT"), 0)
     measured = source.read()
     assert measured is not None
     measured.values[:3], measured.valid[4] = (300.0, 400.0, 0.0), False

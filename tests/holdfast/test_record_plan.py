@@ -162,7 +162,7 @@ def test_actions_are_those_of_scenes_and_of_training():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[[trials", "no TOML"),
+        ("[[trials", "not valid TOML"),
         ("", "trials = None"),
         ("trials = 3", "trials = 3"),
         ("[[trials]]\naction = 'fly'\nobjects = ['a']", "action = 'fly'"),
@@ -174,7 +174,7 @@ def test_actions_are_those_of_scenes_and_of_training():
         ("[[trials]]\naction = 'pull'\nobjects = ['a']\ncolour = 1", "'colour' is not known"),
         ("[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects.a]\nmass_g = nan", "mass_g = nan"),
         ("[[trials]]\naction = 'pull'\nobjects = ['a']\n[objects]\na = 3", "objects.a = 3"),
-        ("x = " + "[" * 5000, "no TOML"),
+        ("x = " + "[" * 5000, "not valid TOML"),
     ],
 )
 def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):

@@ -103,7 +103,7 @@ def test_a_tag_moves_exactly_as_far_as_it_is_moved(x_mm, z_mm, blur_px):
     assert row_there_px - row_px == pytest.approx(-one.px_per_mm * z_mm, abs=1e-5)
 
 
-def test_an_exposure_is_the_mean_of_whole_pictures_to_the_last_bit_though_only_the_tags_are_averaged():
+def test_an_exposure_is_the_mean_of_whole_pictures_to_the_last_bit():
     one = camera(exposure_ms=12.0)
     t_s = np.linspace(0.0, 1.0, 200)
     thing, hand = np.zeros((200, 3)), np.zeros((200, 3))

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from edge_runtime.contract import FloatArray
-from simulation.core import Body, Inputs, Pull, State, at_rest, kinetic_j, normal_j, step
+from simulation.body import Body, Inputs, Pull, State, at_rest
+from simulation.core import step
 from simulation.effect import PhysicsEffects, stream
+from simulation.energy import kinetic_j, normal_j
 from simulation.loop import LOOP_EFFECTS, pressure
 from simulation.loop.lag import Lag
 from simulation.loop.rotation import Rotation, gyration_m2

@@ -98,7 +98,7 @@ def test_a_new_card_needs_no_code(tmp_path):
         ),
         ("title = 3", ["trials", "at least one"]),
         ("[trails]\n" + PLAIN, ["trails", "not known", "trials"]),
-        ("[[trials]\n", ["no TOML"]),
+        ("[[trials]\n", ["not valid TOML"]),
     ],
 )
 @pytest.mark.hard_case(

@@ -11,16 +11,16 @@ import pytest
 
 from edge_runtime.errors import CardError
 from edge_runtime.trial_file import read_trial
+from simulation.body import SIDE, sides
 from simulation.card import read_card
-from simulation.core import SIDE, sides
 from simulation.folder import write_set
-from simulation.hand import Hand
-from simulation.protocol import Trial
-from simulation.run import Loop, Motion, run_batch
+from simulation.hand import HandLayout
+from simulation.protocol import PlannedTrial
+from simulation.run import TrialMotion, run_batch
 from simulation.scene import Scene, SimulatedTrial
 from training.datasets.thesis import load
 
-TWENTY = Hand(thumb=4, finger=4)
+TWENTY = HandLayout(thumb=4, finger=4)
 DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)
 ROWS = """
 [record]
@@ -38,7 +38,10 @@ motor_mm = 2.0
 """
 FOURS = "[hand]\nthumb = 4\nfinger = 4\n"
 EVERY_LOOP_EFFECT = "[effects.texture]\n[effects.lag]\n[effects.rotation]\n[effects.tremor]\n"
-SENSOR = "[effects.dipole]\n[effects.cross_talk]\n[effects.gain_tilt]\n[effects.hall_noise]\n[effects.saturation]\n"
+SENSOR = "".join(
+    f"[effects.{name}]\n"
+    for name in ("dipole", "cross_talk", "gain_tilt", "hall_noise", "saturation")
+)
 
 
 def scene(tmp_path: Path, text: str) -> Scene:
@@ -52,7 +55,7 @@ def told(tmp_path: Path, text: str) -> list[SimulatedTrial]:
     return made.run_together(made.trials())
 
 
-def even(trial: Trial, hand: Hand, digits: np.ndarray) -> Trial:
+def even(trial: PlannedTrial, hand: HandLayout, digits: np.ndarray) -> PlannedTrial:
     """The trial with all fingers alike and at the apex, so that only the number of their contacts
     differs."""
     share = hand.part / np.array([2.0, 4.0])[np.where(digits > 0, 1, 0)]
@@ -60,15 +63,15 @@ def even(trial: Trial, hand: Hand, digits: np.ndarray) -> Trial:
     return replace(trial, hand=hand, finger_n_per_m=600.0 * hand.part, share=share, at_m=at_m)
 
 
-def summed(motion: Motion, digits: np.ndarray) -> np.ndarray:
+def summed(motion: TrialMotion, digits: np.ndarray) -> np.ndarray:
     """[T, 5, 3] forces of each digit."""
     return np.stack([motion.forces_n[:, digits == k].sum(axis=1) for k in range(5)], axis=1)
 
 
 def test_the_thesis_hand_is_the_default(tmp_path):
-    assert scene(tmp_path, ROWS).card.hand == Hand() == Hand(thumb=2, finger=1)
-    assert Hand().part.tolist() == [1.0] * 6
-    assert (1e3 * Hand().along_m).tolist() == [12.0, -12.0, 33.0, 11.0, -11.0, -33.0]
+    assert scene(tmp_path, ROWS).card.hand == HandLayout() == HandLayout(thumb=2, finger=1)
+    assert HandLayout().part.tolist() == [1.0] * 6
+    assert (1e3 * HandLayout().along_m).tolist() == [12.0, -12.0, 33.0, 11.0, -11.0, -33.0]
     assert SIDE.tolist() == sides(6, 2).tolist() == [[1.0], [1.0], [-1.0], [-1.0], [-1.0], [-1.0]]
 
 
@@ -85,10 +88,10 @@ def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
     """Its places bear together what the finger on one bore, and the object moves alike, through
     slip and all."""
     made = scene(tmp_path, ROWS)
-    loop = Loop(60.0, made.card.step_s, made.pressure)
+    loop = made.settings
     motions = [
         run_batch([even(trial, hand, digits) for trial in made.trials()], loop)
-        for hand, digits in zip((Hand(), TWENTY), DIGITS, strict=True)
+        for hand, digits in zip((HandLayout(), TWENTY), DIGITS, strict=True)
     ]
     for six, twenty in zip(*motions, strict=True):
         assert (six.forces_n.shape[1], twenty.forces_n.shape[1]) == (6, 20)

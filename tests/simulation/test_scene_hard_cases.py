@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from test_scene_physics import G, at_rest, body, closed, energy_j, go
 
 from edge_runtime.errors import CardError
-from simulation import core
+from simulation import energy
+from simulation.body import Body, Floor, Inputs, State
 from simulation.card import read_card
-from simulation.core import Body, Floor, Inputs, State
 
 AREA = "Simulation"
 EVERY_STEP = pytest.mark.parametrize("dt_s", [1e-6, 1e-3, 1.0])
@@ -38,7 +38,7 @@ def at_the_edge(load_n: float) -> tuple[Body, State, np.ndarray]:
     state = at_rest(held, closure)
     state.normal_n = held.stiffness_n_per_m * closure
     state.stretch_m[1] = 0.5 * state.normal_n / held.brush_n_per_m
-    state.brush_j = core.brush_j(held, state)
+    state.brush_j = energy.brush_j(held, state)
     return held, state, closure
 
 
@@ -128,7 +128,7 @@ def test_silicone_that_sticks_by_more_than_it_is_pressed(share, holds):
         / held.brush_n_per_m
         * (1.0 if holds else 0.0)
     )
-    state.brush_j = core.brush_j(held, state)
+    state.brush_j = energy.brush_j(held, state)
     go(held, state, Inputs(closure), 1e-3, 1500)
     pressed_n = state.normal_n.sum(axis=0)
     assert (pressed_n < 0.2 * G).all()

@@ -120,11 +120,7 @@ def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(
         return effect
 
     for name, effect in EFFECTS.items():
-        monkeypatch.setitem(
-            EFFECTS,
-            name,
-            type(effect)(effect.name, effect.stage, counting(name), effect.parameters),
-        )
+        monkeypatch.setitem(EFFECTS, name, replace(effect, make=counting(name)))
     again = told(make(tmp_path, CORE + "\n[effects]\n"))
     assert called == []
     for one, other in zip(core, again, strict=True):
@@ -140,9 +136,7 @@ def test_an_effect_on_the_card_is_called_and_no_other(tmp_path, monkeypatch):
             called.append(name)
             return make(*args)
 
-        monkeypatch.setitem(
-            EFFECTS, name, type(effect)(effect.name, effect.stage, counted, effect.parameters)
-        )
+        monkeypatch.setitem(EFFECTS, name, replace(effect, make=counted))
     told(make(tmp_path, CORE + "\n[effects.tremor]\n[effects.gain_tilt]\n"))
     assert set(called) == {"tremor", "gain_tilt"}
 

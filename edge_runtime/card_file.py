@@ -1,0 +1,65 @@
+"""Cards in TOML, read and checked: an error names file, key, value and what is allowed."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.errors import CardError
+from edge_runtime.reading import text_of
+
+
+def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
+    """(text, tables) of a card. Raises CardError, and FileNotFoundError where there is no file."""
+    try:
+        text = text_of(path)
+        return text, tomllib.loads(text)
+    except FileNotFoundError:
+        raise
+    except (OSError, UnicodeDecodeError) as error:
+        raise CardError("cannot be read as text", where=path, cause=type(error).__name__) from None
+    except RecursionError:
+        raise CardError(
+            "not valid TOML: nested too deep", where=path, next_step="remove the brackets"
+        ) from None
+    except (
+        ValueError
+    ) as error:  # TOMLDecodeError, or a number with more digits than Python converts
+        raise CardError(
+            f"not valid TOML: {str(error)[:200]}", where=path, next_step="correct that line"
+        ) from None
+
+
+class CardReader:
+    """Checks of one card that every kind of card needs."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def table(self, raw: Mapping[str, Any], name: str) -> dict[str, Any]:
+        """A copy of a section, empty where the card has none. Raises CardError."""
+        value = raw.get(name, {})
+        return dict(self.require_table(name, value))
+
+    def require_table(self, key: str, value: Any) -> dict[str, Any]:
+        """The value if it is a table. Raises CardError."""
+        if not isinstance(value, dict):
+            raise self.refused(key, value, f"a table: [{key}]")
+        return value
+
+    def require_known(self, names: Collection[str], allowed: Collection[str], what: str) -> None:
+        """Raise CardError for a name that is not among those allowed."""
+        for name in names:
+            if name not in allowed:
+                raise CardError(
+                    f"{what}: {name!r} is not known",
+                    where=self.path,
+                    next_step=f"allowed: {', '.join(allowed)}",
+                )
+
+    def refused(self, key: str, value: Any, allowed: str) -> CardError:
+        """The error for a value that a key cannot have."""
+        what = f"{key} = {repr(value)[:80]}"
+        return CardError(what, where=self.path, next_step=f"allowed: {allowed}")
