@@ -1,7 +1,7 @@
 """Everything ONNX: builds the step graph, joins the forest to it, verifies, seals.
 
-Reads an artifact folder (a forest as skops, the rest as JSON and plain arrays); never imports
+It reads an artifact folder (forests as skops, the rest as JSON and plain arrays) and never imports
 training.
 """
 
-import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off
+import edge_runtime as edge_runtime  # first: it switches off onnxruntime's telemetry

@@ -1,7 +1,7 @@
 """The folder between training and export: forests as skops, the rest as JSON and plain arrays.
 
-artifact.json lists everything, the types inside the skops files too; a type that is not on our own
-short list is never loaded. rows.npz holds the feature rows an export must be verified on.
+artifact.json lists everything, including the types inside the skops files; a type that is not in
+ALLOWED_TYPES is never loaded. rows.npz holds the feature rows that an export is verified on.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ FORMAT = 1
 INDEX = "artifact.json"
 ROWS = "rows.npz"
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
-"""The only type beyond skops' own defaults that a forest needs."""
+"""The only type besides skops' own defaults that a forest needs."""
 
 
 @dataclass(frozen=True)
 class Artifact:
-    """What training hands to export.
+    """The input of export, written by training.
 
     rows: [N, F] float32 feature rows to verify on. decision: integer parameters of decision.py.
-    training: what the model card says of its origin (data, seed, versions, caveat).
+    training: the origin of the model for its card (data, seed, versions, caveat).
     """
 
     spec: StepSpec
@@ -52,7 +52,7 @@ class Artifact:
 
 
 def require_no_artifact(folder: Path) -> None:
-    """Raise OutputError for a folder that holds a whole artifact, which a new one would replace."""
+    """Raise OutputError for a folder that holds a complete artifact, which would be replaced."""
     if (folder / INDEX).exists():
         raise OutputError(
             "holds an artifact already",
@@ -63,8 +63,10 @@ def require_no_artifact(folder: Path) -> None:
 
 
 def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
-    """Write the folder; the index goes first and comes last, so a folder without one is
-    unfinished."""
+    """Write the folder; the index is removed first and written last.
+
+    So a folder without an index is unfinished.
+    """
     folder = Path(folder)
     remove(folder / INDEX)
     heads = {}
@@ -92,8 +94,7 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
 
 
 def read_artifact(folder: str | Path) -> Artifact:
-    """Read the folder back; ArtifactError where it is missing, foreign, of another format, or
-    unsafe."""
+    """Read the folder; ArtifactError if it is missing, not ours, of another format, or unsafe."""
     folder = Path(folder)
     index = _read_index(folder)
     try:
@@ -124,7 +125,7 @@ def read_artifact(folder: str | Path) -> Artifact:
 
 
 def _require_that_parts_fit(artifact: Artifact) -> None:
-    """Raise ValueError where forests, rows and spec are not from one training."""
+    """Raise ValueError where forests, rows and spec do not fit each other."""
     width = feature_count(artifact.spec)
     if artifact.rows.shape[1:] != (width,):
         raise ValueError(f"rows of shape {artifact.rows.shape} for {width} features")
@@ -149,7 +150,7 @@ def _read_index(folder: Path) -> Mapping[str, Any]:
         raise ArtifactError(
             f"no readable {INDEX}",
             where=folder,
-            cause="nothing was trained into this folder, or training did not finish",
+            cause="no training wrote to this folder, or it did not finish",
             next_step=f"python training/train.py --out {folder}",
         ) from None
     if not isinstance(index, dict) or index.get("format") != FORMAT:
@@ -175,7 +176,7 @@ def _load_forest(path: Path) -> Forest:
         foreign = sorted(set(types) - set(ALLOWED_TYPES))
         if foreign:
             raise ArtifactError(
-                f"it holds types that do not belong in a forest: {', '.join(foreign)}",
+                f"it has types that do not belong in a forest: {', '.join(foreign)}",
                 where=path,
                 cause="a file from elsewhere",
                 next_step="train again; never load such a file",

@@ -1,17 +1,18 @@
-"""The band-pass bank of Engeberg and Meek as one stable linear state-space step.
+"""The band-pass filter bank of Engeberg and Meek as one stable linear state-space step.
 
-Per shear signal, in parallel for every band (f_n = 10, 15 .. 55 Hz, w_n = 2 pi f_n)::
+For every shear signal and band (f_n = 10, 15 .. 55 Hz, w_n = 2 pi f_n), in parallel::
 
-    H(s) = s * [w_n^2 / (s^2 + 2 z w_n s + w_n^2)]^2 * [w_l / (s + w_l)],   z = 0.1, w_l = 2 pi 75 Hz
+    H(s) = s * [w_n^2 / (s^2 + 2 z w_n s + w_n^2)]^2 * [w_l / (s + w_l)]
+    z = 0.1,  w_l = 2 pi 75 Hz
 
-The differentiator alone has a pole on the unit circle after the bilinear transform. Cancelled by
-hand against the low-pass' zero, both together are one stable section, which here is driven by the
+The differentiator alone has a pole on the unit circle after the bilinear transform. It cancels the
+low-pass' zero analytically, so both together are one stable section. The section is driven by the
 difference of two samples, so that a large offset never enters the filter::
 
     u[t] = (K w_l d[t] - (w_l - K) u[t-1]) / (K + w_l),   K = 2 fs,   d[t] = x[t] - x[t-1]
 
-Each resonator is prewarped to the frequency it is named after. A signal's whole bank has one shared
-state and four a band; stepping it is one product [1 + states] x [1 + states, states + bands].
+Each resonator is prewarped to its nominal frequency. The bank of a signal has one shared state and
+four for each band; a step is one product [1 + states] x [1 + states, states + bands].
 """
 
 from __future__ import annotations
@@ -28,28 +29,26 @@ DAMPING = 0.1
 LOW_PASS_HZ = 75.0
 STATES_PER_BAND = 4
 HIGHEST_SHARE = 0.46
-"""Nearer to half the rate, prewarping makes a band ring: 25 Hz at 50.1 Hz has a time constant of 32
-s."""
+"""Closer to half the rate, prewarping makes a band ring: 25 Hz at 50.1 Hz for 32 s."""
 
 Array = npt.NDArray[np.float64]
 
 
 def bands_for(rate_hz: float, bands_hz: tuple[float, ...] = BANDS_HZ) -> tuple[float, ...]:
-    """The bands a sampling rate can carry: those below 0.46 of it. Raises RateError if there is
-    none."""
+    """The bands below 0.46 of a sampling rate. Raises RateError if there is none."""
     carried = tuple(f for f in bands_hz if f < HIGHEST_SHARE * rate_hz)
     if not carried:
         raise RateError(
             f"{rate_hz:.4g} Hz carries none of the bands",
-            cause=f"the lowest band is {min(bands_hz):g} Hz and needs more than {min(bands_hz) / HIGHEST_SHARE:.4g} Hz",
+            cause=f"the lowest band is {min(bands_hz):g} Hz "
+            f"and needs more than {min(bands_hz) / HIGHEST_SHARE:.4g} Hz",
             next_step="record faster",
         )
     return carried
 
 
 def sections(rate_hz: float, band_hz: float) -> Array:
-    """Second-order sections [3, 6] of one band in scipy's form: differentiator with low-pass,
-    resonator twice."""
+    """[3, 6] second-order sections of a band as in scipy: low-passed difference, resonators."""
     gain, feedback = _first_section(rate_hz)
     b, a = _resonator(rate_hz, band_hz)
     first = [gain, -gain, 0.0, 1.0, feedback, 0.0]
@@ -57,8 +56,7 @@ def sections(rate_hz: float, band_hz: float) -> Array:
 
 
 def step_matrix(rate_hz: float, bands_hz: tuple[float, ...]) -> Array:
-    """[1 + S, S + bands] matrix of one step: (d, state) -> (next state, outputs), S = 1 + 4
-    bands."""
+    """[1 + S, S + bands] of one step: (d, state) -> (next state, outputs), S = 1 + 4 bands."""
     size = 1 + STATES_PER_BAND * len(bands_hz)
     identity = np.eye(1 + size)
     return np.array([_step(row[0], row[1:], rate_hz, bands_hz) for row in identity])
@@ -82,8 +80,7 @@ def _first_section(rate_hz: float) -> tuple[float, float]:
 
 
 def _resonator(rate_hz: float, band_hz: float) -> tuple[Array, Array]:
-    """b and a of w^2 / (s^2 + 2 z w s + w^2), bilinear, prewarped so that the band sits where its
-    name says."""
+    """b and a of w^2 / (s^2 + 2 z w s + w^2), bilinear, prewarped to the band's frequency."""
     warped = math.tan(math.pi * band_hz / rate_hz)
     denominator = 1.0 + 2.0 * DAMPING * warped + warped**2
     b = warped**2 * np.array([1.0, 2.0, 1.0]) / denominator
@@ -92,7 +89,7 @@ def _resonator(rate_hz: float, band_hz: float) -> tuple[Array, Array]:
 
 
 def _step(difference: float, state: Array, rate_hz: float, bands_hz: tuple[float, ...]) -> Array:
-    """One step in the plain form the matrix is read off from (transposed direct form II)."""
+    """One step in the form that the matrix is derived from (transposed direct form II)."""
     gain, feedback = _first_section(rate_hz)
     u = gain * difference - feedback * state[0]
     following, outputs = [u], []

@@ -1,11 +1,10 @@
 """A small builder for ONNX graphs with explicit state.
 
-A part of the graph declares the state it needs with `state(name, rows)`, gets the previous sample's
-value back, and hands in the next one with `keep(name, value)`. All state belongs to a channel: it
-is one table [B, rows, C], a field is some of its rows, and what a sensor has only one of stands in
-each of its columns. Rows lie one after the other in memory, so taking the table apart and putting
-it together again copies a few long stretches. A set `reset` flag makes a recording's whole table
-zero before anything reads it.
+A part of the graph declares the state it needs with `state(name, rows)`, which returns the value
+after the previous sample, and sets the next one with `keep(name, value)`. All state is one table
+[B, rows, C]; a field is some of its rows, and a value that a sensor has once is repeated in its
+three columns. Rows are contiguous in memory, so splitting and joining the table copies a few long
+blocks. A set `reset` flag makes the whole table of a recording zero before anything reads it.
 """
 
 from __future__ import annotations
@@ -71,7 +70,7 @@ class GraphBuilder:
         return f"state_{name}"
 
     def keep(self, name: str, value: str) -> None:
-        """Hand in a state field's next value, [B, rows, C]."""
+        """Set a state field's next value, [B, rows, C]."""
         self._state_next[name] = value
 
     def output(self, name: str, element: int, *shape: int) -> None:
@@ -118,7 +117,7 @@ class GraphBuilder:
     def _pack_state(self) -> onnx.ValueInfoProto:
         missing = set(self._state_rows) - set(self._state_next)
         if missing:
-            raise ValueError(f"state never handed on: {sorted(missing)}")
+            raise ValueError(f"state without a next value: {sorted(missing)}")
         self.node(
             "Concat",
             *(self._state_next[name] for name in self._state_rows),

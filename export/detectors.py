@@ -1,12 +1,11 @@
-"""The classical detectors, causal, as parts of the step graph: they run on the hand at every
-sample.
+"""The classical detectors as causal parts of the step graph, computed at every sample.
 
-(The labeller's critical points, which may look ahead, are training/critical_points.py.)
+(The critical points of training, which may look ahead, are in training/critical_points.py.)
 
 band_pass: the largest |output| over the bands of any shear signal exceeds a multiple of that
-signal's own noise floor, a clipped running mean that all but freezes while the detector fires.
+signal's own noise floor, a clipped running mean that almost stops while the detector fires.
 band_pass_point: the first sample of such an excursion, after enough quiet. friction_cone: |shear| >
-mu x normal at some finger that is pressed hard enough; no division. Unit N only.
+mu x normal at a finger with enough normal force; without a division. Unit N only.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from export.guard import Guarded
 from export.spec import NOISE_RMS, StepSpec
 
 GRAIN = 1e-30
-"""What every number in the filter is drawn towards zero by: silence must not end in slow subnormal
-numbers."""
+"""Every number in the filter moves this far towards zero: silence must not become subnormal
+numbers, which are slow."""
 
 
 def detector_names(spec: StepSpec) -> tuple[str, ...]:
@@ -32,14 +31,14 @@ def detector_names(spec: StepSpec) -> tuple[str, ...]:
 def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
     """Step the band-pass bank of every channel; returns |outputs| [B, bands, C].
 
-    The normal has a bank too: cutting it off and gluing it on again costs more than stepping it.
+    The normal has a bank too: separating its channels costs more than stepping it.
     """
     bands = spec.carried_bands()
     size = 1 + STATES_PER_BAND * len(bands)
     before = graph.state("bank", size)
     difference = graph.node("Sub", guarded.now, guarded.last)
     joined = graph.node("Mul", graph.node("Concat", difference, before, axis=1), guarded.begun)
-    # x - clip(x) is 0 up to the grain, x itself from 1e-13 on, and in between a multiple of 1e-46:
+    # x - clip(x) is 0 up to GRAIN, x itself from 1e-13 on, a multiple of 1e-46 in between:
     # never subnormal
     grains = graph.node("Clip", joined, graph.constant(-GRAIN), graph.constant(GRAIN))
     rested = graph.node("Sub", joined, grains)
@@ -52,8 +51,7 @@ def add_bank(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
 
 
 def add_detectors(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> None:
-    """Publish `detectors` [B, D] bool in the order of `detector_names`: whether it fires in any
-    channel."""
+    """Publish `detectors` [B, D] bool, in any channel, in the order of `detector_names`."""
     firing = _band_pass(graph, spec, guarded, rectified)
     rows = [firing, _band_pass_point(graph, spec, firing)]
     if spec.unit == "N":
@@ -65,8 +63,10 @@ def add_detectors(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectifi
 
 
 def _band_pass(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str) -> str:
-    """[B, 1, C]: a usable shear signal is above its noise floor. A channel that is not usable hears
-    its floor."""
+    """[B, 1, C]: a usable shear signal is above its noise floor.
+
+    For a channel that is not usable, the peak is its floor.
+    """
     rules = spec.detectors
     quiet_peak = NOISE_RMS[spec.unit] * noise_gain(spec.rate_hz, spec.carried_bands())
     floor = graph.node("Max", graph.state("floor", 1), graph.constant(quiet_peak))
@@ -79,17 +79,16 @@ def _band_pass(graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified:
     rate = graph.node(
         "Where", above, graph.constant(fast * rules.firing_rate), graph.constant(fast)
     )
-    heard = graph.node("Min", peak, graph.node("Mul", floor, graph.constant(rules.floor_clip)))
-    change = graph.node("Mul", graph.node("Sub", heard, floor), rate)
+    clipped = graph.node("Min", peak, graph.node("Mul", floor, graph.constant(rules.floor_clip)))
+    change = graph.node("Mul", graph.node("Sub", clipped, floor), rate)
     graph.keep("floor", graph.node("Add", floor, change))
     return above
 
 
 def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
-    """[B, 1, C]: an excursion begins, at least `quiet_s` after the end of the previous one in any
-    channel.
+    """[B, 1, C]: an excursion begins, at least `quiet_s` after the last one in any channel.
 
-    The samples of quiet are counted on and on: a float64 is exact for longer than a hand lives.
+    The count of quiet samples is not limited: a float64 is exact for longer than a hand lasts.
     """
     quiet = graph.state("quiet", 1)
     fired = graph.node("ReduceMax", firing, graph.ints(2), keepdims=1)
@@ -100,8 +99,7 @@ def _band_pass_point(graph: GraphBuilder, spec: StepSpec, firing: str) -> str:
 
 
 def _friction_cone(graph: GraphBuilder, spec: StepSpec, guarded: Guarded) -> str:
-    """[B, 1, C]: |shear| > mu x normal and normal > minimum, at a usable finger, in the normal's
-    column."""
+    """[B, 1, C] in the normal's column: |shear| > mu x normal at a usable, pressed finger."""
     rules = spec.detectors
     squares = graph.node("Mul", guarded.now, guarded.now)
     to_normal = np.kron(np.eye(spec.n_sensors), [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])

@@ -10,63 +10,72 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-# run as a script: the folder of the script is first on sys.path, where we shadow our own room
+# run as a script: its folder is first on sys.path, where this file would shadow the package
 if not __package__:
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
 
 import argparse
+from typing import Any
 
 from edge_runtime.command import path_argument, run_script, show
 from edge_runtime.errors import OutputError
+from edge_runtime.visible import visible
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast export`."""
-    parser.add_argument(
-        "artifact", nargs="?", type=path_argument, default=Path("build/default"), metavar="DIR"
-    )
-    parser.add_argument(
-        "--out", type=path_argument, metavar="FILE", help="default: DIR/holdfast.onnx"
-    )
-    parser.add_argument("--force", action="store_true", help="replace FILE, if it is there already")
+    option, default = parser.add_argument, Path("build/default")
+    folder = "artifact folder of holdfast train (default build/default)"
+    option("artifact", nargs="?", type=path_argument, default=default, metavar="DIR", help=folder)
+    out = "model file to write (default DIR/holdfast.onnx)"
+    option("--out", type=path_argument, metavar="FILE", help=out)
+    option("--force", action="store_true", help="replace FILE if it exists")
 
 
 def run(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
+    sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
     from export.exporting import MODEL_NAME, export_artifact
 
     require_replaceable(args.artifact, args.out or args.artifact / MODEL_NAME, force=args.force)
-    path, report = export_artifact(args.artifact, args.out)
+    path, report = export_artifact(args.artifact, args.out, say=_say_stage)
     for name, head in report["heads"].items():
-        plain = head["predict_disagreement"]
-        show(
-            f"{name}: {head['rows']} rows, {head['label_mismatches']} label mismatches against the reference; "
-            f"plain predict differs on {plain['share_off_ties']:.4%} off ties ({plain['ties']} ties)"
-        )
-    print(
-        f"alone equals batch on {report['single_rows']} rows and {report['stream_samples']} samples, bit for bit"
-    )
+        show(f"{name}: {_agreement(head)}")
+    rows, samples = report["single_rows"], report["stream_samples"]
+    print(f"one at a time equals a batch, bit for bit: {rows} rows and {samples} samples")
     show(f"model: {path} ({report['bytes'] / 1e6:.1f} MB)")
     return 0
 
 
+def _say_stage(line: str) -> None:
+    sys.stderr.write(f"  {line}\n")
+
+
+def _agreement(head: dict[str, Any]) -> str:
+    """How a head of the file compares with the reference, and that with scikit-learn's predict."""
+    plain = head["predict_disagreement"]
+    share = f"{1.0 - plain['share_off_ties']:.4%}".replace("100.0000%", "100 %")
+    labels = f"{head['label_mismatches']} labels differ from the reference"
+    agreement = f"agreement with scikit-learn predict: {share} ({plain['ties']} ties)"
+    return f"{head['rows']} rows, {labels}; {agreement}"
+
+
 def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
-    """Raise OutputError where the model or its card would replace the artifact itself, or a file of
-    another place."""
+    """Raise OutputError where model or card would replace part of the artifact, or another file."""
     from export.artifact import INDEX, ROWS
 
     for path in (model, model.with_suffix(".json")):
         own = path.resolve().parent == artifact.resolve()
         if own and (path.name in (INDEX, ROWS) or path.suffix == ".skops"):
             raise OutputError(
-                "is a part of the artifact itself",
+                "is part of the artifact",
                 where=path,
                 cause="the card beside a model is MODEL.json",
                 next_step="name another file, such as --out holdfast.onnx",
             )
         if not own and not force and path.exists():
             raise OutputError(
-                "is there already",
+                "exists already",
                 where=path,
                 cause="an earlier export",
                 next_step="name a new file with --out, or add --force to replace it",

@@ -1,10 +1,10 @@
-"""Artifact folder -> one verified, sealed ONNX file. Nothing is written unless everything
-agrees."""
+"""Artifact folder -> one verified, sealed ONNX file, written only if everything agrees."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,21 +32,28 @@ def whole_graph(spec: StepSpec, heads: list[Head]) -> onnx.ModelProto:
 
 
 def export_artifact(
-    folder: str | Path, out: str | Path | None = None
+    folder: str | Path,
+    out: str | Path | None = None,
+    *,
+    say: Callable[[str], None] = lambda line: None,
 ) -> tuple[Path, dict[str, Any]]:
-    """Export an artifact folder, the card beside the file; returns the file's path and the
-    verification report."""
+    """Export an artifact folder; returns the path of the file and the verification report.
+
+    The card is written beside the file. say: called with what begins now.
+    """
     folder = Path(folder)
     path = Path(out or folder / MODEL_NAME)
     if path.suffix == CARD_SUFFIX:
         raise UsageError(
-            f"--out {path}: the model's card goes there, and would overwrite the model",
+            f"--out {path}: the model's card is written there and would overwrite the model",
             next_step=f"write --out {path.with_suffix('.onnx')}",
         )
     artifact = read_artifact(folder)
     require_writable(path.parent)
+    say("building the graph")
     model = whole_graph(artifact.spec, artifact.heads)
-    report = verify(model, artifact.spec, artifact.heads, artifact.rows)
+    report = verify(model, artifact.spec, artifact.heads, artifact.rows, say=say)
+    say("sealing: card, golden sequences, SHA-256")
     card = model_card(artifact)
     data = seal(model, card, artifact.spec)
     write_whole(path, data)
@@ -55,8 +62,7 @@ def export_artifact(
 
 
 def readable_card(card: dict[str, Any], name: str, data: bytes) -> str:
-    """The card inside a file as JSON to read, with the file's name, size and SHA-256; fingerprints
-    are left out."""
+    """The card of a file as readable JSON, with name, size and SHA-256, without fingerprints."""
     training = {key: value for key, value in card["training"].items() if key != "recordings"}
     file = {"name": name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     return json.dumps({"file": file, **card, "training": training}, indent=1) + "\n"

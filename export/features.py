@@ -1,20 +1,18 @@
-"""The features of one sample, in named groups; each knows how far back it looks.
+"""The features of one sample in named groups, each with its memory.
 
-All groups but one are made from a finite history of 0.5 s: x[t] is the guarded sample, Sum x the
-sum over the sensors, l a lag in samples (0.05, 0.10, 0.17, 0.25, 0.37 and 0.50 s), Zs = max(Sum z,
-floor). On a scripted set anything with a longer memory is a hidden clock; the one group that has it
-(the band-pass bank rings for ever, if ever more softly) says so and is reported apart.
+All groups but one use a finite history of 0.5 s: x[t] is the guarded sample, Sum x the sum over the
+sensors, l a lag in samples (0.05, 0.10, 0.17, 0.25, 0.37 and 0.50 s), Zs = max(Sum z, floor). In a
+scripted data set a longer memory acts as a hidden clock. Only the band-pass bank has one (its
+response decays without end); it is marked and reported separately.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby
 
 import numpy as np
-import numpy.typing as npt
 from onnx import TensorProto
 
 from edge_runtime.contact import NORMAL_FLOOR
@@ -22,9 +20,9 @@ from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
 from export.builder import GraphBuilder
 from export.guard import Guarded
+from export.history import LAGS_S, History, Triples
 from export.spec import HISTORY_S, WINDOW_S, StepSpec
 
-LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 SPANS_S = (0.10, 0.25, 0.50)
 SCALED_LAGS = (1, 3, 5)
 """Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
@@ -32,122 +30,16 @@ SCALED_LAGS = (1, 3, 5)
 
 @dataclass(frozen=True)
 class FeatureGroup:
-    """A named group: how to add it, how many features it has, its memory (inf: rings for ever),
-    formula, reason."""
+    """A named group of features; memory_s: inf for a response that never ends.
+
+    add: adds it to a graph. count: its number of features.
+    """
 
     add: Callable[[History], Triples | str]
     count: Callable[[StepSpec], int]
     memory_s: float
     formula: str
     reason: str
-
-
-@dataclass(frozen=True)
-class Triples:
-    """Features that are rows of the pool: (x, y, z) of a sensor or of the sum, at a time or since
-    one.
-
-    places: rows of the pool. scaled: divided by Zs.
-    """
-
-    places: list[int]
-    scaled: bool = False
-
-
-class History:
-    """The last 0.5 s of guarded samples, and a pool of what groups choose from (each node is added
-    once)."""
-
-    def __init__(
-        self, graph: GraphBuilder, spec: StepSpec, guarded: Guarded, rectified: str
-    ) -> None:
-        self.graph, self.spec, self.now, self.rectified = graph, spec, guarded.now, rectified
-        self._past = guarded.past
-        self.length = spec.history_samples + 1
-        self._pool: list[str] = []
-        self._pooled = 0
-
-    @cached_property
-    def samples(self) -> str:
-        """[B, L, C], oldest first."""
-        return self.graph.node("Concat", *self._past, self.now, axis=1)
-
-    @cached_property
-    def summed(self) -> str:
-        """[B, L, 3]: the sum over the sensors at every sample."""
-        return self.graph.node(
-            "MatMul", self.samples, self.graph.constant(_over_sensors(self.spec))
-        )
-
-    @cached_property
-    def changes(self) -> str:
-        """[B, 1 + lags, C + 3]: x[t] and every x[t] - x[t-l], of each sensor and of the sum."""
-        places = [self.length - 1] + [
-            self.length - 1 - self.spec.lag(seconds) for seconds in LAGS_S
-        ]
-        rows = self.graph.node("Gather", self.samples, self.graph.ints(*places), axis=1)
-        and_sum = np.concatenate([np.eye(self.spec.n_channels), _over_sensors(self.spec)], axis=1)
-        values = self.graph.node("MatMul", rows, self.graph.constant(and_sum))
-        since = -np.eye(len(places))
-        since[:, 0] = 1.0
-        return self.graph.node("MatMul", self.graph.constant(since), values)
-
-    @cached_property
-    def normal(self) -> str:
-        """[B, 1, 1]: Sum z[t]."""
-        return self.summed_changes((0, 1), (2, 3))
-
-    def summed_changes(self, rows: tuple[int, int], axes: tuple[int, int]) -> str:
-        """Part of Sum x[t] (row 0) and Sum x[t] - Sum x[t-l] (a row a lag), first and one past the
-        last each."""
-        columns = [self.spec.n_channels + axis for axis in axes]
-        starts, stops = zip(rows, columns, strict=True)
-        return self.graph.node(
-            "Slice",
-            self.changes,
-            self.graph.ints(*starts),
-            self.graph.ints(*stops),
-            self.graph.ints(1, 2),
-        )
-
-    def pooled(self, tensor: str, rows: int) -> list[int]:
-        """Put [B, rows, 3] into the pool; returns the rows' places in it."""
-        self._pool.append(tensor)
-        self._pooled += rows
-        return list(range(self._pooled - rows, self._pooled))
-
-    @cached_property
-    def change_places(self) -> npt.NDArray[np.int64]:
-        """[1 + lags, n + 1] where the pool has `changes`."""
-        rows, columns = 1 + len(LAGS_S), self.spec.n_sensors + 1
-        triples = self.graph.reshape(self.changes, 0, rows * columns, 3)
-        return np.reshape(self.pooled(triples, rows * columns), (rows, columns))
-
-    @cached_property
-    def pool(self) -> str:
-        """[B, triples, 3]: everything that was put in."""
-        return (
-            self._pool[0]
-            if len(self._pool) == 1
-            else self.graph.node("Concat", *self._pool, axis=1)
-        )
-
-    def chosen(self, groups: list[Triples]) -> str:
-        """[B, 3 x triples]: rows of the pool, divided by Zs where they are scaled."""
-        graph = self.graph
-        places = [place for group in groups for place in group.places]
-        scaled = np.concatenate([np.full((len(group.places), 1), group.scaled) for group in groups])
-        triples = graph.node("Gather", self.pool, graph.ints(*places), axis=1)
-        if scaled.any():
-            normal = graph.node("Mul", self.normal, graph.constant(scaled))
-            scale = np.where(scaled, NORMAL_FLOOR[self.spec.unit], 1.0)
-            triples = graph.node("Div", triples, graph.node("Max", normal, graph.constant(scale)))
-        return graph.node("Flatten", triples, axis=1)
-
-
-def _over_sensors(spec: StepSpec) -> FloatArray:
-    """[C, 3]: channels to their sum over the sensors."""
-    return np.tile(np.eye(3), (spec.n_sensors, 1))
 
 
 def _window(h: History) -> Triples:
@@ -238,7 +130,7 @@ GROUPS: dict[str, FeatureGroup] = {
         "x[t-N+1] .. x[t]",
         "the thesis' raw window",
     ),
-    "now": FeatureGroup(_now, lambda s: s.n_channels, 0.0, "x[t]", "where every finger stands"),
+    "now": FeatureGroup(_now, lambda s: s.n_channels, 0.0, "x[t]", "the force on every finger"),
     "differences": FeatureGroup(
         _differences,
         lambda s: s.n_channels * len(LAGS_S),
@@ -251,49 +143,49 @@ GROUPS: dict[str, FeatureGroup] = {
         lambda s: 3 * (1 + len(LAGS_S)),
         HISTORY_S,
         "Sum x[t]; Sum x[t] - Sum x[t-l]",
-        "the whole grip: what only one finger feels cancels",
+        "the whole grip: opposite forces on single fingers cancel",
     ),
     "scaled_now": FeatureGroup(
         _scaled_now,
         lambda s: s.n_channels,
         0.0,
         "x[t] / Zs",
-        "how the fingers share the load, whatever the load",
+        "how the fingers share the load, independent of its size",
     ),
     "scaled_differences": FeatureGroup(
         _scaled_differences,
         lambda s: s.n_channels * len(SCALED_LAGS),
         HISTORY_S,
         "(x[t] - x[t-l]) / Zs, l = 0.10, 0.25, 0.50 s",
-        "a finger's change counts relative to the grip it meets",
+        "change at a finger relative to the grip force",
     ),
     "scaled_sums": FeatureGroup(
         _scaled_sums,
         lambda s: 3 * len(LAGS_S),
         HISTORY_S,
         "(Sum x[t] - Sum x[t-l]) / Zs",
-        "the object's pull relative to the grip it meets",
+        "pull of the object relative to the grip force",
     ),
     "activity": FeatureGroup(
         _activity,
         lambda s: 3 * len(SPANS_S),
         HISTORY_S,
         "mean |Sum x[u] - Sum x[u-1]| over the last 0.10, 0.25, 0.50 s, / Zs",
-        "restlessness of the grip: rubbing and swinging, whatever their direction",
+        "activity of the grip: rubbing and swinging in any direction",
     ),
     "shear": FeatureGroup(
         _shear,
         lambda s: 2 * len(LAGS_S),
         HISTORY_S,
         "|Sum xy[t] - Sum xy[t-l]|, the same / Zs",
-        "change of shear whatever its direction",
+        "change of shear in any direction",
     ),
     "ranges": FeatureGroup(
         _ranges,
         lambda s: 3 * len(SPANS_S),
         HISTORY_S,
         "max - min of Sum x over 0.10, 0.25, 0.50 s",
-        "what happened between the lags",
+        "changes between the lags",
     ),
     "bands": FeatureGroup(
         _bands,

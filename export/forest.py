@@ -1,9 +1,9 @@
 """A random forest as integer votes: sums that are exact in any order, one declared rule for ties.
 
 Leaf probabilities are quantised to integers that sum to 2^k in every leaf, with trees x 2^k < 2^24,
-so that float32 adds them exactly and a batch equals a single row. skl2onnx converts the trees (it
-lowers float64 thresholds to float32 correctly); only the leaves' weights are ours. Ties go to the
-riskier class: classes are ordered by risk, and the last of equals wins.
+so float32 adds them exactly and a batch equals a single row. skl2onnx converts the trees (it rounds
+float64 thresholds down to float32 correctly); only the weights of the leaves are ours. Ties go to
+the riskier class: classes are ordered by risk, and the last of equal ones wins.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from export.builder import GraphBuilder
 
 EXACT_FLOAT32 = 2**24
 REMAINDER_DIGITS = 6
-"""Equal fractions differ by less as float64; unequal ones by more, in a leaf of less than a million
-rows."""
+"""As float64, equal fractions differ by less than this; unequal ones by more, in a leaf with fewer
+than a million rows."""
 NODE_ATTRIBUTES = (
     "nodes_treeids",
     "nodes_nodeids",
@@ -62,8 +62,7 @@ def leaf_votes(forest: Forest, n_classes: int) -> list[IntArray]:
 
 
 def _quantise(values: npt.NDArray[np.float64], scale: int) -> IntArray:
-    """Rows of non-negative weights -> integers that sum to `scale`, by the largest remainders; the
-    riskier of equal."""
+    """Rows of weights -> integers that sum to `scale`, by largest remainders, the riskier first."""
     share = values / values.sum(axis=1, keepdims=True) * scale
     whole = np.floor(share).astype(np.int64)
     missing = scale - whole.sum(axis=1)
@@ -98,10 +97,10 @@ def add_forest(graph: GraphBuilder, forest: Forest, features: str, n_classes: in
 
 def _tree_attributes(forest: Forest) -> dict[str, Any]:
     """The trees as skl2onnx writes them; node ids are scikit-learn's own, which is checked."""
-    found = get_default_tree_classifier_attribute_pairs()
+    attributes = get_default_tree_classifier_attribute_pairs()
     for number, tree in enumerate(forest.estimators_):
         add_tree_to_attribute_pairs(
-            found,
+            attributes,
             True,
             _plain(tree.tree_),
             number,
@@ -112,15 +111,17 @@ def _tree_attributes(forest: Forest) -> dict[str, Any]:
             dtype=np.float32,
         )
     expected = np.concatenate([np.arange(tree.tree_.node_count) for tree in forest.estimators_])
-    if not np.array_equal(expected, found["nodes_nodeids"]):
+    if not np.array_equal(expected, attributes["nodes_nodeids"]):
         raise AssertionError("skl2onnx no longer numbers nodes as scikit-learn does")
-    return {name: found[name] for name in NODE_ATTRIBUTES}
+    return {name: attributes[name] for name in NODE_ATTRIBUTES}
 
 
 def _plain(tree: Any) -> SimpleNamespace:
-    """A tree's columns, taken once: scikit-learn wraps an array anew for every node that is looked
-    at. Thresholds stay float64, since a plain number would be compared as float32. The leaves'
-    values are not read: votes replace them."""
+    """A copy of a tree's columns: scikit-learn wraps an array again for every node that is read.
+
+    Thresholds stay float64, because a plain number would be compared as float32. The values of the
+    leaves are not read: votes replace them.
+    """
     columns = {
         name: getattr(tree, name).tolist()
         for name in ("children_left", "children_right", "feature")

@@ -13,12 +13,10 @@ THRESHOLD_ROWS = 20_000
 
 
 def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
-    """Rows that reach a node of a tree and sit on its threshold, or one float32 step to either side
-    of it.
+    """Rows that reach a node of a tree with its threshold, or one float32 step beside it.
 
-    Every threshold equally often from all three sides, or a random choice of them where there are
-    too many for THRESHOLD_ROWS. A row is a held-out one, changed only in what keeps it from its
-    node.
+    All thresholds get all three values equally often, or a random choice if there are too many for
+    THRESHOLD_ROWS. Each row is a held-out one, changed only so far that it reaches its node.
     """
     rng = np.random.default_rng(seed)
     trees = [_Branches(tree.tree_) for tree in forest.estimators_]
@@ -35,16 +33,16 @@ def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
 
 
 def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
-    """What a float64 threshold means to float32 rows: the largest float32 that still goes left."""
+    """A float64 threshold for float32 rows: the largest float32 that still goes left."""
     near = threshold.astype(np.float32)
     return np.where(near > threshold, np.nextafter(near, np.float32(-np.inf)), near)
 
 
 class _Branches:
-    """A tree's branches as lists, because they are walked one by one.
+    """A tree's branches as lists, because Python walks them one by one.
 
-    beside: by node, the largest float32 that goes left, the one below it and the one above it,
-    which goes right.
+    beside: for each node the largest float32 that goes left, the one below it, and the one above
+    it, which goes right.
     """
 
     def __init__(self, tree: Any) -> None:
@@ -70,7 +68,7 @@ class _Branches:
 
 
 def edge_rows(forest: Any) -> FloatRows:
-    """Whole rows of zeros of both signs, subnormals, tiniest and largest finite numbers."""
+    """Rows of zeros of both signs, subnormals, the smallest and the largest finite numbers."""
     limits = np.finfo(np.float32)
     values = [
         0.0,

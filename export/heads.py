@@ -1,10 +1,9 @@
-"""What a forest says, joined to the step graph: votes, labels, calibrated probabilities, weight.
+"""The answers of forests, joined to the step graph: votes, labels, probabilities, weight.
 
-The main head is called "situation" and votes for four situations or for eight classes; every
-further head votes no or yes on a question of its own (p_risky_250ms) and publishes the probability
-of yes. Labels come from the integer votes. Calibration comes after them and cannot change a label:
-vote shares go through one affine map and a softmax (multinomial logistic calibration, fitted on
-held-out votes).
+The main head is called "situation" and votes for four situations or for eight classes. Each other
+head votes no or yes on one question (p_risky_250ms) and publishes the probability of yes. Labels
+come from the integer votes. Calibration follows and cannot change a label: vote shares pass one
+affine map and a softmax (multinomial logistic calibration, fitted on held-out votes).
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Head:
-    """A trained forest, the names of what it votes for, and the calibration of its votes."""
+    """A trained forest, the classes it votes for, and the calibration of its votes."""
 
     name: str
     classes: tuple[str, ...]
@@ -46,7 +45,7 @@ class Head:
 
 
 def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
-    """Join every head to the features; publishes what architecture.md's interface names."""
+    """Join every head to the features; publishes the outputs of the model's interface."""
     for head in heads:
         out = "votes" if head.name == MAIN_HEAD else f"votes_{head.name}"
         votes = add_forest(graph, head.forest, features, len(head.classes), out)
@@ -62,7 +61,7 @@ def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
 
 
 def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
-    """[B, K] float32 probabilities. The division into shares is folded into the weights."""
+    """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
     n_trees = len(head.forest.estimators_)
     weights = head.calibration.weights / (n_trees << vote_bits(n_trees))
     product = graph.node("MatMul", votes, graph.constant(weights, np.float32))
@@ -88,7 +87,7 @@ def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     graph.node("MatMul", "p_class", pairs, out="p_situation")
     graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
     _publish_label(graph, graph.node("MatMul", votes, pairs))
-    # "nothing" has no weight, so its two classes do not vote on it; a tie is heavy, the riskier one
+    # "nothing" has no weight, so its two classes do not count; a tie is heavy, which is riskier
     heavier = graph.constant([0, 0] + [-1, 1] * 3, np.float32)
     difference = graph.node("MatMul", votes, heavier)
     graph.node("GreaterOrEqual", difference, graph.constant(0.0, np.float32), out="weight")

@@ -1,4 +1,4 @@
-"""Closing a model file: the card, the golden sequences and the SHA-256 go into its metadata."""
+"""Sealing a model file: card, golden sequences and SHA-256 go into its metadata."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _head_card(head: Any) -> dict[str, Any]:
 
 
 def seal(model: onnx.ModelProto, card: dict[str, Any], spec: StepSpec) -> bytes:
-    """Serialised model with card, golden sequences and its own hash."""
+    """The serialised model with card, golden sequences and its own hash."""
     session = open_session(model.SerializeToString())
     golden = golden_to_json(
         golden_answers(session, spec.n_channels, spec.unit, spec.settle_samples)

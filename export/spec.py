@@ -1,4 +1,4 @@
-"""Everything that is fixed when a step graph is built, as one JSON-able object."""
+"""Everything that is fixed when a step graph is built, as one object with a JSON form."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from export.bank import BANDS_HZ, bands_for
 
 
 class BandsLeftOut(UserWarning):
-    """Some bands lie too near to half the sampling rate, or above it, and are not part of the
-    bank."""
+    """Some bands are too close to half the sampling rate, or above it, and left out."""
 
 
 WINDOW_S = 0.10
@@ -23,16 +22,14 @@ GAP_S = 0.020
 """A sensor lost for longer than this must settle again; a shorter gap is bridged."""
 
 RANGE_LIMIT: dict[Unit, float] = {"N": 500.0, "uT": 1.0e5, "count": 1.0e6}
-"""No sensor of ours can read more; a reading at or above it is a fault, not a force."""
+"""A reading at or above this is a fault: the supported sensors cannot read as much."""
 
 NOISE_RMS: dict[Unit, float] = {"N": 0.02, "uT": 22.0, "count": 4.0}
-"""RMS noise of one quiet channel: below what it makes of the bank, nothing is called a
-vibration."""
+"""RMS noise of one quiet channel: the noise floor of the bank is never below its response to it."""
 
 
 def window_samples(rate_hz: float, window_s: float = WINDOW_S) -> int:
-    """Samples in a window, both ends included: of 0.10 s 6 at 50 and 58.9 Hz, 16 at 150; never
-    fewer than 2.
+    """Samples in a window, both ends included, at least 2.
 
     >>> [window_samples(rate_hz) for rate_hz in (10, 50, 58.9, 100, 150, 300)]
     [2, 6, 6, 11, 16, 31]
@@ -45,10 +42,10 @@ class DetectorSpec:
     """Thresholds of the causal detectors; one setting for all objects.
 
     band_ratio: fires above this multiple (over 1) of the channel's own noise floor. floor_tau_s:
-    its memory. floor_clip: the floor follows no more than this multiple of itself. firing_rate:
-    while firing the floor moves this much more slowly (never quite frozen, so that lasting noise
-    cannot lock an alarm on). quiet_s: a critical point needs so much quiet before it. friction,
-    min_normal_n: the cone, unit N only.
+    time constant of the floor. floor_clip: the floor follows at most this multiple of itself.
+    firing_rate: factor on the floor's speed while firing (above 0, so that lasting noise cannot
+    hold an alarm). quiet_s: quiet before a critical point. friction, min_normal_n: of the friction
+    cone, unit N only.
     """
 
     band_ratio: float = 6.0
@@ -62,11 +59,11 @@ class DetectorSpec:
 
 @dataclass(frozen=True)
 class StepSpec:
-    """What one step graph is built for: channels, rate, unit, features, guard and detectors.
+    """The specification of a step graph: channels, rate, unit, features, guard and detectors.
 
-    rate_hz: constants are for this rate. groups: feature groups by name (export/features.py).
-    min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: of the raw
-    window.
+    rate_hz: rate of all constants. groups: feature groups by name (export/features.py).
+    min_valid_sensors: fewer usable sensors than this make the state unknown. window_s: length of
+    the raw window.
     """
 
     n_sensors: int
@@ -112,12 +109,12 @@ class StepSpec:
 
     @property
     def history_samples(self) -> int:
-        """Past samples kept, so that nothing older than 0.5 s can reach a feature."""
+        """Past samples kept; nothing older than 0.5 s can reach a feature."""
         return max(self.window_samples - 1, math.floor(HISTORY_S * self.rate_hz + 1e-9))
 
     @property
     def settle_samples(self) -> int:
-        """Good samples a sensor must have delivered before its history is its own."""
+        """Good samples that a sensor must deliver before it is settled."""
         return self.history_samples + 1
 
     @property
@@ -130,17 +127,16 @@ class StepSpec:
         return min(max(1, round(seconds * self.rate_hz)), self.history_samples)
 
     def carried_bands(self) -> tuple[float, ...]:
-        """The bands this rate carries; raises RateError if there is none."""
+        """The bands of the bank at this rate. Raises RateError if there is none."""
         return bands_for(self.rate_hz, self.bands_hz)
 
     def lost_bands(self) -> tuple[float, ...]:
-        """The bands that are left out at this rate, also listed in the model's metadata."""
+        """The bands left out at this rate, as in the model's metadata."""
         carried = self.carried_bands()
         return tuple(band for band in self.bands_hz if band not in carried)
 
     def warn_of_lost_bands(self) -> None:
-        """Warn (BandsLeftOut) where the rate does not carry every band; RateError where it carries
-        none."""
+        """Warn (BandsLeftOut) of bands left out at this rate; RateError if there is no band."""
         lost = ", ".join(f"{band:g}" for band in self.lost_bands())
         if lost:
             warnings.warn(

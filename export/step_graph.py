@@ -1,5 +1,4 @@
-"""The step graph without a forest: guard, bank, detectors, features. Training runs this very
-graph."""
+"""The step graph without a forest: guard, bank, detectors, features; training runs it too."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""An exported file must agree with the reference on every label, or it is not written.
+"""Verification: a file that disagrees with the reference on any label is not written.
 
-The forest is cut out of the very file at the tensor `features`, the labels at `votes`; rows come
-from windows, from the trees' own thresholds +- 1 ulp, and from the edges of float32.
+The forest is cut out of the file itself at the tensor `features`, the labels at `votes`. Rows come
+from windows, from the trees' own thresholds +- 1 ulp, and from the limits of float32.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -41,16 +41,24 @@ OF_THE_STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", 
 
 
 def verify(
-    model: onnx.ModelProto, spec: StepSpec, heads: list[Head], rows: FloatRows, seed: int = 0
+    model: onnx.ModelProto,
+    spec: StepSpec,
+    heads: list[Head],
+    rows: FloatRows,
+    seed: int = 0,
+    *,
+    say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Compare file and reference; returns counts, raises VerificationFailed on any disagreement.
 
-    rows: [N, F] feature rows of windows (in cross-validation: all held-out ones).
+    rows: [N, F] feature rows of windows (in cross-validation: all held-out ones). say: called with
+    what begins now.
     """
     forests = open_session(cut_forests(model))
     report: dict[str, Any] = {"given_rows": len(rows), "heads": {}}
     single = 0
     for head in heads:
+        say(f"verifying head {head.name} on {len(rows)} rows and on its own thresholds")
         hard = np.concatenate(
             [rows, threshold_rows(head.forest, rows, seed), edge_rows(head.forest)]
         )
@@ -58,6 +66,7 @@ def verify(
         nodes = require_same_trees(model, head, _votes(head))
         report["heads"][head.name] = {**_compare(head, hard, votes, len(rows)), "nodes": nodes}
         single += _compare_single(forests, hard, votes, seed)
+    say("verifying ties, and streams of one hand against a batch")
     report["ties_checked"] = _check_ties(model, heads)
     report["single_rows"] = single
     report["stream_samples"] = _compare_streams(model, spec, seed)
@@ -106,8 +115,8 @@ def _compare(
     wrong_others = _wrong_others(head, expected, answers)
     if wrong or wrong_votes or wrong_others:
         raise VerificationFailed(
-            f"head {head.name}: {wrong} labels, {wrong_votes} votes and {wrong_others} other answers of "
-            f"{len(rows)} rows differ",
+            f"head {head.name}: {wrong} labels, {wrong_votes} votes "
+            f"and {wrong_others} other outputs of {len(rows)} rows differ",
             cause="a converter or runtime that treats the trees differently",
             next_step="report the versions that holdfast doctor prints",
         )
@@ -122,8 +131,7 @@ def _compare(
 def _wrong_others(
     head: Head, votes: npt.NDArray[np.int64], answers: dict[str, npt.NDArray[Any]]
 ) -> int:
-    """Rows whose probabilities are more than PROBABILITY_TOLERANCE off, or whose weight is
-    wrong."""
+    """Rows with probabilities beyond PROBABILITY_TOLERANCE, or with a wrong weight."""
     probability = reference_probability(head, votes)
     if head.name != MAIN_HEAD:
         return _far(answers[head.name], probability[:, 1])
@@ -144,7 +152,7 @@ def _far(got: npt.NDArray[Any], expected: npt.NDArray[np.float64]) -> int:
 
 
 def _disagreement(head: Head, rows: FloatRows, votes: npt.NDArray[np.int64]) -> dict[str, Any]:
-    """How often plain predict says something else (of eight classes: another class)."""
+    """How often scikit-learn's predict gives another class."""
     plain = np.asarray(head.forest.predict(rows))
     top = np.sort(votes, axis=1)
     tied = top[:, -1] == top[:, -2]
@@ -179,18 +187,18 @@ def _require_same(name: str, one: npt.NDArray[Any], many: npt.NDArray[Any]) -> N
 
 
 def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
-    """Exact ties between any situations, fed in at `votes`: the riskier one must win."""
+    """Feed exact ties between situations in at `votes`: the riskier one must win."""
     (main,) = [head for head in heads if head.name == MAIN_HEAD]
     session = open_session(_cut(model, ["votes"], ["situation"]))
     votes = np.array(list(_tied_votes(len(main.classes))), dtype=np.float32)
     (got,) = session.run(None, {"votes": votes})
     if not np.array_equal(got, riskier_argmax(situation_votes(votes.astype(np.int64)))):
-        raise VerificationFailed("ties are not won by the riskier class", next_step="report this")
+        raise VerificationFailed("the riskier class does not win a tie", next_step="report this")
     return len(votes)
 
 
 def _tied_votes(n_classes: int) -> Iterator[npt.NDArray[np.int64]]:
-    """Every set of situations that can tie, with every situation left out behind them."""
+    """Votes for every set of situations that can tie, the other situations behind them."""
     per = n_classes // len(SITUATIONS)
     for members in range(1, 2 ** len(SITUATIONS)):
         votes = np.full(len(SITUATIONS), 1000, dtype=np.int64)
@@ -199,14 +207,13 @@ def _tied_votes(n_classes: int) -> Iterator[npt.NDArray[np.int64]]:
 
 
 def _compare_streams(model: onnx.ModelProto, spec: StepSpec, seed: int) -> int:
-    """The whole step, from the sample on: flags by the rule, and one recording alone equals the
-    same among many."""
+    """Run the whole step: flags follow the rule, and one recording equals the same in a batch."""
     session = open_session(model.SerializeToString())
     values, valid = golden_input(spec.n_channels, spec.unit, spec.settle_samples)
     names = [o.name for o in session.get_outputs()]
     alone = run_recording(session, values, valid, [n for n in names if n != "state_out"])
-    for name, told in reference_flags(values, valid, spec).items():
-        if not np.array_equal(alone[name], told):
+    for name, expected in reference_flags(values, valid, spec).items():
+        if not np.array_equal(alone[name], expected):
             raise VerificationFailed(
                 f"output {name!r} does not follow the guard's rule", next_step="report this"
             )

@@ -1,16 +1,4 @@
-"""`holdfast bench WHAT`: what accuracy costs in time, each as JSON, a picture and tables.
-
-effects      ns per sample of every effect of a scene
-latency      one decision beside its peers, in turns; --check holds it against edge_runtime/budget.toml
-cost         what is found and how late, against trees, depth, features, rate, window and debounce; goes on where
-             it was; HOLDFAST_DASK=ADDRESS measures on a Dask cluster
-training     CPU seconds of simulating, features and training against the number of trials
-instructions a step and a forest counted by callgrind, and a projection to a small board
-hand         scans of six fingertips by bridge, faults, delays, and the live loop's latency by stage
-onset        error of the slip's start as a camera sees it, over accelerations and on pulls (needs the extra camera)
-simulator    step against slip time, trials and elements against CPU time, medians of lead, and beside it other
-             laws of friction and, after `make peers`, MuJoCo on the same hold and pull
-"""
+"""`holdfast bench WHAT`: measures what accuracy costs in time, as JSON, a picture and tables."""
 
 from __future__ import annotations
 
@@ -19,48 +7,62 @@ import json
 import os
 import platform
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.command import path_argument
-from edge_runtime.writing import require_writable, write_whole
+
+MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One WHAT: what it measures, the kind of its data, and the function that measures it."""
+
+    about: str
+    kind: str
+    measure: Callable[[Path], dict[str, Any]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument(
-        "what", choices=(*MEASURES, "all"), metavar="WHAT", help=f"{', '.join(MEASURES)}, all"
-    )
-    parser.add_argument(
-        "--check", action="store_true", help="with latency: exit 1 where a budget is broken"
-    )
-    parser.add_argument(
-        "--out",
-        type=path_argument,
-        default=Path("build/bench"),
-        metavar="DIR",
-        help="default build/bench",
-    )
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "WHAT:\n" + "\n".join(f"  {n:<14}{one.about}" for n, one in MEASURES.items())
+    option = parser.add_argument
+    option("what", choices=(*MEASURES, "all"), metavar="WHAT", help="one of the list below, or all")
+    option("--check", action="store_true", help="with latency: exit 1 if a budget is exceeded")
+    default = Path("build/bench")
+    out = "folder for the results (default build/bench); cost continues there where it stopped"
+    option("--out", type=path_argument, default=default, metavar="DIR", help=out)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write WHAT.json and WHAT.svg, print the tables."""
-    from benchmarks.pictures import PICTURES
+    from edge_runtime.writing import require_writable, write_whole
+    from training.progress import stages
 
     require_writable(args.out)
-    for what in MEASURES if args.what == "all" else (args.what,):
-        figures = MEASURES[what](args.out)
-        path = write_whole(
-            args.out / f"{what}.json", json.dumps(figures | _host(what), indent=2) + "\n"
-        )
-        picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
-        _print_tables(what, figures)
-        print(f"{path}\n{picture}")
-        for line in figures.get("broken", []):
-            print(f"over budget: {line}")
-        if args.check and figures.get("broken"):
-            return 1
+    chosen = list(MEASURES) if args.what == "all" else [args.what]
+    with stages(len(chosen)) as begin:
+        for what in chosen:
+            begin(f"{what}: {MEASURES[what].about}")
+            from benchmarks.pictures import PICTURES
+
+            figures = MEASURES[what].measure(args.out)
+            text = json.dumps(figures | _host(what), indent=2) + "\n"
+            path = write_whole(args.out / f"{what}.json", text)
+            picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
+            _print_tables(what, figures)
+            print(f"{path}\n{picture}")
+            for line in figures.get("broken", []):
+                print(f"over budget: {line}")
+            if args.check and figures.get("broken"):
+                return 1
     return 0
 
 
@@ -69,12 +71,8 @@ def _print_tables(what: str, figures: dict[str, Any]) -> None:
     from evaluation.page import markdown
 
     for title, rows in short(figures).items() if what == "cost" else figures.items():
-        if (
-            isinstance(rows, list)
-            and rows
-            and isinstance(rows[0], dict)
-            and "latency_us" not in rows[0]
-        ):
+        is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)
+        if is_table and "latency_us" not in rows[0]:
             print(f"{title}\n{markdown(rows)}\n")
 
 
@@ -130,12 +128,8 @@ def _hand(out: Path) -> dict[str, Any]:
     compute_ms = 1e-3 * sum(
         live[0]["latency_us"][stage]["p50"] for stage in ("convert", "step", "decide", "emit")
     )
-    figures = {
-        "scans": scans,
-        "faults": fault_table(MODEL, compute_ms),
-        "live": live,
-        "act_samples": act_samples,
-    }
+    faults = fault_table(MODEL, compute_ms)
+    figures = {"scans": scans, "faults": faults, "live": live, "act_samples": act_samples}
     return figures | {"delays": delays(scans, compute_ms, act_samples), "memory": memory(MODEL)}
 
 
@@ -145,56 +139,60 @@ def _onset(out: Path) -> dict[str, Any]:
     return {"ramps": ramps(), "pulls": pulls(), "held": held()}
 
 
-MEASURES: dict[str, Callable[[Path], dict[str, Any]]] = {
-    "latency": _latency,
-    "cost": _cost,
-    "training": _training,
-    "instructions": _instructions,
-    "effects": _effects,
-    "hand": _hand,
-    "onset": _onset,
-    "simulator": _simulator,
+MEASURES: dict[str, Measure] = {
+    "latency": Measure(
+        "time of one decision beside other implementations, interleaved",
+        "time on this machine, samples simulated",
+        _latency,
+    ),
+    "cost": Measure(
+        "recall and delay against trees, depth, features, rate, window, debounce (hours)",
+        "scenes simulated, people public real data",
+        _cost,
+    ),
+    "training": Measure(
+        "CPU time of simulating, features and training by number of trials",
+        "time on this machine, trials simulated",
+        _training,
+    ),
+    "instructions": Measure(
+        "instructions of a step (callgrind), projected to a small board",
+        "counted by callgrind",
+        _instructions,
+    ),
+    "effects": Measure(
+        "time per sample of every effect of a scene", "time on this machine", _effects
+    ),
+    "hand": Measure(
+        "scans by bridge, faults, delays, latency of the live loop by stage (minutes)",
+        "simulated",
+        _hand,
+    ),
+    "onset": Measure(
+        "error of the slip onset that a camera finds (needs the extra camera)", "simulated", _onset
+    ),
+    "simulator": Measure(
+        "error by step, CPU time by size, other friction laws, MuJoCo after make peers",
+        "simulated, time on this machine",
+        _simulator,
+    ),
 }
-MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
-LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
-
-
-KINDS = {
-    "cost": "scenes simulated, people public real data",
-    "hand": "simulated",
-    "onset": "simulated",
-    "effects": "time on this machine",
-    "latency": "time on this machine, samples simulated",
-    "training": "time on this machine, trials simulated",
-    "instructions": "counted by callgrind",
-    "simulator": "simulated, time on this machine",
-}
-LIBRARIES = ("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
-SEED = 0
 
 
 def _host(what: str) -> dict[str, Any]:
-    """What stands in every JSON: where and with what it was measured. All measures draw from fixed
-    seeds."""
-    machine = {
-        "machine": platform.machine(),
-        "system": platform.system(),
-        "cpus": os.cpu_count(),
-        "cpu": _cpu(),
-    }
+    """Where and with what it was measured, for every JSON; all measures use fixed seeds."""
+    from evaluation.provenance import host
+
     versions = {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
-    return {"kind": KINDS[what], "seed": SEED, "host": machine, "versions": versions}
+    machine = {**host(), "cpu": _cpu()}
+    return {"kind": MEASURES[what].kind, "seed": SEED, "host": machine, "versions": versions}
 
 
 def _cpu() -> str | None:
-    """The processor's name, where Linux tells."""
+    """The processor's name, None where the system does not have it."""
     try:
         text = Path("/proc/cpuinfo").read_text("utf-8")
     except OSError:
         return None
-    names = [
-        line.partition(":")[2].strip()
-        for line in text.splitlines()
-        if line.startswith("model name")
-    ]
-    return names[0] if names else None
+    lines = (line for line in text.splitlines() if line.startswith("model name"))
+    return next((line.partition(":")[2].strip() for line in lines), None)

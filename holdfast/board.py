@@ -1,5 +1,4 @@
-"""`holdfast board udev|service`: what the board needs installed, on stdout, to be piped where it
-belongs."""
+"""`holdfast board udev|service`: prints what the board needs installed; pipe it into place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera's options, declared once for every verb that films, and stored frames as a source."""
+"""The camera options of every verb that films, and stored frames as a source."""
 
 from __future__ import annotations
 
@@ -14,36 +14,26 @@ if TYPE_CHECKING:
 
 FPS, EXPOSURE_MS = 60.0, 2.0
 SIDE_MM = (1.0, 200.0)
-"""No tag beside a hand is smaller or larger: what is, is no millimetre."""
+"""Plausible sides of a tag; a number outside is probably not in millimetres."""
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """--tag-mm, --fps and --exposure-ms, which an OAK camera needs."""
-    parser.add_argument(
-        "--tag-mm",
-        type=printed_mm,
-        metavar="MM",
-        help="oak: the printed side of the tags, measured",
-    )
-    parser.add_argument(
-        "--fps", type=positive, default=FPS, metavar="HZ", help=f"oak: default {FPS:g}"
-    )
-    parser.add_argument(
-        "--exposure-ms",
-        type=positive,
-        default=EXPOSURE_MS,
-        metavar="MS",
-        help=f"oak: default {EXPOSURE_MS:g}",
-    )
+    option = parser.add_argument
+    side = "oak: measured side of the printed tags"
+    option("--tag-mm", type=printed_mm, metavar="MM", help=side)
+    fps = f"oak: frames a second (default {FPS:g})"
+    option("--fps", type=positive, default=FPS, metavar="HZ", help=fps)
+    exposure = f"oak: exposure (default {EXPOSURE_MS:g})"
+    option("--exposure-ms", type=positive, default=EXPOSURE_MS, metavar="MS", help=exposure)
 
 
 def printed_mm(word: str) -> float:
     """A tag's printed side from the command line, mm."""
     side_mm = positive(word)
     if not SIDE_MM[0] <= side_mm <= SIDE_MM[1]:
-        raise argparse.ArgumentTypeError(
-            f"{word!r} mm is no tag's side: {SIDE_MM[0]:g} to {SIDE_MM[1]:g}"
-        )
+        allowed = f"{SIDE_MM[0]:g} to {SIDE_MM[1]:g}"
+        raise argparse.ArgumentTypeError(f"{word!r} mm is not the side of a tag: {allowed}")
     return side_mm
 
 

@@ -1,4 +1,4 @@
-"""`holdfast VERB ..`: one parser, one module a verb, imported only when its verb is asked for.
+"""`holdfast VERB ..`: one parser, one module a verb, imported only for its verb.
 
 Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
 """
@@ -14,47 +14,23 @@ from edge_runtime.command import Parser, finish
 from edge_runtime.errors import UsageError
 
 VERBS = {
-    "simulate": (
-        "holdfast.simulate",
-        "a scene card -> trials with their truth, no hardware needed",
-    ),
-    "board": ("holdfast.board", "udev rules and a systemd unit for the board"),
-    "doctor": ("holdfast.doctor", "say what is here, what is missing, and how to get it"),
-    "train": (
-        "training.train",
-        "recordings -> an artifact folder (forests, spec, held-out figures)",
-    ),
-    "export": ("export.export", "artifact folder -> one verified, sealed holdfast.onnx"),
-    "evaluate": ("holdfast.evaluate", "score a model file on a labelled set or folder"),
-    "bench": ("holdfast.bench", "what accuracy costs in time, as JSON and tables"),
-    "scan": ("holdfast.scan", "bridges, sensors, addresses, and what is wrong with them"),
-    "calibrate": (
-        "holdfast.calibrate",
-        "known loads -> field to force, judged on probings it never saw",
-    ),
-    "bias": ("holdfast.bias", "what the unloaded hand reads, with a look at how good that is"),
+    "simulate": ("holdfast.simulate", "simulate the trials of a scene card, with their truth"),
+    "train": ("training.train", "train on recordings; writes an artifact folder"),
+    "export": ("export.export", "turn an artifact folder into one verified, sealed model file"),
+    "evaluate": ("holdfast.evaluate", "score a model file on labelled sets or folders"),
+    "replay": ("holdfast.replay", "a model's answers on a recorded trial, as JSON lines"),
     "run": ("holdfast.run", "read a hand live and answer every sample"),
-    "selftest": (
-        "holdfast.selftest",
-        "the hard cases in short, with the very file that is deployed",
-    ),
-    "record": (
-        "holdfast.record",
-        "trials on disk that survive whatever happens, by keys and a protocol card",
-    ),
-    "repair": (
-        "holdfast.repair",
-        "mend trials that a kill or a power cut broke off, and say what was done",
-    ),
-    "watch": (
-        "holdfast.watch",
-        "a camera beside the hand: lossless video and the tracks of two printed tags",
-    ),
-    "onset": (
-        "holdfast.onset",
-        "when the object began to slip, as the camera saw it: a label with its uncertainty",
-    ),
-    "replay": ("holdfast.replay", "a model's answers on a recorded trial, one JSON line a sample"),
+    "scan": ("holdfast.scan", "list the sensors on a bus, their faults and the rate"),
+    "calibrate": ("holdfast.calibrate", "fit the map from field to force, from known loads"),
+    "bias": ("holdfast.bias", "measure the bias of the open, untouched hand"),
+    "record": ("holdfast.record", "record trials by keys and a protocol card"),
+    "repair": ("holdfast.repair", "repair trials after a kill or a power cut"),
+    "watch": ("holdfast.watch", "record a camera: lossless video and tracks of two printed tags"),
+    "onset": ("holdfast.onset", "find the onset of slip in a camera recording; writes a label"),
+    "bench": ("holdfast.bench", "measure what accuracy costs in time"),
+    "selftest": ("holdfast.selftest", "check a model file on this machine, in seconds"),
+    "doctor": ("holdfast.doctor", "list what is installed, what is missing, and how to get it"),
+    "board": ("holdfast.board", "print udev rules or a systemd unit for the board"),
 }
 
 HELP = """usage: holdfast VERB [options]    (holdfast VERB --help for one verb)
@@ -76,22 +52,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str]) -> int:
     if not argv or argv[0] in ("-h", "--help"):
         width = max(map(len, VERBS)) + 2
-        print(
-            HELP.format(
-                verbs="\n".join(f"  {name:<{width}}{about}" for name, (_, about) in VERBS.items())
-            ),
-            end="",
-        )
+        verbs = "\n".join(f"  {name:<{width}}{about}" for name, (_, about) in VERBS.items())
+        print(HELP.format(verbs=verbs), end="")
         return 0
     if argv[0] == "--version":
         print(f"holdfast {version('holdfast')}")
         return 0
     if argv[0] not in VERBS:
-        raise UsageError(
-            f"{argv[0]!r} is no verb",
-            cause=f"choose from {', '.join(VERBS)}",
-            next_step="holdfast --help",
-        )
+        what = f"unknown command {argv[0]!r}; choose from {', '.join(VERBS)}"
+        raise UsageError(what, next_step="holdfast --help")
     return _run(argv[0], argv[1:])
 
 

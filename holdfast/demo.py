@@ -1,5 +1,4 @@
-"""`make demo`: no hardware, no data set: simulate, train, export, and watch trials go by that the
-model never met."""
+"""`make demo`, without hardware or data: simulate, train, export, and show unseen trials."""
 
 from __future__ import annotations
 
@@ -17,16 +16,13 @@ from edge_runtime.writing import require_writable
 from holdfast.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
 
 Await = Callable[[str], Path]
-"""Name of a set -> its folder, once it is whole."""
+"""Name of a set -> its folder, once it is complete."""
 
 
 def run(out: Path, work: Path) -> int:
-    """Train, export, show three trials the model has never seen, and leave model and report in
-    out."""
-    print(
-        f"simulating {TRIALS} trials of the thesis' protocol at {RATE_HZ:g} Hz (simulated: no recording)",
-        flush=True,
-    )
+    """Train, export, show three unseen trials, and leave model and report in `out`."""
+    protocol = f"{TRIALS} trials of the thesis' protocol at {RATE_HZ:g} Hz"
+    print(f"simulating {protocol} (simulated: no recording)", flush=True)
     with _simulated_beside(work) as ready:
         _learn_and_watch(out, work, ready)
     print("real recordings: make real (needs HOLDFAST_DATA; holdfast doctor says what is there)")
@@ -34,7 +30,7 @@ def run(out: Path, work: Path) -> int:
 
 
 def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
-    """All that needs the libraries: they are loaded here, while the trials are simulated."""
+    """All steps that need the libraries, which load while the trials are simulated."""
     from edge_runtime.monitor import Model
     from export.exporting import export_artifact
     from holdfast.demo_watch import COLUMN_S, show, watch
@@ -49,13 +45,10 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     print(f"macro F1 over four situations, trials held out: {macro_f1:.2f}", flush=True)
     path, verified = export_artifact(work / "model", out / "holdfast.onnx")
     checked = verified["heads"]["situation"]
-    print(
-        f"exported {path}: {checked['rows']:,} rows checked, {checked['label_mismatches']} labels differ",
-        flush=True,
-    )
-    print(
-        f"\none character = {COLUMN_S} s; . nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)"
-    )
+    rows, differ = f"{checked['rows']:,} rows", f"{checked['label_mismatches']} labels differ"
+    print(f"exported {path}: {rows} checked, {differ}", flush=True)
+    letters = ". nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)"
+    print(f"\none character = {COLUMN_S} s; {letters}")
     unseen, model = ready(UNSEEN), Model(path)
     pictures = [watch(model, unseen, one) for one in load(unseen, windows="natural").recordings]
     for picture in pictures:
@@ -66,17 +59,18 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
 
 @contextmanager
 def _simulated_beside(work: Path) -> Iterator[Await]:
-    """The demo's trials in another process; yields what waits for one of its sets. Raises
-    HoldfastError."""
+    """Simulate the trials in another process; yields a function that waits for a set.
+
+    Raises HoldfastError.
+    """
     command = [sys.executable, "-m", "holdfast.demo_trials", str(work)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
-        said = iter(child.stdout or ())
+        names = iter(child.stdout or ())
 
         def ready(name: str) -> Path:
-            if next(said, "").strip() != name:
-                raise HoldfastError(
-                    "the trials could not be simulated", cause="see the lines above"
-                )
+            if next(names, "").strip() != name:
+                what = "the trials could not be simulated"
+                raise HoldfastError(what, cause="see the lines above")
             return work / name
 
         try:
@@ -86,17 +80,12 @@ def _simulated_beside(work: Path) -> Iterator[Await]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Parse and run; what is simulated goes into a temporary folder, which is removed."""
+    """Parse and run; the simulated trials go into a temporary folder."""
     parser = Parser(
         prog="make demo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--out",
-        type=path_argument,
-        default=Path("build/demo"),
-        metavar="DIR",
-        help="default build/demo",
-    )
+    out, default = "folder for model and report (default build/demo)", Path("build/demo")
+    parser.add_argument("--out", type=path_argument, default=default, metavar="DIR", help=out)
     args = parser.parse_args(argv)
     require_writable(args.out)
     with tempfile.TemporaryDirectory() as work:

@@ -1,7 +1,8 @@
-"""The demo's trials, simulated in a process of their own while the demo loads its libraries and
-trains.
+"""The demo's trials, simulated in another process while the demo loads its libraries and trains.
 
-    python -m holdfast.demo_trials FOLDER      writes FOLDER/train, then FOLDER/unseen, and says each when it is whole
+    python -m holdfast.demo_trials FOLDER
+
+It writes FOLDER/train, then FOLDER/unseen, and prints the name of each when it is complete.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ TRAIN, UNSEEN = "train", "unseen"
 
 
 def run(work: Path) -> None:
-    """Write both sets; a line on stdout for each."""
+    """Write both sets; prints a line for each."""
     card = read_card("thesis", rate_hz=RATE_HZ)
     write_set(Scene(card, TRAINED_SEED), work / TRAIN, TRIALS)
     print(TRAIN, flush=True)
@@ -30,7 +31,7 @@ def run(work: Path) -> None:
 
 
 def write_shown(scene: Scene, folder: Path) -> None:
-    """Simulate the first trial of each object and action to be shown, as the folders of a set."""
+    """Simulate the first trial of each object and action in SHOWN, as a set in the usual layout."""
     trials = scene.trials(TRIALS)
     chosen = [next(t for t in trials if (t.thing.name, t.action) == shown) for shown in SHOWN]
     for one in scene.run_together(chosen):

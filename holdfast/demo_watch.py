@@ -1,5 +1,4 @@
-"""What the demo shows: a trial that the model has never met goes by, its truth above and the
-answers below."""
+"""The demo's pictures in the terminal: an unseen trial, its truth above the model's answers."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from evaluation.streams import StreamPicture, picture_of
 from training.recording import Recording
 
 LETTERS = ".gsR"
-"""nothing, grasp, safe slip, risky slip; a question mark is unknown."""
+"""nothing, grasp, safe slip, risky slip; unknown is a question mark."""
 COLUMN_S = 0.2
 
 
@@ -38,43 +37,37 @@ def _situation(answer: Prediction) -> int:
 
 
 def show(picture: StreamPicture) -> None:
-    """Truth above, answer below, and how long after the load came on the hand would act."""
+    """Print truth, answers, and the time from load onset to the act."""
     recording = picture.recording
-    was = np.repeat(
+    truth = np.repeat(
         [phase.situation for phase in picture.phases], [p.stop - p.first for p in picture.phases]
     )
     step = round(COLUMN_S * recording.rate_hz)
     print(f"\n{recording.object_name}/{recording.action}")
-    for name, states in (("was ", was), ("says", picture.answer)):
-        print(
-            f"  {name}  "
-            + "".join(_letter(states[k : k + step]) for k in range(0, len(states), step))
-        )
-    print("  " + _outcome(picture))
+    for name, states in (("truth", truth), ("model", picture.answer)):
+        columns = (_letter(states[k : k + step]) for k in range(0, len(states), step))
+        print(f"  {name}  {''.join(columns)}")
+    print(f"  {_outcome(picture)}")
 
 
 def _letter(states: npt.NDArray[np.int64]) -> str:
-    """The gravest state of a column, since a slip can be shorter than one."""
-    gravest = int(np.max(states))
-    return "?" if gravest == UNKNOWN else LETTERS[gravest]
+    """The riskiest state of a column, since a slip can be shorter than one."""
+    riskiest = int(np.max(states))
+    return "?" if riskiest == UNKNOWN else LETTERS[riskiest]
 
 
 def _outcome(picture: StreamPicture) -> str:
     rate_hz = picture.recording.rate_hz
     acts_s = np.flatnonzero(picture.acts) / rate_hz
     if picture.recording.action == "pass":
-        return (
-            f"a hand-over: the hand {'WOULD ACT (wrongly)' if len(acts_s) else 'leaves it alone'}"
-        )
+        return f"hand-over: {'FALSE ALARM' if len(acts_s) else 'no alarm'}"
     onset_s, gross_s = picture.events["load_onset_s"], picture.events["gross_slip_s"]
-    slipped = f"all fingers slide {1e3 * (gross_s - onset_s):.0f} ms after the load came on"
-    early = (
-        f"; WRONGLY asks before, at {acts_s[0]:.1f} s"
-        if len(acts_s) and acts_s[0] < onset_s
-        else ""
-    )
+    slipped = f"gross slip {1e3 * (gross_s - onset_s):.0f} ms after load onset"
+    is_early = len(acts_s) and acts_s[0] < onset_s
+    early = f"; FALSE ALARM before, at {acts_s[0]:.1f} s" if is_early else ""
     after_s = acts_s[acts_s >= onset_s]
     if not len(after_s):
-        return f"{slipped}; the slip is MISSED{early}"
-    wait_ms, late = 1e3 * (after_s[0] - onset_s), "" if after_s[0] <= gross_s else "LATE, "
-    return f"{slipped}; the hand acts {late}after {wait_ms:.0f} ms (a sample is {1e3 / rate_hz:.0f} ms){early}"
+        return f"{slipped}; MISSED{early}"
+    delay_ms, late = 1e3 * (after_s[0] - onset_s), "" if after_s[0] <= gross_s else "LATE, "
+    sample = f"a sample is {1e3 / rate_hz:.0f} ms"
+    return f"{slipped}; the hand acts {late}after {delay_ms:.0f} ms ({sample}){early}"

@@ -1,5 +1,4 @@
-"""`holdfast doctor`: what is here, what is missing and how to get it. Never crashes, whatever it
-finds."""
+"""`holdfast doctor`: what is installed, what is missing and how to get it. It never crashes."""
 
 from __future__ import annotations
 
@@ -23,26 +22,27 @@ EXTRAS = {
     "viz": ("matplotlib",),
     "camera": ("depthai",),
 }
+RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
+Status = Literal["ok", "missing", "broken"]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at: ok, missing or broken, what was found, and the next step if it is not
-    ok."""
+    """One thing checked: its status, what was found, and the next step if it is not ok."""
 
     what: str
-    status: Literal["ok", "missing", "broken"]
+    status: Status
     found: str
     next_step: str = ""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("--json", action="store_true", help="one JSON object a finding")
+    parser.add_argument("--json", action="store_true", help="one JSON object for each finding")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print every finding; always 0, because a missing thing is an answer."""
+    """Print every finding; always 0, because a missing thing is a result."""
     for finding in examine():
         if args.json:
             print(json.dumps(asdict(finding)))
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def examine() -> list[Finding]:
-    """All findings, each looked at on its own: a check that fails is a finding too."""
+    """All findings; a check that raises becomes a finding too."""
     checks: list[tuple[str, Callable[[], list[Finding]]]] = [
         ("machine", _machine),
         ("packages", _packages),
@@ -75,29 +75,19 @@ def _safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
     try:
         return check()
     except ModuleNotFoundError as error:
-        return [
-            Finding(
-                name,
-                "missing",
-                f"needs {error.name}",
-                "only the live path is here: get the whole repository",
-            )
-        ]
-    except Exception as error:  # a doctor who faints helps nobody
+        step = "only the live path is installed: get the whole repository"
+        return [Finding(name, "missing", f"needs {error.name}", step)]
+    except Exception as error:  # doctor must report, whatever fails
         return [Finding(name, "broken", f"{type(error).__name__}: {error}", "report this line")]
 
 
 def _machine() -> list[Finding]:
-    found = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
+    system = f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs"
+    found = f"Python {platform.python_version()}, {system}"
     enough = sys.version_info >= (3, 11)
-    return [
-        Finding(
-            "machine",
-            "ok" if enough else "broken",
-            found,
-            "" if enough else "install Python 3.11 or newer",
-        )
-    ]
+    if enough:
+        return [Finding("machine", "ok", found)]
+    return [Finding("machine", "broken", found, "install Python 3.11 or newer")]
 
 
 def _packages() -> list[Finding]:
@@ -128,9 +118,7 @@ def _data_sets() -> list[Finding]:
     from training.datasets import PUBLIC_SETS, data_folder
 
     folder = data_folder()
-    step = (
-        "set HOLDFAST_DATA to the folder that holds it (only needed for figures on real recordings)"
-    )
+    step = "set HOLDFAST_DATA to the folder with it (only for figures on real recordings)"
     return [
         Finding(name, "ok", f"in {folder}")
         if (folder / name).is_dir()
@@ -148,15 +136,10 @@ def _default_model() -> list[Finding]:
         step = "python training/train.py && python export/export.py"
         return [Finding("model", "missing", f"no {path}", step)]
     try:
-        return [
-            Finding(
-                "model",
-                "ok",
-                f"{path}, id {Model(path).card.model_id}, golden sequences reproduced",
-            )
-        ]
+        model_id = Model(path).card.model_id
     except HoldfastError as error:
         return [Finding("model", "broken", str(error), error.next_step)]
+    return [Finding("model", "ok", f"{path}, id {model_id}, golden sequences reproduced")]
 
 
 def _libusb() -> list[Finding]:
@@ -182,7 +165,7 @@ def _bridges() -> list[Finding]:
                 UsbPort(name, ids_of(name), real_backend(), number=number).close()
                 findings.append(Finding(f"bridge {name}", "ok", "can be opened"))
             except DeviceError as error:
-                step = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules, then plug it in anew"
+                step = f"{RULES}, then plug it in again"
                 findings.append(Finding(f"bridge {name}", "broken", str(error), step))
     return findings or [Finding("bridges", "missing", "none on USB", "virtual://ft232h needs none")]
 
@@ -190,63 +173,36 @@ def _bridges() -> list[Finding]:
 def _native_buses() -> list[Finding]:
     buses = sorted(Path("/dev").glob("i2c-*"))
     if not buses:
-        return [
-            Finding(
-                "i2c",
-                "missing",
-                "no /dev/i2c-*",
-                "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt",
-            )
-        ]
+        step = "on a Raspberry Pi: dtparam=i2c_arm=on in config.txt"
+        return [Finding("i2c", "missing", "no /dev/i2c-*", step)]
     closed = [str(bus) for bus in buses if not os.access(bus, os.R_OK | os.W_OK)]
     if closed:
-        return [
-            Finding(
-                "i2c", "broken", f"not allowed: {', '.join(closed)}", "sudo usermod -aG i2c $USER"
-            )
-        ]
+        step = "sudo usermod -aG i2c $USER"
+        return [Finding("i2c", "broken", f"not allowed: {', '.join(closed)}", step)]
     return [Finding("i2c", "ok", ", ".join(str(bus) for bus in buses))]
 
 
 def _udev() -> list[Finding]:
     folder = Path("/etc/udev/rules.d")
     if not folder.is_dir():
-        return [
-            Finding(
-                "udev",
-                "missing",
-                "no /etc/udev/rules.d",
-                "as root, or without udev, USB is open anyway",
-            )
-        ]
-    found = [
-        rule
+        step = "not needed as root or without udev"
+        return [Finding("udev", "missing", "no /etc/udev/rules.d", step)]
+    rules = [
+        str(rule)
         for rule in folder.glob("*.rules")
         if "6014" in rule.read_text(encoding="utf-8", errors="replace")
     ]
-    step = "" if found else "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
-    return [
-        Finding(
-            "udev",
-            "ok" if found else "missing",
-            ", ".join(map(str, found)) or "no rule of ours",
-            step,
-        )
-    ]
+    if rules:
+        return [Finding("udev", "ok", ", ".join(rules))]
+    return [Finding("udev", "missing", "no rule for the bridges", RULES)]
 
 
 def _clock() -> list[Finding]:
     info = time.get_clock_info("monotonic")
-    fine = info.monotonic and info.resolution <= 1e-6
     found = f"{info.implementation}, resolution {1e9 * info.resolution:g} ns"
-    return [
-        Finding(
-            "clock",
-            "ok" if fine else "broken",
-            found,
-            "" if fine else "a kernel with high-resolution timers",
-        )
-    ]
+    if info.monotonic and info.resolution <= 1e-6:
+        return [Finding("clock", "ok", found)]
+    return [Finding("clock", "broken", found, "use a kernel with high-resolution timers")]
 
 
 def _governor() -> list[Finding]:
@@ -254,9 +210,10 @@ def _governor() -> list[Finding]:
     names = sorted({file.read_text(encoding="utf-8").strip() for file in files})
     if not names:
         return [Finding("governor", "ok", "the kernel does not change the clock rate")]
-    fast = names == ["performance"]
-    step = "" if fast else "cpupower frequency-set -g performance, for a steady latency"
-    return [Finding("governor", "ok" if fast else "missing", ", ".join(names), step)]
+    if names == ["performance"]:
+        return [Finding("governor", "ok", "performance")]
+    step = "cpupower frequency-set -g performance, for a steady latency"
+    return [Finding("governor", "missing", ", ".join(names), step)]
 
 
 def _priority() -> list[Finding]:
@@ -265,5 +222,6 @@ def _priority() -> list[Finding]:
     with real_time() as allowed:
         if allowed:
             return [Finding("priority", "ok", "a hand is read with real-time priority")]
-    step = f'echo "$USER - rtprio {PRIORITY}" | sudo tee /etc/security/limits.d/holdfast.conf, then log in anew'
+    limit = f'echo "$USER - rtprio {PRIORITY}" | sudo tee /etc/security/limits.d/holdfast.conf'
+    step = f"{limit}, then log in again"
     return [Finding("priority", "missing", "a busy machine may delay a sample", step)]

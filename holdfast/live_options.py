@@ -1,4 +1,4 @@
-"""The options of every verb that reads a hand, declared once, and what their values become."""
+"""The options that every verb that reads a hand shares, and the meaning of their values."""
 
 from __future__ import annotations
 
@@ -17,22 +17,14 @@ if TYPE_CHECKING:
 
 def add_live_options(parser: argparse.ArgumentParser) -> None:
     """--source and --calibration."""
-    parser.add_argument(
-        "--source",
-        required=True,
-        metavar="URL",
-        help="usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD",
-    )
-    parser.add_argument(
-        "--calibration",
-        type=path_argument,
-        metavar="FILE",
-        help="field to force, made by holdfast calibrate",
-    )
+    urls = "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD"
+    parser.add_argument("--source", required=True, metavar="URL", help=urls)
+    made = "map from field to force, made by holdfast calibrate"
+    parser.add_argument("--calibration", type=path_argument, metavar="FILE", help=made)
 
 
 def force_of(path: Path | None) -> Callable[[FloatArray], FloatArray] | None:
-    """A calibration file as what it does, or None. Raises a DataError."""
+    """The map from field to force in a calibration file, or None. Raises a DataError."""
     if path is None:
         return None
     from drivers.calibration import read_calibration
@@ -49,9 +41,10 @@ def resting_of(path: Path | None, source: Source) -> FloatArray | None:
     bias = read_bias(path)
     if bias.unit != source.unit or len(bias.values) != source.n_channels:
         raise UnitError(
-            f"{len(bias.values)} channels in {bias.unit}, the source has {source.n_channels} in {source.unit}",
+            f"{len(bias.values)} channels in {bias.unit}, "
+            f"the source has {source.n_channels} in {source.unit}",
             where=path,
-            cause="taken with another calibration or hand",
-            next_step="holdfast bias again",
+            cause="measured with another calibration or hand",
+            next_step="run holdfast bias again",
         )
     return bias.values

@@ -2,20 +2,19 @@
 
     usb://ft232h?number=0                     a bridge on USB
     i2c://1                                   the board's own bus, /dev/i2c-1
-    virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; seed, trial, and faults
-              &fault=nack:3@1.5+0.2           (drivers/virtual/faults.py)
-    any other source                          a recording or a scene, at the pace it was recorded at
+    virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; also seed,
+              &fault=nack:3@1.5+0.2           trial, and faults (drivers/virtual/faults.py)
+    any other source                          a recording or a scene, at its own pace
 
-A hand also takes layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without CRC is
-refused; off: nothing is checked), burst=1 (shorter reads without CRC) and together=1 (all fingers
-convert at one moment, when asked).
+A hand has more options: layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without
+CRC is refused; off: nothing is checked), burst=1 (shorter reads without CRC) and together=1 (a
+trigger makes all fingers convert at one moment).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import parse_qs
@@ -32,38 +31,27 @@ from drivers.tmag5273 import Setup
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Source
+from holdfast.messages import progress_of, say
 from holdfast.mistakes import require_meant
-from holdfast.sources import MOST_DIGITS, SIM, open_source, simulated_trial, taken_apart
+from holdfast.sources import MOST_DIGITS, SIM, open_source, simulated_trial, split_url
 
 if TYPE_CHECKING:
     from drivers.virtual.hand import VirtualHand
-    from simulation.scene import Scene
-    from simulation.scene import SimulatedTrial as SimulatedTrial
+    from simulation.scene import Scene, SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
 HAND_KEYS = ("layout", "averages", "crc", "burst", "together", "bus_hz", "number")
 CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
 FIELD_HZ = 1000.0
-"""A scene's field is simulated so often for the virtual chips, which convert it at their own
-times."""
-OF_THE_CHIP = (
-    "averaging",
-    "hall_noise",
-    "saturation",
-    "quantisation",
-    "timing_jitter",
-    "dropped_samples",
-    "stale_sensor",
-)
-"""Effects that the virtual chip and the bus have themselves."""
+"""Rate of a scene's field for the virtual chips, which convert it at their own times."""
 
 ToForce = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
 class SourceUrl:
-    """A URL taken apart: scheme, what stands behind it, and its options."""
+    """A URL in parts: scheme, name, and options."""
 
     scheme: str
     name: str
@@ -78,7 +66,7 @@ class SourceUrl:
         text = self.text(key, str(default))
         if not text.isdecimal() or len(text) > MOST_DIGITS:
             raise UsageError(
-                f"{key}={text[:40]!r} is no whole number", next_step=f"{key}={default}"
+                f"{key}={text[:40]!r} is not a whole number", next_step=f"{key}={default}"
             )
         return int(text)
 
@@ -86,94 +74,95 @@ class SourceUrl:
 def open_live(
     url: str, *, clock: Any, say: Callable[[str], None], to_force: ToForce | None = None
 ) -> Source:
-    """Open and start a live source. clock: now_ns, spend and wait_until; to_force: a calibration,
-    for a hand.
+    """Open and start a live source.
 
-    Raises UsageError for a URL that cannot be, and what the hand or the recording raises.
+    clock: has now_ns, spend and wait_until; to_force: a calibration, for a hand. Raises UsageError
+    for an impossible URL, and the errors of the hand or the recording.
     """
-    told = _taken_apart(url)
-    if told.scheme not in HANDS:
+    source = _source_url(url)
+    if source.scheme not in HANDS:
         return Paced(open_source(url), clock.now_ns)
-    if told.scheme == "virtual":
-        _known(told, VIRTUAL_KEYS)
-        hand = _virtual(told, clock)
-        bus_hz = told.number("bus_hz", 400_000)
-        opener = open_virtual(told.name, hand, bus_hz)
-        live = _started(opener, told, clock, say, to_force or _scene_force())
+    if source.scheme == "virtual":
+        _require_known(source, VIRTUAL_KEYS)
+        hand = _virtual(source, clock, say)
+        bus_hz = source.number("bus_hz", 400_000)
+        opener = open_virtual(source.name, hand, bus_hz)
+        live = _started(opener, source, clock, say, to_force or _scene_force())
         live.began_ns = hand.born_ns
         return live
-    return _started(_opener(told, clock), told, clock, say, to_force)
+    return _started(_opener(source, clock, say), source, clock, say, to_force)
 
 
-def open_bus(url: str, clock: Any) -> Bus:
-    """The bus behind a hand's URL, nothing brought up. Raises UsageError, and what the bridge
-    raises."""
-    told = _taken_apart(url)
-    if told.scheme not in HANDS:
+def open_bus(url: str, clock: Any, say: Callable[[str], None] = say) -> Bus:
+    """The bus of a hand's URL, its sensors not started. Raises UsageError and a DeviceError."""
+    source = _source_url(url)
+    if source.scheme not in HANDS:
         require_meant(url)
-        raise UsageError(f"{url!r} is no hand", next_step=f"{'://.., '.join(HANDS)}://..")
-    return _opener(told, clock)()
+        raise UsageError(f"{url!r} is not a hand", next_step=f"{'://.., '.join(HANDS)}://..")
+    return _opener(source, clock, say)()
 
 
 def named_addresses(url: str) -> frozenset[int]:
-    """Where a URL's layout says that its fingers answer. Raises UsageError."""
-    layout = read_layout(_taken_apart(url).text("layout", "mux"))
+    """The addresses of the fingers in a URL's layout. Raises UsageError."""
+    layout = read_layout(_source_url(url).text("layout", "mux"))
     return frozenset(address for one in layout for address in (one.address, one.read_at))
 
 
-def _opener(told: SourceUrl, clock: Any) -> Callable[[], Bus]:
-    """What opens the bridge, now and after it was lost."""
-    _known(told, VIRTUAL_KEYS if told.scheme == "virtual" else HAND_KEYS)
-    number, bus_hz = told.number("number", 0), told.number("bus_hz", 400_000)
-    if told.scheme == "virtual":
-        return open_virtual(told.name, _virtual(told, clock), bus_hz)
-    if told.scheme == "usb":
-        return lambda: open_usb(told.name, number, bus_hz)
-    return lambda: open_native(told.name)
+def _opener(source: SourceUrl, clock: Any, say: Callable[[str], None]) -> Callable[[], Bus]:
+    """A function that opens the bridge, now and again after it was lost."""
+    _require_known(source, VIRTUAL_KEYS if source.scheme == "virtual" else HAND_KEYS)
+    number, bus_hz = source.number("number", 0), source.number("bus_hz", 400_000)
+    if source.scheme == "virtual":
+        return open_virtual(source.name, _virtual(source, clock, say), bus_hz)
+    if source.scheme == "usb":
+        return lambda: open_usb(source.name, number, bus_hz)
+    return lambda: open_native(source.name)
 
 
-def _taken_apart(url: str) -> SourceUrl:
-    parts = taken_apart(url)
+def _source_url(url: str) -> SourceUrl:
+    parts = split_url(url)
     name = parts.netloc + parts.path
     if parts.scheme in ("usb", "virtual") and name not in BRIDGES:
         raise UsageError(f"{url!r}: no bridge {name!r}", next_step=f"one of {', '.join(BRIDGES)}")
     return SourceUrl(parts.scheme, name, parse_qs(parts.query, keep_blank_values=True))
 
 
-def _known(told: SourceUrl, allowed: tuple[str, ...]) -> None:
-    for key in told.options:
+def _require_known(source: SourceUrl, allowed: tuple[str, ...]) -> None:
+    for key in source.options:
         if key not in allowed:
             raise UsageError(
-                f"{told.scheme}://: {key!r} is not known",
+                f"{source.scheme}://: {key!r} is not known",
                 next_step=f"allowed: {', '.join(allowed)}",
             )
 
 
 def _started(
     open_bus: Callable[[], Bus],
-    told: SourceUrl,
+    source: SourceUrl,
     clock: Any,
     say: Callable[[str], None],
     to_force: ToForce | None,
 ) -> LiveHand:
-    averages = told.number("averages", 32)
+    averages = source.number("averages", 32)
     if averages not in (1, 2, 4, 8, 16, 32):
         raise UsageError(
-            f"averages={averages} is not what the chip has", next_step="1, 2, 4, 8, 16 or 32"
+            f"averages={averages}: the chip does not have it", next_step="1, 2, 4, 8, 16 or 32"
         )
-    crc = told.text("crc", "auto")
+    crc = source.text("crc", "auto")
     if crc not in CRC_WORDS:
         raise UsageError(
             f"crc={crc[:40]!r} is not known", next_step=f"crc={' or crc='.join(CRC_WORDS)}"
         )
     hand = Hand(
         open_bus,
-        read_layout(told.text("layout", "mux")),
+        read_layout(source.text("layout", "mux")),
         now_ns=clock.now_ns,
         say=say,
         crc=cast("Crc", crc),
         setup=Setup(
-            averages, burst=bool(told.number("burst", 0)), together=bool(told.number("together", 0))
+            averages,
+            burst=bool(source.number("burst", 0)),
+            together=bool(source.number("together", 0)),
         ),
         pause=lambda seconds: clock.wait_until(clock.now_ns() + round(1e9 * seconds)),
     )
@@ -181,66 +170,90 @@ def _started(
     return LiveHand(hand, to_force)
 
 
-def _virtual(told: SourceUrl, clock: Any) -> VirtualHand:
+def _virtual(source: SourceUrl, clock: Any, say: Callable[[str], None]) -> VirtualHand:
     from drivers.virtual.faults import read_fault
     from drivers.virtual.hand import LAYOUTS, VirtualHand
 
-    layout = told.text("layout", "mux")
+    layout = source.text("layout", "mux")
     name = layout.partition("@")[0]
     if name not in LAYOUTS:
         raise UsageError(
             "a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}"
         )
-    seed = told.number("seed", 0)
+    seed = source.number("seed", 0)
     hand = VirtualHand(
         clock,
-        track=_track(told.text("scene", ""), seed, told.number("trial", 0)),
+        track=_track(source.text("scene", ""), seed, source.number("trial", 0), say),
         layout=name,
         seed=seed,
-        faults=[read_fault(text) for text in told.options.get("fault", [])],
+        faults=[read_fault(text) for text in source.options.get("fault", [])],
     )
     hand.mux.address = read_layout(layout)[0].mux
     return hand
 
 
-def _track(scene: str, seed: int, trial: int) -> Any:
+def _track(scene: str, seed: int, trial: int, say: Callable[[str], None]) -> Any:
     """The field of a scene's trial at the chips, or a hand at rest."""
     from drivers.virtual.hand import Track, still
 
     if not scene:
         return still()
-    signal = simulated(scene, seed, trial)[1].signal
+    signal = simulated(scene, seed, trial, say)[1].signal
     return Track(signal.t_s, signal.values)
 
 
 def scene_of(url: str) -> tuple[Scene, SimulatedTrial] | None:
-    """The scene behind a URL and what happens in it: virtual://..?scene=.., or a single trial of
-    sim://; else None."""
+    """The scene and the trial of a virtual:// URL with a scene, or of sim://; else None."""
     if url.startswith(SIM):
         return simulated_trial(url)
-    told = _taken_apart(url)
-    if told.scheme != "virtual" or not told.text("scene", ""):
+    source = _source_url(url)
+    if source.scheme != "virtual" or not source.text("scene", ""):
         return None
-    return simulated(told.text("scene", ""), told.number("seed", 0), told.number("trial", 0))
+    return simulated(source.text("scene", ""), source.number("seed", 0), source.number("trial", 0))
 
 
-@lru_cache(maxsize=1)
-def simulated(scene: str, seed: int, trial: int) -> tuple[Scene, SimulatedTrial]:
-    """A trial of a card as the chips of a virtual hand meet it. Raises CardError, UsageError."""
+_kept: dict[tuple[str, int, int], tuple[Scene, SimulatedTrial]] = {}
+"""The newest simulated trial, which several callers need."""
+
+
+def simulated(
+    scene: str, seed: int, trial: int, say: Callable[[str], None] = say
+) -> tuple[Scene, SimulatedTrial]:
+    """A trial of a card as field at the chips of a virtual hand. Raises CardError, UsageError.
+
+    It takes seconds, so `say` gets the progress.
+    """
+    key = scene, seed, trial
+    if key not in _kept:
+        made = _scene_at_chips(scene, seed)
+        trials = made.trials()
+        if trial >= len(trials):
+            what = f"scene {scene}: no trial {trial}"
+            raise UsageError(what, next_step=f"0..{len(trials) - 1}")
+        report = progress_of(f"simulating scene {scene}", say)
+        one = made.run_together([trials[trial]], report)[0]
+        _kept.clear()
+        _kept[key] = made, one
+    return _kept[key]
+
+
+def _scene_at_chips(name: str, seed: int) -> Scene:
+    """The scene in uT without the effects that the virtual chip and bus have themselves."""
     from simulation.card import read_card
+    from simulation.effects import AVERAGING
     from simulation.scene import Scene
+    from simulation.sensor.chip import CHIP
+    from simulation.sensor.timing import TIMING
 
-    card = read_card(scene, rate_hz=FIELD_HZ) if Path(scene).is_file() else read_card(scene)
-    effects = {name: told for name, told in card.effects.items() if name not in OF_THE_CHIP}
-    made = Scene(replace(card, rate_hz=FIELD_HZ, unit="uT", effects={"dipole": {}} | effects), seed)
-    trials = made.trials()
-    if trial >= len(trials):
-        raise UsageError(f"scene {scene}: no trial {trial}", next_step=f"0..{len(trials) - 1}")
-    return made, made.run_together([trials[trial]])[0]
+    card = read_card(name, rate_hz=FIELD_HZ) if Path(name).is_file() else read_card(name)
+    of_the_chip = {effect.name for effect in (AVERAGING, *CHIP, *TIMING)}
+    effects = {effect: own for effect, own in card.effects.items() if effect not in of_the_chip}
+    field = replace(card, rate_hz=FIELD_HZ, unit="uT", effects={"dipole": {}} | effects)
+    return Scene(field, seed)
 
 
 def _scene_force() -> ToForce:
-    """The calibration of the scenes' sensors, for a virtual hand without one of its own."""
+    """The calibration of the scenes' sensors, for a virtual hand without a calibration."""
     from simulation.sensor.calibration import linear_map
 
     matrix = linear_map()[0]

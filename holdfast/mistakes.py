@@ -1,4 +1,4 @@
-"""What a source was meant to be where it is neither a URL nor a file that exists."""
+"""Suggestions for a source that is neither a URL nor an existing file."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ _NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
 
 
 def require_meant(word: str) -> None:
-    """Raise UsageError that says what to write, where a source without `://` is no file but the
-    name of something."""
+    """Raise UsageError with a suggestion, if the word looks like a source without its scheme."""
     if "://" in word or _exists(word):
         return
     meant = _meant(word)
     if meant:
-        raise UsageError(
-            f"{word!r} is no file, and no source without its scheme", next_step=f"write {meant}"
-        )
+        what = f"{word!r} is not a file, and a source needs its scheme"
+        raise UsageError(what, next_step=f"write {meant}")
 
 
 def _exists(word: str) -> bool:
@@ -31,7 +29,7 @@ def _exists(word: str) -> bool:
 
 
 def _meant(word: str) -> str:
-    """What to write instead; empty where nothing comes to mind."""
+    """What to write instead; empty without a suggestion."""
     scheme, colon, name = word.partition(":")
     if colon and scheme in SCHEMES:
         return f"{scheme}://{name.lstrip('/')}"
@@ -46,8 +44,8 @@ def _bridge(word: str) -> str:
     name, _, options = word.partition("?")
     if name not in BRIDGES:
         return ""
-    told = f"?{options}" if options else ""
-    return f"usb://{name}{told} for the bridge itself, virtual://{name}{told} for an emulated one"
+    query = f"?{options}" if options else ""
+    return f"usb://{name}{query} for the bridge itself, virtual://{name}{query} for an emulated one"
 
 
 def _card(word: str) -> str:

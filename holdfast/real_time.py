@@ -1,5 +1,4 @@
-"""Real time: the clock that a live verb runs by, and the priority of the thread that reads a
-hand."""
+"""Real time: the clock of a live verb, and the priority of the thread that reads a hand."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from edge_runtime.priority import real_time
 
 
 class RunClock(MonotonicClock):
-    """Real time, which a virtual hand's transfers spend by waiting."""
+    """Real time; a virtual hand's transfers wait on it."""
 
     def spend(self, duration_ns: int) -> None:
         """Let time pass."""
@@ -20,10 +19,11 @@ class RunClock(MonotonicClock):
 
 @contextmanager
 def first_in_line(say: Callable[[str], None]) -> Iterator[bool]:
-    """Real-time priority, or one line that there is none."""
+    """Real-time priority, or one message that there is none."""
     with real_time() as allowed:
         if not allowed:
             say(
-                "usual priority: other programs can delay a sample; holdfast doctor says how to allow real time"
+                "no real-time priority: other programs can delay a sample; "
+                "holdfast doctor says how to allow it"
             )
         yield allowed

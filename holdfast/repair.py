@@ -1,8 +1,8 @@
-"""`holdfast repair DIR`: mend trials that a kill or a power cut broke off, and say what was done.
+"""`holdfast repair DIR`: repairs trials that a kill or a power cut interrupted.
 
-A torn last line of tactile.csv or events.jsonl is moved to tactile.csv.torn or events.jsonl.torn. A
-trial that still says `recording` says `interrupted` from then on, or `void` where it ended before
-its header was written. A file whose header and rows disagree is refused, and stays as it is.
+An incomplete last line of tactile.csv or events.jsonl is moved to tactile.csv.torn or
+events.jsonl.torn. The state `recording` becomes `interrupted`, or `void` where the trial ended
+before its header was written. A file whose header and rows disagree is refused and not changed.
 """
 
 from __future__ import annotations
@@ -14,17 +14,12 @@ from edge_runtime.command import path_argument, show
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument(
-        "folder",
-        type=path_argument,
-        metavar="DIR",
-        help="a trial's folder, or one with trials in it",
-    )
+    folder = "a trial's folder, or one with trials in it"
+    parser.add_argument("folder", type=path_argument, metavar="DIR", help=folder)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Mend every trial below the folder; a line each, and the exit code of data where one could not
-    be."""
+    """Repair every trial below the folder, with a line each; exit code 3 where one could not be."""
     from edge_runtime.errors import DataError
     from holdfast.recorder.folder import all_trials, alone
     from holdfast.recorder.mending import repaired
@@ -33,8 +28,8 @@ def run(args: argparse.Namespace) -> int:
     with alone(args.folder):
         for folder in all_trials(args.folder):
             try:
-                show(f"{folder}: {', '.join(repaired(folder)) or 'whole'}")
+                show(f"{folder}: {', '.join(repaired(folder)) or 'complete'}")
             except DataError as error:
-                show(f"{folder}: not mended: {error}")
+                show(f"{folder}: not repaired: {error}")
                 code = error.exit_code
     return code

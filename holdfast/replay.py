@@ -1,4 +1,4 @@
-"""`holdfast replay MODEL SOURCE`: what the hand would have said, one JSON line a sample."""
+"""`holdfast replay MODEL SOURCE`: the model's answers on a recording, one JSON line a sample."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import sys
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
-    parser.add_argument(
-        "trial", metavar="TRIAL", help="a trial's CSV or folder, SET#N, or sim://CARD?trial=N"
-    )
+    trial = "a trial's CSV or folder, SET#N, or sim://CARD?trial=N"
+    parser.add_argument("trial", metavar="TRIAL", help=trial)
 
 
 def run(args: argparse.Namespace) -> int:

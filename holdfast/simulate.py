@@ -1,5 +1,4 @@
-"""`holdfast simulate CARD --out DIR`: a card's trials, in the thesis' layout, with the truth beside
-each."""
+"""`holdfast simulate CARD --out DIR`: a card's trials in the thesis' layout, with their truth."""
 
 from __future__ import annotations
 
@@ -18,29 +17,21 @@ from simulation.shipped import shipped
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument(
-        "card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}"
-    )
-    parser.add_argument(
-        "--out", type=path_argument, required=True, metavar="DIR", help="a new folder"
-    )
-    parser.add_argument(
-        "--trials",
-        type=_count,
-        metavar="N",
-        help="N trials in the card's proportions (default: all)",
-    )
-    parser.add_argument(
-        "--rate", type=float, metavar="HZ", help="samples a second (default: the card's)"
-    )
-    parser.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)"
-    )
+    option = parser.add_argument
+    option("card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}")
+    option("--out", type=path_argument, required=True, metavar="DIR", help="a new folder")
+    trials = "number of trials, in the card's proportions (default: all)"
+    option("--trials", type=_count, metavar="N", help=trials)
+    option("--rate", type=float, metavar="HZ", help="sampling rate (default: the card's)")
+    every = "seed of every random choice (default 0)"
+    option("--seed", type=seed, default=0, metavar="S", help=every)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and write; the same card and seed write the same bytes. Interrupted, it leaves no
-    folder."""
+    """Simulate and write; the same card and seed give the same bytes.
+
+    An interrupted run leaves no folder.
+    """
     from simulation.card import read_card
     from simulation.folder import require_new, write_set
     from simulation.scene import Scene
@@ -55,38 +46,32 @@ def run(args: argparse.Namespace) -> int:
     ):
         files = write_set(scene, args.out, args.trials, done)
     show(scene.card.title)
-    show(
-        f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}; next: {_next(args.out)}"
-    )
+    done_text = f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}"
+    show(f"{done_text}; next: holdfast train --data {args.out} --out build/model")
     return 0
 
 
 @contextmanager
 def _nothing_left_of(out: Path) -> Iterator[None]:
-    """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder;
-    and say so."""
+    """SIGTERM and SIGHUP end the block as Ctrl-C does, so that it removes its unfinished folder."""
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    heeded = [
+    handled = [
         number
         for number in (signal.SIGTERM, signal.SIGHUP)
         if signal.getsignal(number) != signal.SIG_IGN
     ]
-    before: dict[int, Any] = {number: signal.signal(number, interrupt) for number in heeded}
+    before: dict[int, Any] = {number: signal.signal(number, interrupt) for number in handled}
     try:
         yield
     except KeyboardInterrupt:
-        sys.stderr.write(f"{visible(str(out))} is not written: nothing is left of it\n")
+        sys.stderr.write(f"{visible(str(out))} is not written: the unfinished folder is removed\n")
         raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _next(out: Path) -> str:
-    return f"holdfast train --data {out} --out build/model"
 
 
 def _count(word: str) -> int:

@@ -1,8 +1,9 @@
-"""Source URLs: where samples come from, one way to say it for every verb.
+"""Source URLs: where samples come from, the same for every verb.
 
 replay://PATH, PATH         a recorded trial
 replay://SET#N, SET#N       trial N (or its name) of a data set
-sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0); trials=K: K of them end to end
+sim://CARD?seed=S&trial=N   a trial of a scene, simulated now (default 0, 0)
+sim://CARD?trials=K         K trials end to end
 """
 
 from __future__ import annotations
@@ -31,8 +32,10 @@ MOST_DIGITS = 18
 def open_source(
     url: str, *, channels: int | None = None, preparation: Preparation | None = None
 ) -> Replay:
-    """Open a source, its bias removed as `preparation` says (sets come prepared). Raises a
-    DataError or UsageError."""
+    """Open a source and remove its bias as in `preparation` (data sets are prepared already).
+
+    Raises a DataError or UsageError.
+    """
     if url.startswith(SIM):
         source = _simulated(url)
     elif "://" in url and not url.startswith(REPLAY):
@@ -61,7 +64,7 @@ def _simulated(url: str) -> Replay:
 
 
 def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
-    """The scene of a sim:// source and its trial; None where it is several end to end."""
+    """The scene of a sim:// source and its trial; None where it has several."""
     scene, trials = _trials_of(url)
     return (scene, trials[0]) if len(trials) == 1 else None
 
@@ -71,11 +74,10 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     from simulation.card import read_card
     from simulation.scene import Scene
 
-    parts, told = taken_apart(url), _numbers(url)
-    scene = Scene(
-        read_card(parts.netloc + parts.path, rate_hz=told.get("rate_hz")), int(told["seed"])
-    )
-    trials, first, count = scene.trials(), int(told["trial"]), int(told["trials"])
+    parts, numbers = split_url(url), _numbers(url)
+    card = read_card(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
+    scene = Scene(card, int(numbers["seed"]))
+    trials, first, count = scene.trials(), int(numbers["trial"]), int(numbers["trials"])
     if not 0 <= first < first + count <= len(trials):
         raise UsageError(
             f"{url!r}: no trials {first} to {first + count - 1}",
@@ -85,9 +87,9 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
 
 
 def _numbers(url: str) -> dict[str, float]:
-    told = parse_qs(taken_apart(url).query, keep_blank_values=True)
+    options = parse_qs(split_url(url).query, keep_blank_values=True)
     numbers: dict[str, float] = {"seed": 0, "trial": 0, "trials": 1}
-    for key, values in told.items():
+    for key, values in options.items():
         if key not in SIM_KEYS:
             raise UsageError(
                 f"{url!r}: {key!r} is not known", next_step=f"allowed: {', '.join(SIM_KEYS)}"
@@ -96,7 +98,7 @@ def _numbers(url: str) -> dict[str, float]:
             numbers[key] = float(values[-1]) if key == "rate_hz" else _whole(values[-1])
         except ValueError:
             raise UsageError(
-                f"{url[:80]!r}: {key}={values[-1][:40]!r} is no number", next_step=f"{key}=1"
+                f"{url[:80]!r}: {key}={values[-1][:40]!r} is not a number", next_step=f"{key}=1"
             ) from None
     return numbers
 
@@ -108,23 +110,23 @@ def _whole(text: str) -> int:
     return int(text)
 
 
-def taken_apart(url: str) -> SplitResult:
+def split_url(url: str) -> SplitResult:
     """The parts of a URL. Raises UsageError."""
     try:
         return urlsplit(url)
     except ValueError as error:
         raise UsageError(
-            f"{url[:80]!r} is no URL ({error})", next_step="SCHEME://NAME?key=value"
+            f"{url[:80]!r} is not a URL ({error})", next_step="SCHEME://NAME?key=value"
         ) from None
 
 
 def _index(chosen: str, count: int) -> int:
-    """A number of a trial, or the count where there is no such."""
+    """The number of a trial, or the count where there is no such trial."""
     return int(chosen) if chosen.isdecimal() and len(chosen) <= MOST_DIGITS else count
 
 
 def _from_set(name: str, channels: int | None) -> Replay:
-    """SET#N: sets come prepared from their reader."""
+    """SET#N; the reader of a set prepares its samples."""
     from training.datasets import load
 
     folder, _, chosen = name.rpartition("#")

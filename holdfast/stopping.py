@@ -1,5 +1,4 @@
-"""When a live verb stops: after its time, or on a signal; and what it then does with terminals that
-are gone."""
+"""When a live verb stops: after its time or on a signal; and how it treats lost terminals."""
 
 from __future__ import annotations
 
@@ -12,26 +11,25 @@ from typing import Any
 
 
 def until(stopped: Callable[[], bool], clock: Any, seconds: float | None) -> Callable[[], bool]:
-    """Stopped by a signal, or after so many seconds."""
+    """Stopped by a signal, or after a number of seconds."""
     end_ns = None if seconds is None else clock.now_ns() + round(1e9 * seconds)
     return lambda: stopped() or (end_ns is not None and clock.now_ns() >= end_ns)
 
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], bool]]:
-    """SIGINT, SIGTERM and SIGHUP ask to stop after the sample under way; a second one has its usual
-    effect.
+    """SIGINT, SIGTERM and SIGHUP stop the verb after the current sample.
 
-    Not so SIGHUP, which comes twice where an SSH connection drops, from the shell and from the
-    system; under nohup it is left ignored. A terminal that is gone with it is replaced by nothing:
-    a word to it would be an error.
+    A second SIGINT or SIGTERM has its usual effect. SIGHUP comes twice where an SSH connection
+    drops, from the shell and from the system; under nohup it stays ignored. A terminal that is lost
+    with it is replaced by /dev/null, because writing to it would be an error.
     """
-    asked = False
+    requested = False
     terminals = [handle for handle in (0, 1, 2) if os.isatty(handle)]
 
-    def ask(number: int, frame: object) -> None:
-        nonlocal asked
-        asked = True
+    def stop(number: int, frame: object) -> None:
+        nonlocal requested
+        requested = True
         if number == signal.SIGHUP:
             _let_go(terminals)
         else:
@@ -43,9 +41,9 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
         if under_nohup
         else (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     )
-    before: dict[int, Any] = {number: signal.signal(number, ask) for number in wanted}
+    before: dict[int, Any] = {number: signal.signal(number, stop) for number in wanted}
     try:
-        yield lambda: asked
+        yield lambda: requested
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -53,8 +51,7 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def output_from_the_background() -> Iterator[None]:
-    """Write to a terminal also where it stops programs in its background that do (`stty tostop`),
-    whole programs."""
+    """Write to a terminal from the background too, where `stty tostop` would stop the program."""
     before = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
     try:
         yield
@@ -63,8 +60,7 @@ def output_from_the_background() -> Iterator[None]:
 
 
 def _let_go(terminals: list[int]) -> None:
-    """Lead the descriptors of terminals that are gone to /dev/null; those still there stay as they
-    are."""
+    """Redirect the descriptors of lost terminals to /dev/null; the others stay as they are."""
     for handle in terminals:
         try:
             termios.tcgetattr(handle)

@@ -1,9 +1,7 @@
-"""`holdfast run --view`: the stream in a terminal, also over SSH. On stderr, so that stdout stays
-JSON lines.
+"""`holdfast run --view`: the stream in a terminal, also over SSH, on stderr beside the JSON lines.
 
-A thread of its own draws and writes, so a terminal that takes nothing stops the picture and nothing
-else. rich's own `Live` is not used: its `stop` waits for the drawing thread, which may wait for the
-terminal.
+A separate thread draws and writes, so a terminal that blocks stops the picture and nothing else.
+rich's `Live` is not used: its `stop` waits for the drawing thread, which may wait for the terminal.
 """
 
 from __future__ import annotations
@@ -35,29 +33,27 @@ CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
 
 
 class View:
-    """The newest sample as a picture that is drawn over again, with the lines that are told above
-    it."""
+    """The newest sample as a picture that is redrawn in place, with messages above it."""
 
     def __init__(self, unit: str, console: Console) -> None:
         self._unit, self._console = unit, console
         self._newest: tuple[Prediction, Sample, Measured] | None = None
-        self._told: deque[str] = deque(maxlen=STREAM_LINES)
+        self._messages: deque[str] = deque(maxlen=STREAM_LINES)
         self._height = 0
         self._done = Event()
         self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
 
     def show(self, prediction: Prediction, sample: Sample, measured: Measured) -> None:
-        """What the next picture shows."""
+        """Set what the next picture shows."""
         self._newest = (prediction, sample, measured)
 
     def tell(self, line: str) -> None:
-        """A line above the picture."""
-        self._told.append(line)
+        """Put a message above the picture."""
+        self._messages.append(line)
 
     @property
     def drawing(self) -> bool:
-        """Whether what is told comes to be seen here: not before the start, after the end, or on a
-        lost terminal."""
+        """Whether messages appear here: only while it runs, on a terminal that is there."""
         return self._thread.is_alive() and not self._done.is_set()
 
     def start(self) -> None:
@@ -65,7 +61,7 @@ class View:
         self._thread.start()
 
     def stop(self, wait_s: float = STUCK_S) -> None:
-        """Take the picture away; wait at most wait_s for a terminal that takes nothing."""
+        """Remove the picture; wait at most wait_s for a terminal that blocks."""
         self._done.set()
         self._thread.join(wait_s)
 
@@ -90,18 +86,17 @@ class View:
         return captured.get()
 
     def _frame(self, drawn: str) -> str:
-        """What moves up to where the last picture began, and writes over it."""
-        told = [self._told.popleft() for _ in range(len(self._told))]
+        """The codes and lines that overwrite the last picture."""
+        messages = [self._messages.popleft() for _ in range(len(self._messages))]
         lines = drawn.splitlines()[: self._console.size.height - 1]
         up = f"\r\x1b[{self._height}A" if self._height else ""
         self._height = len(lines)
-        return up + "".join(f"{CLEAR_LINE}{line}\n" for line in [*told, *lines]) + CLEAR_BELOW
+        return up + "".join(f"{CLEAR_LINE}{line}\n" for line in [*messages, *lines]) + CLEAR_BELOW
 
 
 @contextmanager
 def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
-    """A view that draws until the end, beside the loop and never in it; on what is no terminal it
-    draws nothing."""
+    """A view that draws in its own thread until the end; without a terminal it draws nothing."""
     console = console or Console(stderr=True)
     view = View(unit, console)
     if not console.is_terminal or console.is_dumb_terminal:
@@ -115,14 +110,12 @@ def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
 
 
 def picture(prediction: Prediction, sample: Sample, measured: Measured, unit: str) -> Group:
-    """State and request, the four situations as bars, and every finger with what is wrong with
-    it."""
+    """State and request, the four situations as bars, and every finger with its faults."""
     request = "  ACT" if prediction.act else "  arm" if prediction.arm else ""
     style = f"bold {COLOURS[prediction.state]}"
     head = Text(f"{prediction.state.replace('_', ' ').upper()}{request}", style=style)
-    told = Text(
-        f"sample {prediction.sequence}, {1e-3 * prediction.latency_us:.1f} ms after it was taken"
-    )
+    age = f"{1e-3 * prediction.latency_us:.1f} ms after it was taken"
+    sample_line = Text(f"sample {prediction.sequence}, {age}")
     bars = Table.grid(padding=(0, 1))
     for name in SITUATIONS:
         share = prediction.p_situation[name]
@@ -142,4 +135,4 @@ def picture(prediction: Prediction, sample: Sample, measured: Measured, unit: st
         fingers.add_row(
             str(k + 1), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}", Text(trouble, style="magenta")
         )
-    return Group(head, told, bars, fingers)
+    return Group(head, sample_line, bars, fingers)

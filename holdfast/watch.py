@@ -1,9 +1,8 @@
-"""`holdfast watch --camera oak --tag-mm 10 --out DIR`: lossless video and tag tracks of a trial,
-until Ctrl-C.
+"""`holdfast watch --camera oak --tag-mm 10 --out DIR`: records video and tag tracks until Ctrl-C.
 
-    holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
-    holdfast watch --camera build/scenes/soft-ball/pull/trial_1.frames.npz --out build/watched
-    holdfast watch --camera trials/7 --out build/again            the tags anew, from a recorded video
+holdfast watch --camera oak --tag-mm 9.96 --seconds 15 --out trials/7
+holdfast watch --camera build/scenes/soft-ball/pull/trial_1.frames.npz --out build/watched
+holdfast watch --camera trials/7 --out build/again     the tags of a recorded video once more
 """
 
 from __future__ import annotations
@@ -23,56 +22,31 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument(
-        "--camera",
-        required=True,
-        metavar="oak|FILE",
-        help="oak, a .frames.npz, or a recorded folder",
-    )
-    parser.add_argument(
-        "--out", type=path_argument, required=True, metavar="DIR", help="the trial's folder"
-    )
+    option = parser.add_argument
+    cameras = "oak, a .frames.npz, or a recorded folder"
+    option("--camera", required=True, metavar="oak|FILE", help=cameras)
+    option("--out", type=path_argument, required=True, metavar="DIR", help="the trial's folder")
     add_camera_options(parser)
-    parser.add_argument(
-        "--apart-mm",
-        type=positive,
-        metavar="MM",
-        help="between the tags' centres at first: a check",
-    )
-    parser.add_argument("--seconds", type=positive, metavar="S", help="oak: stop after so long")
+    apart = "distance between the tags' centres at the start, as a check"
+    option("--apart-mm", type=positive, metavar="MM", help=apart)
+    option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Watch until the frames end or somebody stops it; then say what the tags contradict.
+    """Record until the frames end or the operator stops it; then check the tags.
 
-    Raises TagError where a size cannot be; what was recorded is there all the same.
+    Raises TagError where the size of a tag is impossible; the recording is kept.
     """
     from drivers.camera.graph import watch
-    from drivers.camera.sources import OAK, Lens, Oak
     from holdfast.messages import say
-    from holdfast.onset import doubt
     from holdfast.stopping import stop_signals
+    from holdfast.watched_trial import doubt
 
-    source: Source
-    if args.camera == OAK:
-        if args.tag_mm is None:
-            raise UsageError(
-                "--tag-mm is missing",
-                cause="millimetres come from the printed side",
-                next_step="measure a tag's black square with a calliper and give --tag-mm 9.96",
-            )
-        source = Oak(
-            Lens(args.fps, args.exposure_ms, args.tag_mm, "monotonic", args.apart_mm), args.seconds
-        )
-    else:
-        source = stored(Path(args.camera), say)
-        if args.apart_mm is not None:
-            source.lens = replace(source.lens, apart_mm=args.apart_mm)
+    source = _source(args)
     with stop_signals() as stopped:
         watched = watch(source, args.out, say=say, stopped=stopped)
-    print(
-        f"{watched.frames} frames with tags read, {watched.in_video} in the video, {watched.lost} lost between them"
-    )
+    counts = f"{watched.frames} frames with tags read, {watched.in_video} in the video"
+    print(f"{counts}, {watched.lost} lost between them")
     show(f"{args.out}; next: holdfast onset {args.out}")
     wrong = doubt(args.out)
     if isinstance(wrong, TagError):
@@ -80,3 +54,23 @@ def run(args: argparse.Namespace) -> int:
     if wrong is not None:
         say(f"warning: {wrong}")
     return 0
+
+
+def _source(args: argparse.Namespace) -> Source:
+    """The camera, or stored frames. Raises UsageError, a DataError or LibraryMissing."""
+    from drivers.camera.sources import OAK, Lens, Oak
+    from holdfast.messages import say
+
+    if args.camera != OAK:
+        source = stored(Path(args.camera), say)
+        if args.apart_mm is not None:
+            source.lens = replace(source.lens, apart_mm=args.apart_mm)
+        return source
+    if args.tag_mm is None:
+        raise UsageError(
+            "--tag-mm is missing",
+            cause="millimetres are derived from the printed side",
+            next_step="measure a tag's black square with a calliper and give --tag-mm 9.96",
+        )
+    lens = Lens(args.fps, args.exposure_ms, args.tag_mm, "monotonic", args.apart_mm)
+    return Oak(lens, args.seconds)

@@ -89,9 +89,11 @@ class Scene:
             batch = order[start : start + size]
             yield from self._simulated(batch, partial(_report, done, start, len(batch)))
 
-    def run_together(self, trials: Sequence[PlannedTrial]) -> list[SimulatedTrial]:
-        """One batch, in the order given."""
-        return list(self._simulated(trials))
+    def run_together(
+        self, trials: Sequence[PlannedTrial], done: Done = lambda share: None
+    ) -> list[SimulatedTrial]:
+        """One batch, in the order given; done: called now and then with the share stepped."""
+        return list(self._simulated(trials, done))
 
     def _simulated(
         self, trials: Sequence[PlannedTrial], done: Done = lambda share: None

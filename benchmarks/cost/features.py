@@ -16,7 +16,8 @@ from benchmarks.cost.recordings import read, starts
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import DataError
 from export.bank import BANDS_HZ, STATES_PER_BAND, step_matrix
-from export.features import LAGS_S, SCALED_LAGS, SPANS_S, feature_count
+from export.features import SCALED_LAGS, SPANS_S, feature_count
+from export.history import LAGS_S
 from export.spec import WINDOW_S, StepSpec
 from training.crossval import main_task
 from training.featurise import FloatRows, features_everywhere, features_of

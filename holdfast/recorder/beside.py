@@ -1,5 +1,4 @@
-"""The camera beside the recorder: a process a trial, waited for until it films, looked at while it
-does, and ended."""
+"""The camera beside the recorder: one process for each trial, started, watched, and ended."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ from typing import Any
 
 from drivers.camera.recording import TAGS, read_about
 from edge_runtime.errors import CameraUnavailable, DataError
-from holdfast.onset import doubt
+from holdfast.watched_trial import doubt
 
 LONGEST_START_S, LONGEST_END_S = 40.0, 120.0
 POLL_S = 0.02
@@ -21,23 +20,22 @@ LOG = "camera.log"
 
 
 class Beside:
-    """One camera for one trial at a time. told: what the process is told, out left out."""
+    """One camera for one trial at a time; options: of the process, except `out`."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        self.told = told
+    def __init__(self, options: dict[str, Any]) -> None:
+        self.options = options
         self._folder = Path()
         self._process: subprocess.Popen[bytes] | None = None
         self._lost = False
 
     def start(self, folder: Path) -> None:
-        """Begin to film into a trial's folder; returns when frames come. Raises
-        CameraUnavailable."""
+        """Film into a trial's folder; returns when frames arrive. Raises CameraUnavailable."""
         self._folder, self._lost = folder, False
         command = [
             sys.executable,
             "-m",
             "holdfast.recorder.filming",
-            json.dumps({**self.told, "out": str(folder)}),
+            json.dumps({**self.options, "out": str(folder)}),
         ]
         with (folder / LOG).open("wb") as log:
             self._process = subprocess.Popen(
@@ -48,24 +46,23 @@ class Beside:
             if self._process.poll() not in (None, 0) or time.monotonic() > until_s:
                 self.stop()
                 raise CameraUnavailable(
-                    self._said() or "no frame came",
+                    self._last_error() or "no frame arrived",
                     where="camera",
-                    cause="as it says itself",
-                    next_step=f"mend that, or record without --camera; {LOG} of the discarded trial has the whole",
+                    cause="the camera's own error",
+                    next_step="correct that, or record without --camera; "
+                    f"{LOG} of the discarded trial has all messages",
                 )
             time.sleep(POLL_S)
 
     def lost(self) -> str:
-        """Why the camera is gone, once, and only if it did not simply come to its end; else
-        nothing."""
+        """Why the camera process failed, once; empty while it runs or after a normal end."""
         if self._lost or self._process is None or self._process.poll() in (None, 0):
             return ""
         self._lost = True
-        return self._said() or f"its process ended with {self._process.returncode}"
+        return self._last_error() or f"its process ended with {self._process.returncode}"
 
     def stop(self) -> dict[str, Any]:
-        """End it and say how it went: {"void": why or None, "frames": .., "lost": .., "doubt": why
-        or None}."""
+        """End it; returns {"void": reason or None, "frames", "lost", "doubt": reason or None}."""
         if self._process is None:
             return {"void": "was not started"}
         if self._process.stdin is not None:
@@ -80,11 +77,11 @@ class Beside:
         try:
             about = read_about(self._folder)
         except DataError as error:
-            return {"void": self._said() or str(error)}
-        void = about.get("void") or (self._said() or "its process failed" if failed else None)
+            return {"void": self._last_error() or str(error)}
+        void = about.get("void") or (self._last_error() or "its process failed" if failed else None)
         wrong = None if void else doubt(self._folder)
-        told = {"void": void, "frames": about.get("frames"), "lost": about.get("lost")}
-        return told | {"doubt": None if wrong is None else f"{type(wrong).__name__}: {wrong}"}
+        counts = {"void": void, "frames": about.get("frames"), "lost": about.get("lost")}
+        return counts | {"doubt": None if wrong is None else f"{type(wrong).__name__}: {wrong}"}
 
     def _films(self) -> bool:
         """Whether a frame has been read."""
@@ -93,8 +90,8 @@ class Beside:
         except OSError:
             return False
 
-    def _said(self) -> str:
-        """The last error it told."""
+    def _last_error(self) -> str:
+        """The last error in its log."""
         with suppress(OSError):
             lines = (self._folder / LOG).read_text("utf-8", "replace").splitlines()
             return next(

@@ -1,5 +1,4 @@
-"""The folder trials are recorded into: whose it is, one recorder at a time, numbers, and what is
-moved away."""
+"""The folder of recordings: its owner, one recorder at a time, trial numbers, discarded trials."""
 
 from __future__ import annotations
 
@@ -23,10 +22,10 @@ LOCK = ".lock"
 
 @contextmanager
 def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
-    """Hold a folder of recordings, new or there already, for one recorder.
+    """Hold a folder of recordings, new or existing, for one recorder.
 
-    kind: recorded, simulated or replayed. Raises OutputError (not ours, or another recorder is at
-    it), UnitError, UsageError (trials of another kind are in it).
+    kind: recorded, simulated or replayed. Raises OutputError (not a recording folder, or another
+    recorder uses it), UnitError, UsageError (it holds trials of another kind).
     """
     there = require_ours(root)
     require_writable(root)
@@ -36,15 +35,14 @@ def opened(root: Path, unit: str, kind: str) -> Iterator[None]:
         if there:
             _require_same(root, there, unit, kind)
         else:
-            told = {"recorder": FORMAT, "name": root.resolve().name, "kind": kind, "unit": unit}
-            write_whole(root / META, json.dumps(told, indent=1) + "\n")
+            meta = {"recorder": FORMAT, "name": root.resolve().name, "kind": kind, "unit": unit}
+            write_whole(root / META, json.dumps(meta, indent=1) + "\n")
         yield
 
 
 @contextmanager
 def alone(place: Path) -> Iterator[None]:
-    """Nobody records into a folder, or one above it, meanwhile. Raises OutputError where somebody
-    does."""
+    """No other recorder uses the folder, or one above it, meanwhile. Raises OutputError."""
     with ExitStack() as held:
         for root in (place, *place.absolute().parents):
             if not (root / LOCK).is_file():
@@ -53,10 +51,10 @@ def alone(place: Path) -> Iterator[None]:
                 fcntl.flock(held.enter_context((root / LOCK).open()), fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise OutputError(
-                    "another recorder is at it",
+                    "another recorder is using it",
                     where=root,
                     cause="a second terminal",
-                    next_step="stop that one first",
+                    next_step="stop that recorder first",
                 ) from None
         yield
 
@@ -71,22 +69,21 @@ def require_ours(root: Path) -> dict[str, Any]:
     elif not root.exists():
         return {}
     raise OutputError(
-        "is there and no folder of recordings",
+        "exists but is not a recording folder",
         where=root,
-        cause="another folder's name",
-        next_step="name a new folder; nothing is ever written over",
+        cause="the name of another folder",
+        next_step="name a new folder; nothing is ever overwritten",
     )
 
 
 def _require_not_within(root: Path) -> None:
-    """Raise OutputError below somebody's recordings: a person would be in two folders, and delete
-    one of them."""
+    """Raise OutputError within a recording folder: a person would have data in two places."""
     for above in root.absolute().parents:
         if (above / LOCK).is_file() and read_meta(above).get("recorder") == FORMAT:
             raise OutputError(
-                "lies within a folder of recordings",
+                "is within a recording folder",
                 where=root,
-                cause="the person's folder is made by itself",
+                cause="the recorder makes the person's folder itself",
                 next_step=f"--out {above}",
             )
 
@@ -102,7 +99,7 @@ def _require_same(root: Path, there: dict[str, Any], unit: str, kind: str) -> No
     if there.get("kind") != kind:
         raise UsageError(
             f"{root}: holds trials that are {there.get('kind')}, these would be {kind}",
-            next_step="name another folder: nobody could tell them apart",
+            next_step="name another folder, so that they can be told apart",
         )
 
 
@@ -131,12 +128,12 @@ def new_trial(root: Path, person: str, task: Task) -> Path:
 
 def number(folder: Path) -> int:
     """3 of trial_3; 0 of anything else."""
-    told = folder.name.removeprefix("trial_")
-    return int(told) if told.isdecimal() and len(told) < 9 else 0
+    digits = folder.name.removeprefix("trial_")
+    return int(digits) if digits.isdecimal() and len(digits) < 9 else 0
 
 
 def discard(root: Path, person: str, folder: Path) -> Path:
-    """Move a trial to the person's discarded ones; where it is now. Raises OutputError."""
+    """Move a trial to the person's discarded ones; returns its new path. Raises OutputError."""
     place = root / person / DISCARDED / folder.parent.relative_to(root / person)
     try:
         place.mkdir(parents=True, exist_ok=True)
@@ -150,7 +147,7 @@ def discard(root: Path, person: str, folder: Path) -> Path:
 
 
 def trials_of(root: Path, person: str) -> list[tuple[Path, dict[str, Any]]]:
-    """The trials of a person with their meta.json, those discarded left out."""
+    """The trials of a person with their meta.json, without the discarded ones."""
     home = root / person
     folders = [
         path.parent
@@ -170,18 +167,17 @@ def done(root: Path, person: str) -> list[Task]:
 
 
 def all_trials(root: Path) -> list[Path]:
-    """Every trial's folder below one, discarded ones too; or the folder itself. Raises
-    DataNotFound.
+    """The folders of all trials in a folder, discarded ones too; or the folder itself.
 
-    One that was cut off before it had a tactile.csv has its meta.json.
+    A trial that was interrupted before it had a tactile.csv has a meta.json. Raises DataNotFound.
     """
     with_samples = {path.parent for path in root.rglob(TACTILE)}
     begun = {path.parent for path in root.rglob(META) if path.parent.name.startswith("trial_")}
-    found = sorted(with_samples | begun)
-    if not found:
+    folders = sorted(with_samples | begun)
+    if not folders:
         raise DataNotFound(
-            "no trial in it",
+            "no trial in this folder",
             where=root,
             next_step="give a trial's folder, or one with trials in it",
         )
-    return found
+    return folders

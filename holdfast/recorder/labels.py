@@ -1,11 +1,9 @@
-"""Marks and intervals of a trial's events.jsonl -> its phases, tactile.truth.json, each with its
-provenance.
+"""From the marks and intervals of events.jsonl to phases with provenance in tactile.truth.json.
 
-What is known of a moment from several sides is taken from the first of PROVENANCES that knows it: a
-scene knows its own truth, a camera saw it, a person pressed a key (and is late by a fifth of a
-second or so), and a rule reads from the normal forces when the hand closed and when it was empty
-again. Nothing else is guessed: where nobody knows when the load came on, the grip has no label. The
-file is derived, and written anew by `holdfast onset`.
+Where several sources have a time for an event, the first of PROVENANCES counts: a scene's own
+truth, a camera, a key that the operator pressed (late by about 0.2 s), and a rule that reads from
+the normal forces when the hand closed and when it was empty again. Nothing else is guessed: without
+a load onset the grip has no label. The file is derived; `holdfast onset` writes it again.
 """
 
 from __future__ import annotations
@@ -32,8 +30,7 @@ Event = dict[str, Any]
 
 
 def relabel(folder: Path) -> dict[str, Any]:
-    """Write tactile.truth.json of a trial's folder anew; returns it. Raises a DataError or
-    OutputError."""
+    """Derive and write tactile.truth.json again; returns it. Raises a DataError or OutputError."""
     truth = truth_in(folder)
     write_truth(folder, truth)
     return truth
@@ -55,13 +52,15 @@ def truth_in(folder: Path) -> dict[str, Any]:
         raise LabelError(
             f"an event without its times ({error!r:.60})",
             where=folder / EVENTS,
-            next_step="mend that line",
+            next_step="correct that line",
         ) from None
 
 
 def is_complete(truth: dict[str, Any], action: str) -> bool:
-    """Whether the hand closed and was empty again for longer than contact is smoothed; the empty
-    hand always is."""
+    """Whether the hand closed and was then empty for longer than CONTACT_SMOOTH_S.
+
+    Trials of the action nothing always are.
+    """
     if action == NOTHING:
         return True
     if truth["contact_s"] is None or not truth["phases"]:
@@ -80,40 +79,38 @@ def read_meta(folder: Path) -> dict[str, Any]:
         raise LabelError(
             f"cannot be read ({type(error).__name__})",
             where=folder / META,
-            next_step="mend or remove it",
+            next_step="correct or remove it",
         ) from None
     return meta if isinstance(meta, dict) else {}
 
 
 def truth_of(action: str, trial: Trial, unit: str, events: list[Event]) -> dict[str, Any]:
-    """Phases as training reads them, and the marks they are made of (s from the first sample, null
-    if not known)."""
+    """Phases as training reads them, and the marks behind them, s from the first sample or null."""
     end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
     known = _known(events)
     for name, at_s in zip(("contact", "contact_lost"), _contact(trial, unit), strict=True):
         if at_s is not None:
             known.setdefault(name, (at_s, "rule"))
-    told = [one for one in events if one.get("provenance") == "scene" and one.get("label")]
+    scene = [one for one in events if one.get("provenance") == "scene" and one.get("label")]
     phases = [
-        _interval(float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene") for one in told
+        _interval(float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene") for one in scene
     ]
     marks = {f"{name}_s": round(known[name][0], 6) if name in known else None for name in MARKS}
     return {"phases": phases or _phases(action, end_s, known), **marks, "by": "holdfast record"}
 
 
 def _known(events: list[Event]) -> dict[str, tuple[float, str]]:
-    """Mark -> (when, s; provenance), each from who knows it best; of a person's presses the first
-    counts."""
-    found: dict[str, tuple[float, str]] = {}
+    """Mark -> (time in s, provenance), from the best source; the first press of a key counts."""
+    known: dict[str, tuple[float, str]] = {}
     for provenance in reversed(PROVENANCES):
-        said = [one for one in events if one.get("provenance") == provenance]
-        for one in reversed(said):
+        own = [one for one in events if one.get("provenance") == provenance]
+        for one in reversed(own):
             if one.get("mark") in MARKS:
-                found[one["mark"]] = (float(one["t_s"]), provenance)
+                known[one["mark"]] = (float(one["t_s"]), provenance)
             elif provenance == "camera" and "gross_s" in one:
-                found["incipient_slip"] = (float(one["t0_s"]), provenance)
-                found["gross_slip"] = (float(one["gross_s"]), provenance)
-    return found
+                known["incipient_slip"] = (float(one["t0_s"]), provenance)
+                known["gross_slip"] = (float(one["gross_s"]), provenance)
+    return known
 
 
 def _phases(action: str, end_s: float, known: dict[str, tuple[float, str]]) -> list[dict[str, Any]]:
@@ -140,7 +137,7 @@ def _interval(t0_s: float, t1_s: float, label: str, provenance: str) -> dict[str
 
 
 def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
-    """When the hand closed on something, and when it was empty again; None where it never did."""
+    """Times at which the hand closed and was empty again; None where it did not."""
     rows = contact_rows(_load(trial), trial.rate_hz, NORMAL_FLOOR.get(unit, 0.0))  # type: ignore[call-overload]
     if rows is None:
         return None, None
@@ -148,7 +145,7 @@ def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:
 
 
 def _load(trial: Trial) -> FloatArray:
-    """[T] sum of the normal forces over the fingers that can be believed, bias taken off."""
+    """[T] sum of the normal forces over the valid fingers, less their bias."""
     normal = np.where(trial.valid, trial.raw[:, NORMAL_AXIS::3], np.nan)
     first = [column[np.isfinite(column)][:BIAS_ROWS] for column in normal.T]
     bias = np.array([rows.mean() if rows.size else 0.0 for rows in first])

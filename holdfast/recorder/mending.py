@@ -1,4 +1,4 @@
-"""What `holdfast repair` does to one trial's folder."""
+"""The repair of one trial's folder, for `holdfast repair`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from holdfast.recorder.labels import read_meta
 
 
 def repaired(folder: Path) -> list[str]:
-    """Mend one trial; what was done, in words. Raises a DataError or OutputError, and the trial is
-    then as it was."""
+    """Repair one trial; returns what was done, in words.
+
+    Raises a DataError or OutputError; the trial is then unchanged.
+    """
     meta = read_meta(folder)
     try:
         mended = mend(folder / TACTILE)
@@ -26,13 +28,13 @@ def repaired(folder: Path) -> list[str]:
         if meta.get("state") == KEPT:
             raise
         return _voided(folder, meta)
-    said = _in_words(mended, f"torn line taken away, {mended.rows} samples whole")
+    done = _in_words(mended, f"incomplete line removed, {mended.rows} samples complete")
     if (folder / EVENTS).exists():
-        said += _in_words(mend_lines(folder / EVENTS, _is_event), "torn event taken away")
+        done += _in_words(mend_lines(folder / EVENTS, _is_event), "incomplete event removed")
     if meta.get("state") == RECORDING:
         _mark(folder, meta, INTERRUPTED, f"cut off; mended, {mended.rows} samples")
-        said.append(f"marked as interrupted with {mended.rows} samples")
-    return said
+        done.append(f"marked as interrupted with {mended.rows} samples")
+    return done
 
 
 def _voided(folder: Path, meta: dict[str, Any]) -> list[str]:
@@ -41,7 +43,7 @@ def _voided(folder: Path, meta: dict[str, Any]) -> list[str]:
     if begun:
         _mark(folder, {"recorder": FORMAT, **meta}, VOID, "cut off before its header was written")
         return ["marked as void: it ended before its header was written"]
-    return [f"{meta.get('state', 'no trial')}: no sample was recorded"]
+    return [f"{meta.get('state', 'not a trial')}: no sample was recorded"]
 
 
 def _mark(folder: Path, meta: dict[str, Any], state: str, why: str) -> None:
@@ -51,11 +53,11 @@ def _mark(folder: Path, meta: dict[str, Any], state: str, why: str) -> None:
 def _in_words(mended: Mended, what: str) -> list[str]:
     if mended.torn is None:
         return []
-    return [f"{mended.cut_bytes} bytes of a {what}", f"they are in {mended.torn.name}"]
+    return [f"{mended.cut_bytes} bytes of an {what}", f"they are in {mended.torn.name}"]
 
 
 def _is_event(line: bytes) -> bool:
-    """Whether a line is a whole JSON object."""
+    """Whether a line is a complete JSON object."""
     try:
         return isinstance(json_of(line), dict)
     except ValueError:

@@ -1,5 +1,4 @@
-"""How good a trial was recorded: true rate, jitter, lost samples, saturation, drift of the bias;
-said and kept."""
+"""The quality of a recording: rate, jitter, lost samples, saturation, drift of the bias."""
 
 from __future__ import annotations
 
@@ -13,13 +12,12 @@ from edge_runtime.contract import FloatArray, channel_names
 from edge_runtime.live import Measured
 
 REST_S = 0.3
-"""The bias of a trial is looked at over so long at its start."""
+"""Time at the start of a trial over which its bias is measured."""
 
 
 @dataclass
 class Quality:
-    """Counts as samples come; bias [C] is what the unloaded hand read before, period_ns what was
-    asked for."""
+    """Counts of the samples so far; bias [C]: measured before; period_ns: the period wanted."""
 
     bias: FloatArray
     period_ns: float
@@ -39,7 +37,7 @@ class Quality:
             self.rest.append(np.where(np.repeat(measured.valid, 3), measured.values, np.nan))
 
     def to_json(self) -> dict[str, Any]:
-        """Figures of the whole trial; nulls where there were too few samples."""
+        """Figures of the whole trial; null with too few samples."""
         times = np.array(self.times_ns, dtype=np.int64)
         steps = np.diff(times)
         late_ms = 1e-6 * np.abs(
@@ -61,7 +59,7 @@ class Quality:
         }
 
     def _drift(self) -> tuple[float | None, str | None]:
-        """The largest change of a resting channel since the bias was taken."""
+        """(largest change of a resting channel since the bias was measured, its name)."""
         rows = np.array(self.rest).reshape(-1, len(self.bias))
         known = np.isfinite(rows).any(axis=0) & np.isfinite(self.bias)
         if not known.any():
@@ -73,17 +71,16 @@ class Quality:
         ]
 
 
-def in_words(told: dict[str, Any]) -> str:
+def in_words(figures: dict[str, Any]) -> str:
     """One line for the operator."""
-    if told["rate_hz"] is None:
-        return f"{told['samples']} samples: too few for a rate"
-    drift = (
-        "not known"
-        if told["bias_drift"] is None
-        else (f"{told['bias_drift']:g} {told['unit']} ({told['bias_drift_channel']})")
-    )
+    if figures["rate_hz"] is None:
+        return f"{figures['samples']} samples: too few for a rate"
+    drift = "not known"
+    if figures["bias_drift"] is not None:
+        drift = f"{figures['bias_drift']:g} {figures['unit']} ({figures['bias_drift_channel']})"
     return (
-        f"{told['seconds']:g} s, {told['rate_hz']:.2f} Hz, jitter p99 {told['jitter_p99_ms']:.2f} ms, "
-        f"{told['lost']} lost, {told['invalid_readings']} invalid, {told['saturated_readings']} saturated, "
+        f"{figures['seconds']:g} s, {figures['rate_hz']:.2f} Hz, "
+        f"jitter p99 {figures['jitter_p99_ms']:.2f} ms, {figures['lost']} lost, "
+        f"{figures['invalid_readings']} invalid, {figures['saturated_readings']} saturated, "
         f"bias drift {drift}"
     )

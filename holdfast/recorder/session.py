@@ -1,11 +1,10 @@
-"""A session: trial after trial from one source, by the operator's keys, each in a folder of its
-own.
+"""A session: trials from one source, one after another, by the operator's keys.
 
 Between trials nothing is recorded. In a trial the k-th sample is due at start + k periods, as in
-edge_runtime/live.py: what could not be read in time is a gap in `sequence`, and so is a reading
-that came twice; nothing is invented, moved or put in order afterwards. A clock that jumps by a
-second or more ends the trial, which is kept as interrupted. Where the source ends, or the scene
-behind it, a trial is kept only if it is complete: the hand closed and was empty again.
+edge_runtime/live.py. A sample that could not be read in time is a gap in `sequence`, and so is a
+repeated reading; nothing is filled in, moved or sorted. A clock that jumps by a second or more ends
+the trial as interrupted. Where the source or its scene ends, a trial is kept only if it is
+complete: the hand closed and was empty again.
 """
 
 from __future__ import annotations
@@ -33,14 +32,16 @@ from holdfast.recorder.trial import TrialRecorder
 
 READY_WAIT_S = 0.1
 CAMERA_EVERY = 30
-"""Between looks at the camera's process, samples."""
+"""Samples between checks of the camera's process."""
 TIME_OVER, SOURCE_OVER = "time over", "source over"
 
 
 @dataclass(frozen=True)
 class SessionOptions:
-    """What the session is to do. seconds: of a trial, or until a key; at_once: begin without
-    one."""
+    """Options of a session.
+
+    seconds: length of a trial; None: until a key. at_once: begin a trial without a key.
+    """
 
     root: Path
     person: str
@@ -51,24 +52,24 @@ class SessionOptions:
 
 
 def show_nothing(trial: TrialRecorder, measured: Measured, now_ns: int) -> None:
-    """Where there is no terminal to show a trial on."""
+    """For sessions without a terminal."""
 
 
 HostClock = Callable[[], int]
-"""CLOCK_MONOTONIC, ns, by which a camera's frames are stamped too."""
+"""CLOCK_MONOTONIC, ns, which also stamps a camera's frames."""
 Show = Callable[[TrialRecorder, Measured, int], None]
 
 
 class Session:
-    """about: what every trial's meta.json says. truth: of a scene, for the times of its first and
-    last sample.
+    """Records the trials of one run.
 
-    show: gets every sample of a trial as it is written, and must return at once.
+    about: content of every trial's meta.json. truth: events of a scene between two times. show:
+    gets every sample of a trial when it is written, and must return at once.
     """
 
     def __init__(
         self,
-        asked: SessionOptions,
+        options: SessionOptions,
         source: Source,
         clock: Any,
         keys: Keys,
@@ -81,20 +82,23 @@ class Session:
         show: Show = show_nothing,
         host_ns: HostClock = time.monotonic_ns,
     ) -> None:
-        self.asked, self.source, self.clock, self.keys, self.say = asked, source, clock, keys, say
+        self.options, self.source, self.clock = options, source, clock
+        self.keys, self.say = keys, say
         self.bias, self.about, self.camera, self.truth, self.show = bias, about, camera, truth, show
         self.host_ns = host_ns
-        self.period_ns = 1e9 / asked.rate_hz
+        self.period_ns = 1e9 / options.rate_hz
         self.kept = 0
         self._last: tuple[Path, Task] | None = None
 
     def run(self, tasks: Sequence[Task], stopped: Callable[[], bool]) -> int:
-        """Record the tasks in turn; returns how many trials were kept. Raises what the source and
-        the disk raise."""
+        """Record the tasks in order; returns the number of trials kept.
+
+        Raises the errors of the source and the disk.
+        """
         still = list(tasks)
         while still and not stopped():
             self.say(f"next: {_words(still[0])} ({len(still)} left); {HELP_READY}")
-            begins = "begin" if self.asked.at_once else self._ready(stopped)
+            begins = "begin" if self.options.at_once else self._ready(stopped)
             if begins == "stop":
                 break
             if begins == "redo":
@@ -103,19 +107,19 @@ class Session:
             outcome = self._record(still[0], stopped)
             if self._last is not None:
                 still.pop(0)
-            elif outcome in (TIME_OVER, SOURCE_OVER) and self.asked.at_once:
+            elif outcome in (TIME_OVER, SOURCE_OVER) and self.options.at_once:
                 raise EmptyRecording(
-                    "a trial that cannot be kept", cause="the line above", next_step="longer trials"
+                    "a trial cannot be kept", cause="the line above", next_step="use longer trials"
                 )
             if outcome in ("stop", "signal"):
                 break
         return self.kept
 
     def _ready(self, stopped: Callable[[], bool]) -> str:
-        """begin, redo or stop."""
+        """The next key of begin, redo or stop."""
         while not stopped():
             if self.keys.closed:
-                self.say("nobody can press a key here; --at-once begins without")
+                self.say("no keyboard here; --at-once begins trials without a key")
                 return "stop"
             key = self.keys.pressed(READY_WAIT_S)
             if key in ("begin", "redo", "stop"):
@@ -124,20 +128,22 @@ class Session:
 
     def _discard_last(self, still: list[Task]) -> None:
         if self._last is None:
-            self.say("there is no trial of this session to do again")
+            self.say("this session has no trial to repeat yet")
             return
         folder, task = self._last
-        self.say(f"moved to {discard(self.asked.root, self.asked.person, folder)}")
+        self.say(f"moved to {discard(self.options.root, self.options.person, folder)}")
         still.insert(0, task)
         self.kept, self._last = self.kept - 1, None
 
     # -- one trial
 
     def _record(self, task: Task, stopped: Callable[[], bool]) -> str:
-        """One trial from its folder to its figures; how it ended: keep, redo, stop, signal,
-        TIME_OVER, SOURCE_OVER."""
+        """Record one trial; returns how it ended.
+
+        That is keep, redo, stop, signal, TIME_OVER or SOURCE_OVER.
+        """
         self._last = None
-        folder = new_trial(self.asked.root, self.asked.person, task)
+        folder = new_trial(self.options.root, self.options.person, task)
         self._write_mass(folder, task)
         try:
             if self.camera is not None:
@@ -146,10 +152,10 @@ class Session:
         except BaseException:
             if self.camera is not None:
                 self.camera.stop()
-            discard(self.asked.root, self.asked.person, folder)
+            discard(self.options.root, self.options.person, folder)
             raise
         try:
-            self.say(f"recording {folder.relative_to(self.asked.root)}; {HELP_TRIAL}")
+            self.say(f"recording {folder.relative_to(self.options.root)}; {HELP_TRIAL}")
             outcome = self._samples(trial, stopped)
             self._end(trial, task, outcome)
         except BaseException as error:
@@ -163,7 +169,7 @@ class Session:
         if isinstance(self.source, Paced):
             self.source.begin_anew()
         about = {
-            "person": self.asked.person,
+            "person": self.options.person,
             "object": task.thing,
             "action": task.action,
             "style": task.style,
@@ -177,7 +183,9 @@ class Session:
 
     def _samples(self, trial: TrialRecorder, stopped: Callable[[], bool]) -> str:
         stamps, start_ns, turn = Stamps(self.period_ns), self.clock.now_ns(), 0
-        end_ns = None if self.asked.seconds is None else start_ns + round(1e9 * self.asked.seconds)
+        end_ns = (
+            None if self.options.seconds is None else start_ns + round(1e9 * self.options.seconds)
+        )
         while not stopped():
             self.clock.wait_until(start_ns + round(turn * self.period_ns))
             now_ns = self.clock.now_ns()
@@ -210,7 +218,7 @@ class Session:
         why = camera.lost()
         if why:
             trial.note({"t_s": trial.t_s, "event": "camera_lost", "why": why})
-            self.say(f"the camera is lost, the hand is recorded on: {why}")
+            self.say(f"the camera failed, the hand is still recorded: {why}")
 
     def _end(self, trial: TrialRecorder, task: Task, outcome: str) -> None:
         filmed: dict[str, Any] = {}
@@ -220,54 +228,49 @@ class Session:
         events = self.truth(*trial.span_ns) if self.truth is not None and trial.started else None
         for event in events or ():
             trial.note(event)
-        over = (
-            "the source ended"
-            if outcome == SOURCE_OVER
-            else "the scene ended"
-            if _is_over(events, trial)
-            else ""
-        )
+        over = "the scene ended" if _is_over(events, trial) else ""
+        over = "the source ended" if outcome == SOURCE_OVER else over
         state = {"redo": REDONE, "signal": INTERRUPTED}.get(outcome, KEPT)
-        told = trial.close(state, over, **filmed)
-        self.say(f"{told['state']}: {in_words(told)}")
-        if told.get("why") and told["state"] == INTERRUPTED:
-            self.say(f"not kept, and to be recorded again: {told['why']}")
-        if filmed.get("camera", {}).get("void"):
-            self.say(f"no camera part in this trial: {filmed['camera']['void']}")
-        if filmed.get("camera", {}).get("doubt"):
-            self.say(
-                f"warning: the camera's tags: {filmed['camera']['doubt']}; what was recorded is kept"
-            )
-        if told["state"] == REDONE:
-            self.say(f"moved to {discard(self.asked.root, self.asked.person, trial.folder)}")
-        if told["state"] == KEPT:
+        figures = trial.close(state, over, **filmed)
+        self._report(figures, filmed.get("camera", {}))
+        if figures["state"] == REDONE:
+            self.say(f"moved to {discard(self.options.root, self.options.person, trial.folder)}")
+        if figures["state"] == KEPT:
             self.kept, self._last = self.kept + 1, (trial.folder, task)
 
+    def _report(self, figures: dict[str, Any], camera: dict[str, Any]) -> None:
+        """Tell the operator how a trial ended."""
+        self.say(f"{figures['state']}: {in_words(figures)}")
+        if figures.get("why") and figures["state"] == INTERRUPTED:
+            self.say(f"not kept, it will be recorded again: {figures['why']}")
+        if camera.get("void"):
+            self.say(f"this trial has no camera recording: {camera['void']}")
+        if camera.get("doubt"):
+            self.say(f"warning: the camera's tags: {camera['doubt']}; the recording is kept")
+
     def _write_mass(self, folder: Path, task: Task) -> None:
-        """The card's mass into the object's meta.json; what else a person wrote there stays."""
-        if task.thing in self.asked.mass_g:
+        """Write the card's mass to the object's meta.json; its other entries stay."""
+        if task.thing in self.options.mass_g:
             home = folder.parent.parent
-            told = read_meta(home) | {"mass_g": self.asked.mass_g[task.thing]}
-            write_whole(home / META, json.dumps(told) + "\n")
+            meta = read_meta(home) | {"mass_g": self.options.mass_g[task.thing]}
+            write_whole(home / META, json.dumps(meta) + "\n")
 
 
 def _is_over(events: list[dict[str, Any]] | None, trial: TrialRecorder) -> bool:
-    """Whether a scene's last phase ended before the trial's last sample; None: there is no
-    scene."""
+    """Whether a scene's last phase ended before the trial's last sample; events None: no scene."""
     return events is not None and all(one["t1_s"] < trial.t_s for one in events if "label" in one)
 
 
 def _require_one_clock(trial: TrialRecorder, trouble: str, t_ns: int) -> None:
-    """Raise TimeError where stamps jump by a second or more: another clock, or a machine that
-    slept."""
+    """Raise TimeError where time stamps jump by a second or more, as after a suspend."""
     if trouble == "restarts" or (
         trial.started and t_ns - trial.quality.times_ns[-1] > ANOTHER_CLOCK_NS
     ):
         raise TimeError(
-            f"the clock jumped by {1e-9 * (t_ns - trial.quality.times_ns[-1]):+.3f} s in mid-trial",
+            f"the clock jumped by {1e-9 * (t_ns - trial.quality.times_ns[-1]):+.3f} s in a trial",
             where=trial.folder,
-            cause="the machine slept or stood still, or the source's clock was set",
-            next_step="what came before is kept as interrupted; start again, the trial comes up once more",
+            cause="the machine was suspended, or the source's clock was set",
+            next_step="the samples before are kept as interrupted; start again with this trial",
         )
 
 

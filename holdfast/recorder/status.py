@@ -1,8 +1,7 @@
-"""One line on the operator's terminal while a trial runs: elapsed time, rate, lost samples, the
-force on each finger.
+"""The operator's status line during a trial: time, rate, lost samples, force on each finger.
 
-It is redrawn in place a few times a second. Nothing waits for it: what the terminal does not take
-is left out.
+It is redrawn in place a few times a second. Nothing waits for it: a terminal that blocks misses
+updates.
 """
 
 from __future__ import annotations
@@ -22,16 +21,15 @@ REDRAW_NS = 250_000_000
 RATE_OVER_NS = 1_000_000_000
 COLUMNS = 80
 OVER_THE_LINE_ABOVE = "\x1b[A\r\x1b[2K"
-"""Cursor up, to the first column, and erase the line: what is written next replaces the line
-above."""
+"""Cursor up, first column, erase the line: the next output replaces the line above."""
 DECIMALS = {"N": 2}
 
 
 class StatusLine:
-    """Draws the line on a sink, and says other lines in its place.
+    """Draws the line on a sink, and writes messages in its place.
 
-    columns: how wide the terminal is now, 0 where nothing can be drawn; seconds: how long a trial
-    lasts, if it is set.
+    columns: current width of the terminal, 0 where nothing can be drawn; seconds: length of a
+    trial, if set.
     """
 
     def __init__(
@@ -43,12 +41,12 @@ class StatusLine:
         self._due_ns = 0
 
     def say(self, line: str) -> None:
-        """A line that stays, instead of the status that is drawn."""
+        """Write a message that stays, in place of the status."""
         if self._write(visible_lines(line)):
             self._drawn = False
 
     def show(self, trial: TrialRecorder, measured: Measured, now_ns: int) -> None:
-        """The newest sample of a trial, if it is time to redraw."""
+        """Draw the newest sample of a trial, if it is time to redraw."""
         if now_ns < self._due_ns or not trial.started:
             return
         self._due_ns = now_ns + REDRAW_NS
@@ -61,8 +59,7 @@ class StatusLine:
 
 
 def status_text(trial: TrialRecorder, measured: Measured, of: str = "") -> str:
-    """The line: forces are of the field or force without the bias taken before, - where a finger is
-    not valid."""
+    """The line; forces (or fields) are less the bias, - for a finger that is not valid."""
     unit, bias = trial.quality.unit, np.nan_to_num(trial.quality.bias)
     forces = np.linalg.norm((measured.values - bias).reshape(-1, 3), axis=1)
     fingers = [
@@ -83,8 +80,7 @@ def _rate(times_ns: list[int]) -> str:
 
 
 def columns_of(stream: TextIO) -> int:
-    """How wide a terminal is that can redraw a line; 0 for a stream that is none, or a terminal
-    that is gone."""
+    """Width of a terminal that can redraw a line; 0 for other streams and lost terminals."""
     if os.environ.get("TERM", "dumb") == "dumb" or not stream.isatty():
         return 0
     try:

@@ -1,4 +1,4 @@
-"""One trial while it is recorded: its samples, its events, and what is said about it at the end."""
+"""One trial while it is recorded: its samples, its events, and its meta.json."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from holdfast.recorder.quality import Quality
 
 
 class TrialRecorder:
-    """A folder that is being recorded into. about: what meta.json says beside state and quality."""
+    """Writes one trial's folder; about: content of meta.json besides state and quality."""
 
     def __init__(
         self,
@@ -29,12 +29,8 @@ class TrialRecorder:
         quality: Quality,
         host_after_ns: int,
     ) -> None:
-        self.folder, self.about, self.quality, self._host_after_ns = (
-            folder,
-            about,
-            quality,
-            host_after_ns,
-        )
+        self.folder, self.about, self.quality = folder, about, quality
+        self._host_after_ns = host_after_ns
         self.t_s = 0.0
         self._write_meta(RECORDING)
         self._file = TactileFile(folder / TACTILE, n_channels)
@@ -51,32 +47,31 @@ class TrialRecorder:
         return self.quality.times_ns[0], self.quality.times_ns[-1]
 
     def write(self, t_ns: int, sequence: int, measured: Measured) -> None:
-        """One sample. Raises OutputError."""
+        """Write one sample. Raises OutputError."""
         host_ns = t_ns + self._host_after_ns
         self.t_s = self._file.write(t_ns, host_ns, sequence, measured.values, measured.valid)
         self.quality.take(t_ns, measured)
 
     def mark(self, name: str, now_ns: int, provenance: str = "key") -> float:
-        """Somebody says what happens now; returns when, s from the first sample."""
+        """Note that an event happens now; returns its time from the first sample, s."""
         at_s = round(1e-9 * (now_ns - self.span_ns[0]), 6)
         self.note({"t_s": at_s, "mark": name, "provenance": provenance, "by": "holdfast record"})
         return at_s
 
     def note(self, event: dict[str, Any]) -> None:
-        """A line of events.jsonl. Raises OutputError."""
+        """Write a line of events.jsonl. Raises OutputError."""
         try:
             self._events.write(json.dumps(event) + "\n")
         except OSError as error:
             what = f"cannot write ({error.strerror})"
             raise OutputError(what, where=self.folder / EVENTS, next_step="make room") from None
 
-    def close(self, state: str, over: str = "", **told: Any) -> dict[str, Any]:
-        """Everything on the disk, state and figures in meta.json, a kept one's phases beside it;
-        returns the figures.
+    def close(self, state: str, over: str = "", **more: Any) -> dict[str, Any]:
+        """Flush everything, write meta.json and, of a kept trial, its phases; returns the figures.
 
-        over: why there was nothing more to record, if so. A trial that ended so before it was
-        complete, or that cannot be read again (a row only, most of it lost), is interrupted and not
-        kept. Raises OutputError.
+        over: why the samples ended, if not by the operator. Such a trial is interrupted, not kept,
+        if it is incomplete; so is one that cannot be read again (a single row, most of it lost).
+        Raises OutputError.
         """
         figures = self.quality.to_json()
         try:
@@ -88,12 +83,12 @@ class TrialRecorder:
         if state == KEPT:
             why = self._label(over)
             if why:
-                state, told = INTERRUPTED, {**told, "why": why}
-        self._write_meta(state, quality=figures, **told)
-        return {**figures, "state": state, **told}
+                state, more = INTERRUPTED, {**more, "why": why}
+        self._write_meta(state, quality=figures, **more)
+        return {**figures, "state": state, **more}
 
     def _label(self, over: str) -> str:
-        """Write the phases of a trial that is to be kept; or say why it cannot be."""
+        """Write the phases of a trial to keep; returns why it cannot be kept, or nothing."""
         unfinished = f"{over} before the trial was complete"
         try:
             truth = truth_in(self.folder)
@@ -105,13 +100,12 @@ class TrialRecorder:
         return ""
 
     def give_up(self, state: str, why: str) -> None:
-        """Close as well as may be, because something else went wrong, which is what will be
-        raised."""
+        """Close as far as possible after an error, which the caller raises."""
         with suppress(HoldfastError, OSError):
             self.note({"t_s": self.t_s, "event": state, "why": why})
         with suppress(HoldfastError, OSError):
             self.close(state, why=why)
 
-    def _write_meta(self, state: str, **told: Any) -> None:
-        meta = {"recorder": FORMAT, "state": state, **self.about, **told}
+    def _write_meta(self, state: str, **more: Any) -> None:
+        meta = {"recorder": FORMAT, "state": state, **self.about, **more}
         write_whole(self.folder / META, json.dumps(meta, indent=1, default=str) + "\n")

@@ -8,7 +8,8 @@ import sys
 from edge_runtime.contact import NORMAL_FLOOR
 from evaluation.doc_tables import write_tables
 from evaluation.page import markdown
-from export.features import GROUPS, LAGS_S, feature_count
+from export.features import GROUPS, feature_count
+from export.history import LAGS_S
 from export.spec import StepSpec
 from export.step_graph import feature_graph
 

@@ -43,8 +43,8 @@ from edge_runtime.preparation import Preparation
 from edge_runtime.sample_file import sample_file
 from edge_runtime.sinks import Outlets, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
+from holdfast.live_run import answer
 from holdfast.live_sources import open_live
-from holdfast.run import answer
 
 if TYPE_CHECKING:
     from conftest import Built

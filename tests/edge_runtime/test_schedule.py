@@ -404,8 +404,8 @@ def test_a_flooded_port_delays_commands_and_no_sample(record_property):
 
 
 def test_what_was_lost_is_told_in_the_summary(model, capsys):
+    from holdfast.live_run import say_summary
     from holdfast.messages import say
-    from holdfast.run import say_summary
 
     stamps = on_time(20) + [on_time(20)[-1]] * 3
     summary, predictions, _ = go(model, Stamped(clock := VirtualClock(), stamps), clock)

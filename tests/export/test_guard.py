@@ -269,7 +269,7 @@ def test_settled_and_unknown_follow_the_stated_rule_at_every_sample(
 @pytest.mark.parametrize(
     ("rate_hz", "bridged"), [(50.0, 1), (58.9, 1), (100.0, 2), (150.0, 3), (1000.0, 20)]
 )
-def test_a_gap_of_20_ms_blinds_the_hand_while_it_lasts_and_a_longer_one_until_the_history_is_its_own(
+def test_a_gap_of_20_ms_blinds_the_hand_while_it_lasts_a_longer_one_until_the_history_is_whole(
     rate_hz: float, bridged: int
 ) -> None:
     spec = spec_of("now", rate_hz=rate_hz)

@@ -582,9 +582,7 @@ def test_a_hand_that_reads_the_same_numbers_from_the_start_is_never_known(readin
 
 
 @DEAD.mark
-def test_a_hand_that_freezes_is_unknown_once_its_whole_history_is_one_reading_and_known_when_it_moves() -> (
-    None
-):
+def test_a_frozen_hand_is_unknown_once_its_history_is_one_reading_and_known_when_it_moves() -> None:
     values, settle = noise(260), opened(DEFAULT_MODEL).card.settle_samples
     values[100:230] = values[100]
     said = answers(DEFAULT_MODEL, values)
@@ -672,7 +670,7 @@ def test_a_trial_in_which_nothing_varies_has_no_critical_point_and_no_warning(
 
 
 @DEGENERATE.unguarded
-def test_the_first_principal_component_of_a_constant_trial_is_nan_and_of_any_trial_has_either_sign() -> (
+def test_the_first_principal_component_of_a_constant_trial_is_nan_and_its_sign_is_arbitrary() -> (
     None
 ):
     constant = np.full((900, 6), 5.0)

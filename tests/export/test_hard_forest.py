@@ -206,7 +206,7 @@ def test_a_row_alone_is_answered_bit_for_bit_as_in_any_batch(
 
 
 @MILLION.unguarded
-def test_thresholds_rounded_to_the_nearest_float32_send_every_second_row_that_stands_on_them_the_wrong_way(
+def test_thresholds_rounded_to_the_nearest_float32_send_every_second_row_on_them_the_wrong_way(
     record_property: Record,
 ) -> None:
     rng = np.random.default_rng(0)
@@ -364,9 +364,7 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
 
 
 @EXACT.mark
-def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_and_of_equal_ones_to_the_riskier() -> (
-    None
-):
+def test_the_odd_votes_of_a_leaf_go_to_the_largest_remainders_equal_ones_to_the_riskier() -> None:
     rng = np.random.default_rng(6)
     x, y = rng.normal(size=(300, N_FEATURES)), rng.integers(5, size=300)
     forest = RandomForestClassifier(5, min_samples_leaf=7, random_state=0).fit(x, y)

@@ -30,7 +30,8 @@ from edge_runtime.graph import (
 )
 from edge_runtime.monitor import Model
 from export.bank import sections
-from export.features import GROUPS, LAGS_S, SPANS_S, feature_count
+from export.features import GROUPS, SPANS_S, feature_count
+from export.history import LAGS_S
 from export.spec import StepSpec
 from export.step_graph import feature_graph
 from training.plan import CLOCK_FREE_GROUPS

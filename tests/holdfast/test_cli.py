@@ -111,7 +111,7 @@ def test_every_verb_has_its_own_help(capsys: pytest.CaptureFixture[str]) -> None
 
 
 USAGE = {
-    "no such verb": (("fly",), "'fly' is no verb"),
+    "no such verb": (("fly",), "unknown command 'fly'; choose from"),
     "an option nobody knows": (("doctor", "--quickly"), "--quickly"),
     "a word where a number belongs": (("train", "--groups", "many"), "'many'"),
     "a missing argument": (("replay",), "MODEL"),
@@ -128,7 +128,7 @@ def test_a_usage_error_is_one_line_that_names_the_word(run: Run, fault: str) -> 
 
 
 def test_debug_shows_the_traceback_of_an_error(run: Run) -> None:
-    with pytest.raises(Exception, match="no verb"):
+    with pytest.raises(Exception, match="unknown command"):
         run("fly", "--debug")
 
 

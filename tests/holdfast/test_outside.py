@@ -48,10 +48,10 @@ from export.exporting import export_artifact
 from holdfast.calibration.reading import read_studies
 from holdfast.cli import main
 from holdfast.live_sources import open_bus, open_live
-from holdfast.onset import _starts_s
 from holdfast.recorder.card import read_protocol
 from holdfast.recorder.labels import read_events, read_meta
 from holdfast.sources import open_source
+from holdfast.watched_trial import _starts_s
 from simulation.card import read_card
 from training.datasets.reading import read_arrays, read_table
 from training.objects import read_json

@@ -116,7 +116,7 @@ class FilmsAfterwards(Beside):
 
     def stop(self) -> dict[str, Any]:
         span = {"out": str(self._folder), "from_ns": self.from_ns, "until_ns": self.clock.now_ns()}
-        command = [sys.executable, "-c", FILM, json.dumps(self.told | span)]
+        command = [sys.executable, "-c", FILM, json.dumps(self.options | span)]
         with (self._folder / LOG).open("wb") as log:
             self._process = subprocess.Popen(
                 command, cwd=ROOT, stdin=subprocess.PIPE, stdout=log, stderr=log
@@ -218,7 +218,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     data = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]
     assert data["data"]["onsets_by"] == {"camera": 1}
     assert data["rows"]["ours, as deployed"]["camera"]["truth"] is None
-    assert "no scene knows the truth" in (said := capsys.readouterr().out)
+    assert "the truth of these events is not known" in (said := capsys.readouterr().out)
     assert "load onsets are those of camera 1" in said
 
 
@@ -240,7 +240,8 @@ def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_
     "What comes from outside",
     "a camera that is unplugged in the middle of a trial",
     elsewhere="the recorder ends with it, or keeps a video that stops without a word",
-    here="the hand is recorded on; the camera part is void, in events.jsonl, meta.json and on the screen",
+    here="the hand is recorded on; the camera part is void, in events.jsonl, meta.json "
+    "and on the screen",
 )
 def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_path):
     with start(*words_of(tmp_path), "--seconds", "3") as run:
@@ -256,7 +257,7 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_
     events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
     assert [one["event"] for one in events if "event" in one] == ["camera_lost"]
     assert "the camera is lost" in err
-    assert "no camera part in this trial" in err
+    assert "this trial has no camera recording" in err
     assert read_about(folder)["void"] == "interrupted"
     assert main(["onset", str(folder)]) == 3, "a void part gets no label"
 

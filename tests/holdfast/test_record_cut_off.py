@@ -49,7 +49,8 @@ main(sys.argv[1:])
     AREA,
     "a recorder that is killed",
     elsewhere="what was buffered is gone, often the whole session",
-    here="every sample is written by itself: at most the one under way is lost; repair and resume go on from there",
+    here="every sample is written by itself: at most the one under way is lost; repair "
+    "and resume go on from there",
 )
 def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_path, capsys):
     out = tmp_path / "out"
@@ -86,12 +87,12 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
         file.write("0.513,1.0,2.")  # and as if the kill had come in the middle of a write
     assert main(["repair", str(out)]) == 0
     said = capsys.readouterr().out
-    assert "12 bytes of a torn line taken away, 77 samples whole" in said
+    assert "12 bytes of an incomplete line removed, 77 samples complete" in said
     assert (folder / "tactile.csv.torn").read_text() == "0.513,1.0,2."
     assert "marked as interrupted with 77 samples" in said
     assert len(open_replay(folder).values) == sequence[-1] + 1
     assert main(["repair", str(out)]) == 0
-    assert "whole" in capsys.readouterr().out
+    assert "complete" in capsys.readouterr().out
     recorded(out, "--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
     assert [meta_of(folder.with_name(f"trial_{k}"))["state"] for k in (1, 2)] == [
         "interrupted",
@@ -165,8 +166,10 @@ def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
 @pytest.mark.hard_case(
     AREA,
     "a disk that is full in the middle of a trial",
-    elsewhere="half a line at the end, which no reader takes, or the recorder goes on without a word",
-    here="one error; the rows before stay whole, the half line is taken back, the trial says interrupted or recording",
+    elsewhere="half a line at the end, which no reader takes, or the recorder goes on without "
+    "a word",
+    here="one error; the rows before stay whole, the half line is taken back, the trial "
+    "says interrupted or recording",
 )
 @pytest.mark.parametrize("limit", [40_000, 5_000])
 def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit):

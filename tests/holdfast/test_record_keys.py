@@ -134,7 +134,7 @@ def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressi
     press(" ")
     kept, said = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False)
     assert kept == 0, "space, k; r does it again; the second r finds none; space, q keeps and stops"
-    assert any("no trial of this session to do again" in line for line in said)
+    assert any("no trial to repeat yet" in line for line in said)
 
 
 def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path, pressing):
@@ -197,7 +197,8 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
 @pytest.mark.hard_case(
     AREA,
     "an SSH connection that drops while a trial is recorded",
-    elsewhere="the recorder dies with the terminal, and its trial says for ever that it is being recorded",
+    elsewhere="the recorder dies with the terminal, and its trial says for ever that it is "
+    "being recorded",
     here="the trial ends as by SIGTERM: whole, interrupted, and it comes up again",
 )
 def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):

@@ -71,7 +71,7 @@ def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_
         samples,
     )
     assert meta_of(folder)["why"] == "the source ended before the trial was complete"
-    assert any("not kept, and to be recorded again: the source ended" in line for line in said)
+    assert any("not kept, it will be recorded again: the source ended" in line for line in said)
     assert not (folder / "tactile.truth.json").exists()
 
 

@@ -54,18 +54,18 @@ def test_withdrawing_a_person_is_deleting_one_folder(people, tmp_path):
 def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos/summer.txt").write_text("sun")
-    with pytest.raises(OutputError, match="no folder of recordings"):
+    with pytest.raises(OutputError, match="not a recording folder"):
         one_pull(tmp_path / "photos")
     assert [path.name for path in (tmp_path / "photos").rglob("*")] == ["summer.txt"]
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="no folder of recordings"):
+    with pytest.raises(OutputError, match="not a recording folder"):
         one_pull(tmp_path / "file")
 
 
 def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(tmp_path):
     one_pull(tmp_path / "out")
     for within in ("out/p02", "out/p01/soft-ball", "out/p01/new/newer"):
-        with pytest.raises(OutputError, match=r"within a folder of recordings.*--out"):
+        with pytest.raises(OutputError, match=r"within a recording folder.*--out"):
             one_pull(tmp_path / within)
     assert [path.parent.name for path in tmp_path.rglob("tactile.csv")] == ["trial_1"]
     one_pull(tmp_path / "out2")
@@ -113,7 +113,7 @@ def test_a_bad_bias_is_refused_unless_told(tmp_path):
         one_pull(tmp_path / "out", source=touched)
     assert not list((tmp_path / "out").rglob("tactile.csv"))
     late = f"{REST}?fault=nack:2@0.4%2B0.3"
-    with pytest.raises(DataError, match="not a good bias"):
+    with pytest.raises(DataError, match="the bias is not good"):
         one_pull(tmp_path / "out", source=late)
     said = one_pull(tmp_path / "out", "--anyway", source=late)
     assert any("lost in X2" in line for line in said)
@@ -137,10 +137,11 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
     words = ("--protocol", tmp_path / "two.toml", "--seconds", "0.5")
     recorded(tmp_path / "out", *words, "--trials", "3")
     said = recorded(tmp_path / "out", *words)
-    assert any("3 of these trials are there already" in line for line in said)
+    assert any("3 of these trials are recorded already" in line for line in said)
     assert len(list((tmp_path / "out").rglob("tactile.csv"))) == 8
     assert (
-        recorded(tmp_path / "out", *words)[-1] == "leave the hand alone for 1 s: its bias is taken"
+        recorded(tmp_path / "out", *words)[-1]
+        == "measuring the bias: leave the hand open, touch nothing for 1 s"
     )
     plan = read_protocol(tmp_path / "two.toml").ordered(0, "p01")
     by_start = sorted(
@@ -188,7 +189,7 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ((), "what is to be recorded"),
+        ((), "no trials given"),
         (("--object", "cup"), "go together"),
         (("--action", "pull"), "go together"),
         (("--object", "cup", "--action", "nothing"), "go together"),
@@ -196,7 +197,10 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
         (("--object", "cup", "--action", "pull"), "without an end"),
         (("--object", "cup", "--action", "pull", "--trials", "0"), "--trials 0"),
         (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "oak"), "--tag-mm"),
-        (("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "scene"), "films no"),
+        (
+            ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "scene"),
+            "cannot film",
+        ),
         (
             ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "gone.npz"),
             "no such file",

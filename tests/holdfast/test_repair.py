@@ -107,7 +107,7 @@ def test_where_header_and_rows_disagree_repair_refuses_and_changes_nothing(
     folder = trial(tmp_path, damage(recorded), state, EVENT + b"\n{")
     before = bytes_of(folder)
     assert main(["repair", str(tmp_path)]) == 3
-    assert "not mended" in capsys.readouterr().out
+    assert "not repaired" in capsys.readouterr().out
     assert bytes_of(folder) == before
 
 
@@ -133,16 +133,16 @@ def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
     folder = trial(tmp_path, recorded + torn, state, EVENT + b"\n" + EVENT[:20])
     assert main(["repair", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert f"{len(torn)} bytes of a torn line taken away, {ROWS} samples whole" in said
+    assert f"{len(torn)} bytes of an incomplete line removed, {ROWS} samples complete" in said
     assert "tactile.csv.torn" in said
-    assert "20 bytes of a torn event taken away" in said
+    assert "20 bytes of an incomplete event removed" in said
     files = bytes_of(folder)
     assert (files["tactile.csv"], files["tactile.csv.torn"]) == (recorded, torn)
     assert (files["events.jsonl"], files["events.jsonl.torn"]) == (EVENT + b"\n", EVENT[:20])
     assert state_of(folder) == {"recording": "interrupted", "kept": "kept"}[state]
     assert main(["repair", str(tmp_path)]) == 0
     assert bytes_of(folder) == files
-    assert "whole" in capsys.readouterr().out
+    assert "complete" in capsys.readouterr().out
 
 
 @DAMAGED_FILE.mark
@@ -261,7 +261,7 @@ def test_a_kept_trial_whose_samples_are_gone_is_refused_and_stays_as_it_is(tmp_p
         (folder / "tactile.csv").unlink()
     before = bytes_of(folder)
     assert main(["repair", str(tmp_path)]) == 3
-    assert "not mended" in capsys.readouterr().out
+    assert "not repaired" in capsys.readouterr().out
     assert bytes_of(folder) == before
 
 

@@ -230,7 +230,7 @@ def test_an_export_replaces_what_was_made_of_its_artifact_and_nothing_else_unles
             artifact,
             "--out",
             elsewhere,
-            says=f"{there}: is there already",
+            says=f"{there}: exists already",
         )
         there.unlink()
     require_replaceable(artifact, artifact / "holdfast.onnx", force=False)

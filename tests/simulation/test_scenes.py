@@ -286,7 +286,7 @@ def test_nothing_is_written_over(tmp_path, capsys):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "mine.txt").write_text("precious", encoding="utf-8")
     assert main(["simulate", "apple", "--trials", "1", "--out", str(tmp_path / "set")]) == 5
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "set").iterdir()] == ["mine.txt"]
     with pytest.raises(OutputError):
         write_set(make(tmp_path), tmp_path / "set")

@@ -57,7 +57,8 @@ LONG = HardCase(
 OFFSET = HardCase(
     FILTER,
     "a large offset",
-    "a filter that starts at zero rings with its own offset, and a second later still louder than the slip",
+    "a filter that starts at zero rings with its own offset, and a second later "
+    "still louder than the slip",
     "only differences enter the bank, and it starts at rest",
 )
 SILENCE = HardCase(
@@ -123,20 +124,23 @@ SIGN = HardCase(
 MILLION = HardCase(
     FOREST,
     "a million adversarial rows",
-    "a converted forest differs where a row stands on a threshold, or where two classes have equal votes",
+    "a converted forest differs where a row stands on a threshold, or where two "
+    "classes have equal votes",
     "votes and labels are the reference's on every row, alone or in a batch",
 )
 TIES = HardCase(
     FOREST,
     "exact ties",
-    "probabilities are sums of float32 hundredths, each thread's on its own, and rounding decides a tie",
+    "probabilities are sums of float32 hundredths, each thread's on its own, and "
+    "rounding decides a tie",
     "votes are integers, and the riskier class wins a tie",
 )
 EXACT = HardCase(
     FOREST,
     "votes that sum exactly",
     "a hundred float32 hundredths are not one, and their sum depends on the order of the trees",
-    "every leaf's votes are integers that sum to a power of two, all trees together to less than 2^24",
+    "every leaf's votes are integers that sum to a power of two, all trees together "
+    "to less than 2^24",
 )
 MISSING = HardCase(
     FOREST,

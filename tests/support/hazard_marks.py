@@ -35,7 +35,8 @@ DECISIONS, OUTSIDE = "Decisions", "Input from outside"
 DAMAGED_FILE = Hazard(
     RECORDINGS,
     "A recording has a damaged header or a torn last line",
-    "`repair` removes at most one torn last line and keeps it beside the file; it refuses where header and "
+    "`repair` removes at most one torn last line and keeps it beside the file; it "
+    "refuses where header and "
     "rows disagree",
     "A person mends a damaged header",
 )
@@ -84,7 +85,8 @@ SLOW_REPAIR = Hazard(
 STUCK_BUS = Hazard(
     BUS,
     "SDA or SCL is held low when the hand starts",
-    "Nine clocks free SDA; a held SCL is reported once; every later reading is invalid until the bus is free",
+    "Nine clocks free SDA; a held SCL is reported once; every later reading is "
+    "invalid until the bus is free",
     "Power cycling a sensor that holds SCL",
 )
 BRIDGE_FAULT = Hazard(
@@ -108,14 +110,16 @@ DEAD_LOG = Hazard(
 RESTART = Hazard(
     LIVE,
     "The program restarts while the hand holds something",
-    "Forces above the stored unloaded bias are told as `started_loaded`, and `nothing` is not answered until the hand"
+    "Forces above the stored unloaded bias are told as `started_loaded`, and "
+    "`nothing` is not answered until the hand"
     " has been empty",
     "The hand's own controller keeps its grip while no answer comes",
 )
 DEAD_HAND = Hazard(
     LIVE,
     "The hand repeats old readings",
-    "Repeats are counted per sensor over its valid readings; a hand of repeating sensors is `unknown`",
+    "Repeats are counted per sensor over its valid readings; a hand of repeating "
+    "sensors is `unknown`",
     "The hand holds its grip on `unknown`",
 )
 LATE_ANSWER = Hazard(
@@ -139,7 +143,8 @@ LOST_SENSOR = Hazard(
 OVERRIDE = Hazard(
     DECISIONS,
     "The user overrides, and the alarm comes back at once",
-    "Override ends every request and lasts until the hand has been empty, or for two seconds after its last command",
+    "Override ends every request and lasts until the hand has been empty, or for two "
+    "seconds after its last command",
     "Following the user's command before any request",
 )
 OPENING = Hazard(
@@ -151,7 +156,8 @@ OPENING = Hazard(
 NO_EVIDENCE = Hazard(
     DECISIONS,
     "A false alarm keeps the hand tight",
-    "An act without fresh evidence ends after a time that the model's card states, and the answer says so",
+    "An act without fresh evidence ends after a time that the model's card states, "
+    "and the answer says so",
     "Giving the grip back slowly",
 )
 SILENT_SENDER = Hazard(
@@ -169,7 +175,8 @@ INVARIANTS = Hazard(
 FOREIGN_MODEL = Hazard(
     OUTSIDE,
     "A model file was altered and sealed again",
-    "Its shapes, types, names and operators are checked before it is run; a file that does not fit is refused at load",
+    "Its shapes, types, names and operators are checked before it is run; a file "
+    "that does not fit is refused at load",
     "Deciding whose model files to trust: the seal shows integrity and not who made it",
 )
 HUGE_INPUT = Hazard(

@@ -1,0 +1,191 @@
+"""A live run from its opened outputs to its summary: the body of `holdfast run`.
+
+A log that fails costs its lines and nothing else; the exit code is 5 where a file is incomplete.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, closing
+from typing import TYPE_CHECKING, Any
+
+from edge_runtime.commands import command_port
+from edge_runtime.contract import FloatArray, Prediction, Sample
+from edge_runtime.errors import OutputError, RateError
+from edge_runtime.fit import require_fit
+from edge_runtime.live import Command, Measured, Source, Summary, run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.notify import service_watchdog
+from edge_runtime.sample_file import SampleFile, sample_file
+from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
+from edge_runtime.tare import Tare
+from edge_runtime.visible import visible
+from holdfast.live_options import force_of, resting_of
+from holdfast.live_sources import open_live
+from holdfast.real_time import RunClock, first_in_line
+from holdfast.stopping import output_from_the_background, stop_signals, until
+
+if TYPE_CHECKING:
+    from holdfast.view import View
+
+PACE_READS = 3
+STDOUT, STDERR = "stdout", "stderr"
+READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
+"""Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
+Emit = Callable[[Prediction, Sample, Measured], int | None]
+
+
+def run_live_verb(args: argparse.Namespace) -> int:
+    """Run until stopped; returns the exit code."""
+    clock, model = RunClock(), Model(args.model)
+    with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
+        summary, failures = _run_until_stopped(args, clock, model, beside)
+        say_summary(summary, beside)
+    complete = all(_closed_by_reader(name, error) for name, error in failures.items())
+    return 0 if complete else OutputError.exit_code
+
+
+def _closed_by_reader(name: str, error: OSError) -> bool:
+    """Whether the reader of a standard stream closed it: then nothing is missing."""
+    return name in (STDOUT, STDERR) and error.errno in READER_GONE
+
+
+class _Outputs:
+    """Everything that a run writes to, opened in order and closed within bounded time."""
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        model: Model,
+        beside: Sink,
+        enter: Callable[[AbstractContextManager[Any]], Any],
+        at_end: Callable[[Callable[[], None]], object],
+    ) -> None:
+        self._beside = beside
+        self._view: View | None = enter(_view(model)) if args.view else None
+        sinks = _sinks(args, enter)
+        n_channels = model.card.n_channels
+        self._samples: SampleFile | None = (
+            enter(sample_file(args.samples, n_channels)) if args.samples else None
+        )
+        others = [self._samples.sink] if self._samples else []
+        self.outlets = Outlets(sinks, self.tell, others=others, watched=[beside])
+        at_end(self.outlets.close)
+        self._alive: Callable[[int], None] = enter(service_watchdog())
+
+    def tell(self, text: str) -> None:
+        """A message: above the picture while it is drawn, else on stderr."""
+        line = visible(text)
+        if self._view and self._view.drawing:
+            self._view.tell(line)
+        else:
+            self._beside(line)
+
+    def emit(self, prediction: Prediction, sample: Sample, measured: Measured) -> int:
+        """Pass on one answer; returns how many lines were dropped."""
+        dropped = self.outlets.emit(prediction)
+        if self._samples:
+            dropped += not self._samples.write(sample)
+        if self._view:
+            self._view.show(prediction, sample, measured)
+        self._alive(prediction.t_decided_ns)
+        return dropped
+
+
+def _run_until_stopped(
+    args: argparse.Namespace, clock: RunClock, model: Model, beside: Sink
+) -> tuple[Summary, dict[str, OSError]]:
+    """(summary, failed outputs): everything opened, the loop, everything closed."""
+    with ExitStack() as stack:
+        stopped = stack.enter_context(stop_signals())
+        outputs = _Outputs(args, model, beside, stack.enter_context, stack.callback)
+        outlets, tell = outputs.outlets, outputs.tell
+        port = command_port(args.commands, tell, clock.now_ns) if args.commands else None
+        command = Command if port is None else stack.enter_context(port)
+        source = open_live(args.source, clock=clock, say=tell, to_force=force_of(args.calibration))
+        stack.enter_context(first_in_line(tell))
+        try:
+            resting = resting_of(args.bias, source)
+            if resting is None:
+                tell(
+                    "no --bias: the first samples must be of the unloaded hand; this is not checked"
+                )
+            stop = until(lambda: stopped() or outlets.none_acts(), clock, args.seconds)
+            summary = answer(
+                source, model, clock, outputs.emit, stop, resting=resting, command=command
+            )
+        finally:
+            source.close()
+    summary.dropped, summary.lost_sinks = outlets.dropped, outlets.lost()
+    return summary, outlets.failures
+
+
+def _sinks(
+    args: argparse.Namespace, enter: Callable[[AbstractContextManager[Sink]], Sink]
+) -> list[Sink]:
+    """Outputs of the predictions."""
+    sinks = [] if args.quiet else [enter(closing(stream_sink(sys.stdout, STDOUT)))]
+    sinks += [enter(file_sink(args.out, "--out"))] if args.out else []
+    sinks += [enter(udp_sink(args.udp))] if args.udp else []
+    return sinks
+
+
+def answer(
+    source: Source,
+    model: Model,
+    clock: Any,
+    emit: Emit,
+    stopped: Callable[[], bool],
+    *,
+    resting: FloatArray | None = None,
+    command: Callable[[], Command] = Command,
+) -> Summary:
+    """Run the live loop. Raises ChannelError, UnitError, RateError if source and model differ."""
+    card = model.card
+    rate_hz = card.rate_hz if source.rate_hz is None else source.rate_hz
+    require_fit(
+        card, n_channels=source.n_channels, unit=source.unit, rate_hz=rate_hz, where="source"
+    )
+    monitor = GripMonitor(model, clock.now_ns, bias_known=resting is not None)
+    tare = Tare(card.preparation, card.n_channels, resting)
+    require_pace(source, model, clock)
+    return run_live(source, monitor, tare, clock, emit, stopped=stopped, command=command)
+
+
+def require_pace(source: Source, model: Model, clock: Any) -> None:
+    """Raise RateError where a hand cannot be read at the model's rate."""
+    if source.rate_hz is not None:
+        return
+    rate_hz, times = model.card.rate_hz, []
+    for _ in range(PACE_READS):
+        before_ns = clock.now_ns()
+        source.read()
+        times.append(1e-9 * (clock.now_ns() - before_ns))
+    if min(times) * rate_hz > 1.0:
+        raise RateError(
+            f"a scan takes {1e3 * min(times):.1f} ms, the model needs {rate_hz:g} a second",
+            cause="a bridge too slow for this model",
+            next_step="holdfast scan shows the rate that it serves",
+        )
+
+
+def _view(model: Model) -> AbstractContextManager[View]:
+    from holdfast.view import viewed
+
+    return viewed(model.card.unit)
+
+
+def say_summary(summary: Summary, tell: Callable[[str], object]) -> None:
+    """Print counts, lost outputs, and the latency of each stage."""
+    states = ", ".join(f"{name} {count}" for name, count in summary.states.items())
+    lost = "".join(f", {count} {name}" for name, count in summary.lost().items() if count)
+    counts = f"{summary.samples} samples, {summary.overruns} overruns{lost}, {summary.acts} acts"
+    tell(f"\n{counts}; {states}")
+    for sink, why in summary.lost_sinks.items():
+        tell(f"lost: {sink} ({why})")
+    for stage, figures in summary.latency_us().items():
+        each = "  ".join(f"{name} {value:8.1f} us" for name, value in figures.items())
+        tell(f"{stage:<14}{each}")

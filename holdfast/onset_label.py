@@ -1,0 +1,138 @@
+"""The label of a slip that a camera saw: found in the motion, written beside the trial."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from edge_runtime.errors import LabelError, UsageError
+from edge_runtime.trial_layout import (
+    EVENTS,
+    ONSET_SUFFIX,
+    RISKY_ACTIONS,
+    TRUTH,
+    VOLUNTARY_ACTIONS,
+    read_events,
+)
+from edge_runtime.writing import write_whole
+from holdfast.watched_trial import WatchedTrial
+
+if TYPE_CHECKING:
+    from drivers.camera.onset import Slip
+
+RISKY = (*RISKY_ACTIONS, "hold")
+ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
+PROVENANCE, BY = "camera", "holdfast onset"
+
+
+def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:
+    """Find the slip and write its label beside the trial; returns a sentence about it."""
+    from drivers.camera.onset import Slip, find_slip
+
+    try:
+        found = find_slip(trial.moved, gross_mm)
+    except LabelError as error:
+        raise LabelError(
+            error.what, where=trial.path, cause=error.cause, next_step=error.next_step
+        ) from None
+    slip = found if isinstance(found, Slip) else None
+    label = _label(action, trial.path) if slip else ""
+    intervals = [_interval(slip, label, trial.starts_s)] if slip else []
+    gap = None if found is None or slip else _shifted(asdict(found), trial.starts_s)
+    write_labels = _write_events if trial.path.is_dir() else _write_beside
+    how = _how(trial, gross_mm, gap, shear_known=shear_known)
+    where = write_labels(trial.path, intervals, how)
+    if intervals:
+        return _sentence(intervals[0], where)
+    if gap:
+        span = f"{gap['from_s']:.3f} to {gap['to_s']:.3f} s"
+        return f"no onset: a tag was hidden from {span} while the object moved; {where}"
+    return f"no onset: the object moved by less than {gross_mm:.2f} mm; {where}"
+
+
+def _how(
+    trial: WatchedTrial, gross_mm: float, gap: dict[str, float] | None, *, shear_known: bool
+) -> dict[str, Any]:
+    """What the label rests on, as it is written with it."""
+    return {
+        "gross_mm": gross_mm,
+        "pad_shear": "measured" if shear_known else "not measured",
+        "hidden": gap,
+        "threshold_mm": round(trial.moved.threshold_mm, 4),
+        "sigma_mm": round(trial.moved.sigma_mm, 5),
+        "mm_per_px": round(trial.moved.mm_per_px, 5),
+        "frames": len(trial.moved.t_s),
+        "frames_seen": trial.moved.seen,
+    }
+
+
+def _label(action: str | None, path: Path) -> str:
+    action = action or path.parent.name
+    if action not in ACTIONS:
+        raise UsageError(
+            f"{path}: {action!r} does not say whether a slip is risky",
+            cause="the folder is not named after an action",
+            next_step=f"--action {'|'.join(ACTIONS)}",
+        )
+    return "risky_slip" if action in RISKY else "safe_slip"
+
+
+def _interval(slip: Slip, label: str, starts_s: float) -> dict[str, Any]:
+    """A phase as in trial_<n>.truth.json with more of the camera's times, from the first sample."""
+    at = _shifted(
+        {"t0_s": slip.start_s, "t1_s": slip.end_s, "seen_s": slip.seen_s, "gross_s": slip.gross_s},
+        starts_s,
+    )
+    spread = {
+        "start_sd_s": slip.start_sd_s,
+        "frame_s": slip.frame_s,
+        "uncertainty_s": slip.uncertainty_s,
+    }
+    return {
+        "t0_s": at.pop("t0_s"),
+        "t1_s": at.pop("t1_s"),
+        "onset_s": round(slip.start_s - starts_s, 6),
+        "duration_s": round(slip.end_s - slip.start_s, 6),
+        "label": label,
+        "provenance": PROVENANCE,
+        "by": BY,
+        **at,
+        **{name: round(value, 6) for name, value in spread.items()},
+    }
+
+
+def _shifted(times: dict[str, float], starts_s: float) -> dict[str, float]:
+    return {name: round(value - starts_s, 6) for name, value in times.items()}
+
+
+def _write_beside(trial: Path, intervals: list[dict[str, Any]], how: dict[str, Any]) -> Path:
+    """Write trial_n.onset.json with phases as in trial_n.truth.json, which does not change."""
+    return write_whole(
+        trial.with_suffix(ONSET_SUFFIX), json.dumps({"phases": intervals, **how}, indent=1) + "\n"
+    )
+
+
+def _write_events(folder: Path, intervals: list[dict[str, Any]], how: dict[str, Any]) -> Path:
+    """Write a line for each interval to events.jsonl; earlier lines of a camera are replaced."""
+    path = folder / EVENTS
+    kept = [
+        json.dumps(event) for event in read_events(path) if event.get("provenance") != PROVENANCE
+    ]
+    lines = [*kept, *(json.dumps(one | how) for one in intervals)]
+    written = write_whole(path, "".join(f"{line}\n" for line in lines))
+    if (folder / TRUTH).exists():
+        from holdfast.recorder.labels import relabel
+
+        relabel(folder)
+    return written
+
+
+def _sentence(interval: dict[str, Any], where: Path) -> str:
+    start, sd_ms = interval["t0_s"], 1e3 * interval["uncertainty_s"]
+    seen_ms, gross_ms = (1e3 * (interval[name] - start) for name in ("seen_s", "gross_s"))
+    return (
+        f"{interval['label']} from {start:.4f} s (sd {sd_ms:.1f} ms); "
+        f"beyond noise {seen_ms:.0f} ms later, gross {gross_ms:.0f} ms later; {where}"
+    )
