@@ -473,13 +473,13 @@ def test_the_udev_rules_name_every_bridge():
 
 
 def test_a_bridge_too_slow_for_the_model_is_refused_before_the_first_sample(model):
-    with pytest.raises(RateError, match=r"a scan takes .* ms, the model wants 150"):
+    with pytest.raises(RateError, match=r"a scan takes .* ms, the model needs 150"):
         live(model, "virtual://mcp2221", 1.0)
 
 
 def test_a_recording_at_another_rate_is_refused(eight_classes: Built, model):
     source = Paced(open_replay(next(eight_classes.fixture.glob("*/pull/trial_1.csv"))), lambda: 0)
-    with pytest.raises(RateError, match="50 Hz, the model wants 150"):
+    with pytest.raises(RateError, match="50 Hz, the model needs 150"):
         answer(source, model, VirtualClock(), kept([], []), lambda: False)
 
 

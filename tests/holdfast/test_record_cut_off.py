@@ -160,7 +160,7 @@ def test_wherever_a_file_is_cut_mending_loses_at_most_one_sample(
 def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
     assert main(["repair", str(tmp_path)]) == 3
     assert main(["repair", str(tmp_path / "nowhere")]) == 3
-    assert "no trial in it" in capsys.readouterr().err
+    assert "no trial in this folder" in capsys.readouterr().err
 
 
 @pytest.mark.hard_case(
