@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.live import Source
 from edge_runtime.visible import visible
-from holdfast.hand_bias import measure_bias, require_good
+from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
 from holdfast.live_options import force_of
 from holdfast.live_sources import open_live
 from holdfast.real_time import first_in_line
@@ -50,32 +51,38 @@ def record(
     require_camera(args)
     say(f"opening {args.source}")
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
-    try:
-        with opened(args.out, source.unit, _kind(args.source)), first_in_line(say) as real_time:
-            _report_before(args.out, person, plan, say)
-            measured = measure_bias(source, clock, say, CHECK_S)
-            if not args.anyway:
-                require_good(measured, "nothing is recorded")
-            rate_hz = source.rate_hz or args.rate
-            session = Session(
-                _options(args, person, plan, rate_hz),
-                source,
-                clock,
-                keys,
-                say,
-                bias=measured.bias.values,
-                about=about(args, source, measured, plan, rate_hz, real_time=real_time),
-                camera=camera_of(args, source, host_ns() - clock.now_ns(), camera),
-                host_ns=host_ns,
-                truth=truth_of(args.source, source),
-                show=show,
-            )
-            kept = session.run(plan.tasks, stopped)
-    finally:
-        source.close()
-    folder = f"{kept} trials kept in {args.out / person}"
-    print(visible(f"{folder}; next: holdfast evaluate MODEL --data {args.out}"))
+    kind = _kind(args.source)
+    with closing(source), opened(args.out, source.unit, kind), first_in_line(say) as real_time:
+        _report_before(args.out, person, plan, say)
+        measured = _checked_bias(source, clock, say, anyway=args.anyway)
+        rate_hz = source.rate_hz or args.rate
+        session = Session(
+            _options(args, person, plan, rate_hz),
+            source,
+            clock,
+            keys,
+            say,
+            bias=measured.bias.values,
+            about=about(args, source, measured, plan, rate_hz, real_time=real_time),
+            camera=camera_of(args, source, host_ns() - clock.now_ns(), camera),
+            host_ns=host_ns,
+            truth=truth_of(args.source, source),
+            show=show,
+        )
+        kept = session.run(plan.tasks, stopped)
+    next_step = f"holdfast evaluate MODEL --data {args.out}"
+    print(visible(f"{kept} trials kept in {args.out / person}; next: {next_step}"))
     return 0
+
+
+def _checked_bias(
+    source: Source, clock: Any, say: Callable[[str], None], *, anyway: bool
+) -> MeasuredBias:
+    """The bias of the hand now. Raises DataError if it is not good, unless anyway."""
+    measured = measure_bias(source, clock, say, CHECK_S)
+    if not anyway:
+        require_good(measured, "nothing is recorded")
+    return measured
 
 
 def _kind(url: str) -> str:
