@@ -193,7 +193,7 @@ def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
     votes = np.array(list(_tied_votes(len(main.classes))), dtype=np.float32)
     (got,) = session.run(None, {"votes": votes})
     if not np.array_equal(got, riskier_argmax(situation_votes(votes.astype(np.int64)))):
-        raise VerificationFailed("the riskier class does not win a tie", next_step="report this")
+        raise VerificationFailed("the riskier class does not win ties", next_step="report this")
     return len(votes)
 
 
