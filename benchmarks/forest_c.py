@@ -18,8 +18,9 @@ from training.featurise import FloatRows
 
 SOURCE = """
 #include <stdint.h>
-void votes(const float *row, const int32_t *roots, int32_t trees, const int32_t *feature, const float *threshold,
-           const int32_t *left, const int32_t *right, const int32_t *leaf, int32_t classes, int32_t *out)
+void votes(const float *row, const int32_t *roots, int32_t trees, const int32_t *feature,
+           const float *threshold, const int32_t *left, const int32_t *right, const int32_t *leaf,
+           int32_t classes, int32_t *out)
 {
     for (int32_t k = 0; k < classes; k++) out[k] = 0;
     for (int32_t t = 0; t < trees; t++) {

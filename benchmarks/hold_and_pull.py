@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mujoco_peer import GRAVITY_M_S2, SLIP_TRAVEL_M, STEPS_S, Scene
+from benchmarks.mujoco_peer import SLIP_TRAVEL_M, STEPS_S
+from benchmarks.mujoco_scene import GRAVITY_M_S2, Scene
 from edge_runtime.contract import FloatArray
 from simulation.body import SIDE, Body, Inputs, Pull, State, at_rest
 from simulation.core import step

@@ -1,18 +1,18 @@
-"""`holdfast bench latency`: one decision of ours beside its peers, all in turns in one run on the
-same stream.
+"""`holdfast bench latency`: one decision beside its peers, timed interleaved on the same stream.
 
-Absolute microseconds are this machine's; ratios travel. Percentiles are of all calls but the first
-of each turn, which comes to cold caches; its median stands beside them. The floor is a busy wait as
-long as the step: its tail is the machine's own jitter. Every answer is checked while it is timed.
-Peers, on the same windows:
+Absolute microseconds belong to one machine; ratios carry over to others. Percentiles are of all
+calls but the first of each turn. That one comes to cold caches and has a median of its own. The
+floor is a busy wait as long as the step: its tail is the machine's own jitter. Every answer is
+checked while it is timed. Peers, on the same windows:
 
     scikit-learn            predict_proba of 100 full-depth trees on the raw window, one row
     bare forest             the same trees in onnxruntime, io-bound, nothing else computed
-    ours, bare forest       our own trees alone, on the rows that the step hands them
+    ours, bare forest       our own trees alone, on the rows that the step gives them
     ours, whole step        guard, bank, detectors, features, forest, votes: what runs on the hand
-    a walk in C             the same 100 trees in a few lines of C: the limit (where there is a compiler)
+    a walk in C             the same 100 trees in a few lines of C (where there is a compiler)
     treelite                the same trees by its interpreter (in the environment of `make peers`)
-    the thesis' way         ten band-pass filters a channel, sample by sample in Python, then scikit-learn
+    the thesis' way         ten band-pass filters a channel, one sample at a time in Python, then
+                            scikit-learn
 """
 
 from __future__ import annotations

@@ -1,20 +1,16 @@
-"""`make peers`: the same hold and pull in MuJoCo, to put our own scenes' price and creep beside.
+"""`make peers`: the same hold and pull in MuJoCo, to compare price and creep with our scenes.
 
-The scene: an upright cylinder with the mass of the 60 mm ball, two thumb pads against four finger
-pads, every pad on springs of its own (normal and along the surface); held for 60 s, then pulled
-down by a person, a damped spring to a moving target that never pulls harder than a cap. Like our
-core's, the object moves and does not turn.
-
-What MuJoCo does otherwise, and what follows for a comparison:
+The cylinder is held for 60 s, then pulled down (mujoco_scene.py). What MuJoCo does otherwise, and
+what follows for a comparison:
 
 - its friction is a soft constraint: below the limit a contact still slides, at a speed in
   proportion to the load (MuJoCo documentation, "Modeling: preventing slip"; issue 3328 of its
   repository). impratio makes it slower, the no-slip pass all but stops it;
-- one friction coefficient, not a static and a kinetic one: the static one is used;
-- the fingertips need a mass (ours have none), and how fast an object creeps depends on it;
-- contacts give way too, more than the fingers with the default solref, so the fingers' springs are
-  drawn further until the grip is the asked one, and all variants but the first have contacts as
-  stiff as the longer step allows.
+- it has one friction coefficient, not a static and a kinetic one: the static one is used;
+- its fingertips need a mass (ours have none), and how fast an object creeps depends on it;
+- its contacts yield too, more than the fingers with the default solref. So the fingers' springs are
+  drawn further until the grip is right, and all variants but the first have contacts as stiff as
+  the longer step allows.
 
 CPU time is of `mj_step` alone: no compiling of the model, no Python between the steps of the hold.
 """
@@ -27,13 +23,22 @@ import platform
 import statistics
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.mujoco_scene import (
+    FINGER_Z_M,
+    GRAVITY_M_S2,
+    THUMB_Z_M,
+    VARIANTS,
+    Scene,
+    Variant,
+    mjcf,
+)
 from edge_runtime.command import Parser, finish, path_argument
 from edge_runtime.errors import UsageError
 from edge_runtime.writing import require_writable, write_whole
@@ -43,135 +48,20 @@ try:
 except ModuleNotFoundError:
     mujoco = None
 
-GRAVITY_M_S2 = 9.81
 STEPS_S = (1e-3, 2e-3)
 REPEATS = 3
 CHUNK_S = 0.1
-"""A hold is looked at so often."""
+"""Time between two looks at a hold."""
 SLIP_TRAVEL_M = 2e-3
-"""Gross slip, as in our scenes: so far along the surface (mean of the pads, their own stretch not
-counted).
+"""Gross slip, as in our scenes: travel along the surface, mean of the pads, without their stretch.
 
-The fingers, which press with half a thumb pad's force, let go first: 2 mm can pass before the thumb
-has let go.
+The fingers press with half a thumb pad's force and slide first: 2 mm can pass before the thumb
+slides.
 """
-
-
-@dataclass(frozen=True)
-class Scene:
-    """Hold and pull: SI units; grip_n is the sum of the normal forces of either side."""
-
-    mass_kg: float = 0.1979
-    radius_m: float = 0.03
-    half_length_m: float = 0.1
-    grip_n: float = 12.0
-    friction: float = 0.6
-    normal_n_per_m: float = 600.0
-    along_n_per_m: float = 500.0
-    finger_loss_s: float = 2e-3
-    pad_kg: float = 0.03
-    pad_radius_m: float = 0.008
-    hold_s: float = 60.0
-    settled_s: float = 1.0
-    arm_n_per_m: float = 1500.0
-    arm_damping_ratio: float = 0.7
-    pull_m_s: float = 0.1
-    pull_s: float = 2.0
-    caps_n: tuple[float, ...] = (8.0, 16.0)
-
-    @property
-    def limit_n(self) -> float:
-        """The load along the surface at which Coulomb's contacts let go."""
-        return 2.0 * self.friction * self.grip_n
-
-    @property
-    def arm_n_s_per_m(self) -> float:
-        """Damping of the person's arm."""
-        return 2.0 * self.arm_damping_ratio * float(np.sqrt(self.arm_n_per_m * self.mass_kg))
-
-
-THUMB_Z_M = (0.012, -0.012)
-FINGER_Z_M = (0.033, 0.011, -0.011, -0.033)
-
-
-@dataclass(frozen=True)
-class Variant:
-    """What MuJoCo's user may choose: the contact's solref, and attributes of <option> beside those
-    all share."""
-
-    solref: str = "0.004 1"
-    options: Mapping[str, str] = field(default_factory=dict)
-
-
-VARIANTS = {
-    "default": Variant(solref="0.02 1"),
-    "stiff": Variant(),
-    "impratio 10": Variant(options={"impratio": "10"}),
-    "impratio 100": Variant(options={"impratio": "100"}),
-    "noslip": Variant(options={"noslip_iterations": "10"}),
-    "noslip exact": Variant(options={"noslip_iterations": "100", "noslip_tolerance": "0"}),
-}
-"""All: elliptic cone, implicitfast, Newton. MuJoCo's own contact; one as stiff as a step of 2 ms
-allows (solref is two steps); that with the documentation's advice for grasping; with what published
-robot models have; with the no-slip pass; and with that pass taken to its end, which its tolerance
-otherwise cuts short."""
-
-
-def mjcf(scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> str:
-    """The scene as MuJoCo's XML; drawn: the fingers' springs over what they were without the
-    contacts giving way.
-
-    Dense Jacobian: right for 21 degrees of freedom, and out of reach of a fault in 4.0.0's sparse
-    factorisation.
-    """
-    extra = "".join(f' {name}="{value}"' for name, value in variant.options.items())
-    pads = [
-        _pad(scene, f"thumb{k}", -1.0, z, drawn * scene.grip_n / 2) for k, z in enumerate(THUMB_Z_M)
-    ]
-    pads += [
-        _pad(scene, f"finger{k}", 1.0, z, drawn * scene.grip_n / 4)
-        for k, z in enumerate(FINGER_Z_M)
-    ]
-    arm, damping = scene.arm_n_per_m, scene.arm_n_s_per_m
-    return f"""<mujoco model="hold and pull">
-  <option timestep="{step_s:g}" gravity="0 0 -{GRAVITY_M_S2:g}" integrator="implicitfast" cone="elliptic"
-    solver="Newton" jacobian="dense"{extra}/>
-  <default>
-    <geom condim="3" friction="{scene.friction:g} 0 0" solref="{variant.solref}"/>
-  </default>
-  <worldbody>
-    <body name="object">
-      <joint name="x" type="slide" axis="1 0 0"/>
-      <joint name="y" type="slide" axis="0 1 0"/>
-      <joint name="z" type="slide" axis="0 0 1"/>
-      <geom type="cylinder" size="{scene.radius_m:g} {scene.half_length_m:g}" mass="{scene.mass_kg:g}"
-        contype="1" conaffinity="2"/>
-    </body>
-{chr(10).join(pads)}
-  </worldbody>
-  <actuator>
-    <general name="person" joint="z" group="1" gaintype="fixed" gainprm="{arm:g}"
-      biastype="affine" biasprm="0 -{arm:g} -{damping:.6g}" forcelimited="true" forcerange="-1 1"/>
-  </actuator>
-</mujoco>
-"""
-
-
-def _pad(scene: Scene, name: str, side: float, z_m: float, press_n: float) -> str:
-    """A fingertip that just touches; its spring is drawn so far that it presses with press_n."""
-    at_m, drawn_m = side * (scene.radius_m + scene.pad_radius_m), press_n / scene.normal_n_per_m
-    along, loss = scene.along_n_per_m, scene.finger_loss_s
-    return f"""    <body name="{name}" pos="{at_m:g} 0 {z_m:g}" gravcomp="1">
-      <joint name="{name}x" type="slide" axis="{-side:g} 0 0" stiffness="{scene.normal_n_per_m:g}"
-        springref="{drawn_m:.9g}" damping="{loss * scene.normal_n_per_m:g}"/>
-      <joint name="{name}y" type="slide" axis="0 1 0" stiffness="{along:g}" damping="{loss * along:g}"/>
-      <joint name="{name}z" type="slide" axis="0 0 1" stiffness="{along:g}" damping="{loss * along:g}"/>
-      <geom type="sphere" size="{scene.pad_radius_m:g}" mass="{scene.pad_kg:g}" contype="2" conaffinity="1"/>
-    </body>"""
 
 
 class Hold:
-    """A compiled scene, and the readings of it that are asked for."""
+    """A compiled scene and its readings."""
 
     def __init__(self, scene: Scene, step_s: float, variant: Variant, drawn: float = 1.0) -> None:
         self.scene, self.step_s = scene, step_s
@@ -219,8 +109,7 @@ class Hold:
 
 
 def drawn_for(scene: Scene, step_s: float, variant: Variant, rounds: int = 8) -> float:
-    """How much further the springs are to be drawn for the asked grip; without gravity, so that
-    nothing slides."""
+    """How far to draw the springs for the scene's grip, found without gravity: nothing slides."""
     drawn = 1.0
     for _ in range(rounds):
         held = Hold(scene, step_s, variant, drawn)
@@ -291,8 +180,10 @@ def pull(
 def measure(
     scene: Scene | None = None, steps_s: Sequence[float] = STEPS_S, repeats: int = REPEATS
 ) -> dict[str, Any]:
-    """All variants at all steps; CPU time is the median of `repeats` holds, in turns. UsageError
-    without MuJoCo."""
+    """All variants at all steps; CPU time is the median of `repeats` interleaved holds.
+
+    Raises UsageError without MuJoCo.
+    """
     about = {
         "mujoco": _mujoco().__version__,
         "numpy": np.__version__,
@@ -354,8 +245,9 @@ def _row(run: dict[str, Any]) -> str:
         for p in run["pulls"]
     )
     return (
-        f"{run['variant']:<13}{1e3 * run['step_s']:2.0f} ms{1e3 * run['cpu_s_per_s']:7.2f} CPU ms/s   "
-        f"held {creep:<22} {1e6 * run['creep_m_s']:9.2f} um/s   pull {slips}"
+        f"{run['variant']:<13}{1e3 * run['step_s']:2.0f} ms"
+        f"{1e3 * run['cpu_s_per_s']:7.2f} CPU ms/s   held {creep:<22} "
+        f"{1e6 * run['creep_m_s']:9.2f} um/s   pull {slips}"
     )
 
 

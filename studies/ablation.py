@@ -91,8 +91,9 @@ def table(rows: dict[str, Any]) -> str:
     for name, row in rows.items():
         f1, auc, us = (row[key] - base[key] for key in ("macro_f1", "auc", "us"))
         lines.append(
-            f"| {name} | {row['features']} | {row['macro_f1']:.3f} ({f1:+.3f}) | {row['auc']:.3f} ({auc:+.3f}) "
-            f"| {row['nodes']} | {row['us']:.1f} ({us:+.1f}) | {'yes' if row['clock_free'] else 'NO'} |"
+            f"| {name} | {row['features']} | {row['macro_f1']:.3f} ({f1:+.3f}) "
+            f"| {row['auc']:.3f} ({auc:+.3f}) | {row['nodes']} | {row['us']:.1f} ({us:+.1f}) "
+            f"| {'yes' if row['clock_free'] else 'NO'} |"
         )
     return "\n".join(lines) + "\n"
 

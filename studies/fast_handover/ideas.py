@@ -1,4 +1,4 @@
-"""What is tried, one change of the default model at a time."""
+"""The ideas: one change of the default model at a time."""
 
 from __future__ import annotations
 

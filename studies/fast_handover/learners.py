@@ -1,5 +1,4 @@
-"""Ways to learn situations from features: fitted on labels of eight classes, asked for a situation
-and how sure it is of a risky slip."""
+"""Learners: fitted on eight classes, they answer a situation and a share for risky slip."""
 
 from __future__ import annotations
 
@@ -23,13 +22,13 @@ Answer = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 
 
 class Learner(Protocol):
-    """What is fitted; models are for timing, each asked once a sample."""
+    """Something that is fitted and answers. Its models are for timing, each runs once a sample."""
 
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
         """Fit on rows [M, F] with labels 0..7 [M]."""
 
     def answer(self, features: FloatRows) -> Answer:
-        """Of rows [T, F]."""
+        """The answers to rows [T, F]."""
 
     @property
     def models(self) -> Sequence[Any]:
@@ -38,15 +37,14 @@ class Learner(Protocol):
 
 @dataclass
 class Forest:
-    """A forest of a plan, of eight classes or (weight left to a head of its own) of the four
-    situations."""
+    """A forest of a plan: of eight classes, or of four situations with weight as its own head."""
 
     plan: ForestPlan
     classes: int = 8
     risky_weight: float = 1.0
 
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
-        """See Learner. risky_weight: a risky slip counts so much more than its class would."""
+        """See Learner. risky_weight: factor on the weight of risky slips."""
         target = label if self.classes == 8 else label // 2
         weight = compute_sample_weight("balanced", target) * np.where(
             label // 2 == RISKY_SLIP, self.risky_weight, 1.0
@@ -70,8 +68,7 @@ class Forest:
 
 @dataclass
 class TwoStages:
-    """First whether anything is held, then, of what is held, which situation; each a forest of a
-    plan."""
+    """Two forests of a plan: whether something is held, then which situation."""
 
     plan: ForestPlan
 
@@ -96,8 +93,7 @@ class TwoStages:
 
 @dataclass
 class Boosting:
-    """Gradient boosting over histograms, four situations; it exports to the same operator as a
-    forest."""
+    """Histogram gradient boosting of four situations; it exports to a forest's operator."""
 
     iterations: int = 100
     leaves: int = 31
@@ -112,7 +108,7 @@ class Boosting:
             early_stopping=False,
             random_state=seed,
         )
-        # beside other work, several wait for each other, busily
+        # several threads wait for each other in busy loops when other work runs
         with threadpool_limits(self.threads):
             self.model = model.fit(features, label // 2)
 

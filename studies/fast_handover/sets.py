@@ -1,5 +1,4 @@
-"""Sets of the study: read, and their features at every sample kept on disk, since they are larger
-than memory."""
+"""Sets of the study, with their features at every sample on disk, as these exceed the memory."""
 
 from __future__ import annotations
 
@@ -23,6 +22,9 @@ from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS
 from training.recording import DataSet, Recording
 from training.windows import Choice
 
+CHOOSE, STYLES = "choose", ("author", "p1", "p2")
+EVALUATED = (*STYLES, "asked-holds")
+"""Sets by their folders: for the threshold, of a style each, and all that are evaluated."""
 CONTEXT_S = (0.5, 1.0, 2.0)
 
 
@@ -37,12 +39,12 @@ class Labelled:
 
 @dataclass(frozen=True)
 class Streams:
-    """A set that is asked. trials: without their samples. features: [sum of T, F] and truth: [sum
-    of T], all in turn.
+    """A set that is evaluated.
 
-    row: [M] the set's windows among those rows. The truth of the moment is what they are held
-    against; their labels widen each slip by 0.10 s (training/windows.py), which no detector of the
-    moment can know.
+    trials: without their samples. features [sum of T, F] and truth [sum of T]: of all trials, one
+    after the other. row [M]: the set's windows among those rows. They are scored by the truth of
+    the moment, because their labels widen each slip by 0.10 s (training/windows.py), which no
+    detector of the moment can know.
     """
 
     trials: list[LabelledTrial]
@@ -66,7 +68,7 @@ def labelled(folder: Path, windows: Choice, features: Features) -> Labelled:
 
 
 def streams(folder: Path, windows: Choice, features: Features) -> Streams:
-    """A set to ask."""
+    """A set to evaluate on."""
     data = load(folder, windows=windows)
     recordings = [without_samples(one) for one in data.recordings]
     trials = [
@@ -81,10 +83,10 @@ def streams(folder: Path, windows: Choice, features: Features) -> Streams:
 
 
 def everywhere(folder: Path, data: DataSet, features: Features) -> FloatRows:
-    """[sum of T, F] features at every sample, recording after recording, made once."""
+    """[sum of T, F] features at every sample, recording after recording, computed once."""
     spec = spec_for(data, RAW_GROUPS if features == "raw window" else CLOCK_FREE_GROUPS)
-    told = json.dumps([spec.to_json(), len(data.recordings)], sort_keys=True)
-    path = folder / f"features-{hashlib.sha256(told.encode()).hexdigest()[:12]}.npy"
+    key = json.dumps([spec.to_json(), len(data.recordings)], sort_keys=True)
+    path = folder / f"features-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
     if not path.is_file():
         half = path.with_suffix(".half.npy")
         np.save(half, np.concatenate(features_everywhere(data, spec)))
@@ -98,8 +100,7 @@ def everywhere(folder: Path, data: DataSet, features: Features) -> FloatRows:
 
 
 def context(recording: Recording) -> FloatRows:
-    """[T, 3]: the grip's mean normal force over the last CONTEXT_S seconds, N, less over a trial's
-    beginning."""
+    """[T, 3]: mean normal force over the last CONTEXT_S seconds, N; shorter at a trial's start."""
     normal = recording.samples[:, NORMAL_AXIS::3].sum(axis=1)
     summed = np.concatenate([[0.0], np.cumsum(normal)])
     now = np.arange(1, len(normal) + 1)
@@ -128,7 +129,7 @@ def without(part: Labelled, name: str) -> Labelled:
 
 
 def _situations(recording: Recording, n: int) -> IntArray:
-    """[T] what happens at each sample; nothing where nobody says."""
+    """[T] the situation at each sample; nothing where there is no label."""
     truth = labels_everywhere(recording.phases, n)
     return np.where(truth == UNKNOWN, NOTHING, truth)
 

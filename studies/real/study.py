@@ -145,7 +145,8 @@ def main(argv: Sequence[str]) -> int:
     write_whole(args.out / "metrics.json", json.dumps(figures, indent=2, allow_nan=False) + "\n")
     situations, head = figures["situations"], figures["predict_250ms"]
     print(
-        f"macro F1 {situations['macro_f1']:.3f} {situations['macro_f1_ci']}, AUC {head['auc']:.3f} {head['auc_ci']}"
+        f"macro F1 {situations['macro_f1']:.3f} {situations['macro_f1_ci']}, "
+        f"AUC {head['auc']:.3f} {head['auc_ci']}"
     )
     print(figures["caveat"])
     print(f"{args.out / 'metrics.json'}, {args.out / 'report.html'} ({figures['seconds']} s)")

@@ -22,7 +22,8 @@ from edge_runtime.writing import require_writable, write_whole
 from evaluation.provenance import host
 from studies.row_names import OURS
 from studies.scenes.candidate import Candidate
-from studies.scenes.report import SceneEvidence, write_scene_report
+from studies.scenes.evidence import SceneEvidence, between
+from studies.scenes.report import write_scene_report
 from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
 from training.fitting import versions
 from training.progress import stages
@@ -63,7 +64,7 @@ def rate_folders(folder: Path) -> list[Path]:
 
 
 def gathered(studies: Sequence[RateStudy]) -> dict[str, Any]:
-    """All rates' figures under one head; the headline is the fastest rate's."""
+    """The figures of all rates; the fastest rate is the headline."""
     rates = {f"{study.figures['rate_hz']:g}": study.figures for study in studies}
     kinds = {study.data.kind for study in studies}
     return {
@@ -76,18 +77,15 @@ def gathered(studies: Sequence[RateStudy]) -> dict[str, Any]:
 
 
 def leak_lines(figures: dict[str, Any]) -> list[str]:
-    """One loud line for each rate at which weight leaks."""
+    """One line for each rate at which the weight leaks."""
     return [
-        f"LEAK at {rate} Hz: weight is known where nothing shows it: eight classes {one['eight_class_accuracy']:.3f} "
-        f"(99 %: {_between(one['eight_class_accuracy_ci99'])}, ceiling {one['ceiling']}), weight within nothing "
-        f"{one['weight_within_nothing']:.3f} (99 %: {_between(one['weight_within_nothing_ci99'])}, chance 0.5)"
+        f"LEAK at {rate} Hz: the weight is known where no signal carries it: eight classes "
+        f"{one['eight_class_accuracy']:.3f} (99 %: {between(one['eight_class_accuracy_ci99'])}, "
+        f"ceiling {one['ceiling']}), weight within nothing {one['weight_within_nothing']:.3f} "
+        f"(99 %: {between(one['weight_within_nothing_ci99'])}, chance 0.5)"
         for rate, one in ((rate, study["leak"]) for rate, study in figures["rates"].items())
         if one["leak"]
     ]
-
-
-def _between(interval: list[float] | None) -> str:
-    return f"{interval[0]:.3f} to {interval[1]:.3f}" if interval else "no interval"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -97,7 +95,7 @@ def main(argv: Sequence[str]) -> int:
         "folder",
         type=path_argument,
         metavar="FOLDER",
-        help="holds <rate>hz/thesis, .. as simulate wrote them",
+        help="holds <rate>hz/thesis and other sets that simulate wrote",
     )
     parser.add_argument("--out", type=path_argument, default=Path("build/scenes"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
@@ -108,8 +106,8 @@ def main(argv: Sequence[str]) -> int:
     write_whole(args.out / "scenes.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
     best = figures["rates"][figures["headline_hz"]]["rows"][OURS]["four"]
     lines = [
-        f"{figures['kind']}, {figures['headline_hz']} Hz, trials held out: macro F1 over four situations "
-        f"{best['macro_f1']:.3f} ({_between(best['macro_f1_ci'])})",
+        f"{figures['kind']}, {figures['headline_hz']} Hz, trials held out: macro F1 over four "
+        f"situations {best['macro_f1']:.3f} ({between(best['macro_f1_ci'])})",
         *leak_lines(figures),
         f"{args.out / 'scenes.json'}, {args.out / 'report.html'} ({figures['seconds']} s)",
     ]

@@ -37,8 +37,9 @@ TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
 STYLES = ("p1", "p2")
 RETRAININGS = 5
 CAVEAT = (
-    "Simulated: a model of a hand and of people, no recording. Styles (author, p1, p2) are ranges of parameters, not "
-    "people. The figures show what the method can tell apart in the scenes' physics, not how good it is on a hand."
+    "Simulated: a model of a hand and of people, no recording. Styles (author, p1, p2) are ranges "
+    "of parameters, not people. The figures show what the method can tell apart in the scenes' "
+    "physics, not how good it is on a hand."
 )
 """Stands beside every number of the study."""
 STAGES = 14 + RETRAININGS
@@ -102,7 +103,7 @@ def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) 
     figures["objects"] = {
         name: objects_held_out(data, features[name], way, seed) for name, way in chosen.items()
     }
-    figures["others"] = never_met(folder, data, features, chosen, seed, say)
+    figures["others"] = evaluated_on_others(folder, data, features, chosen, seed, say)
     styles = {TRAINED: data} | {
         card: load(folder / card, seed=seed) for card in STYLES if (folder / card).is_dir()
     }
@@ -114,18 +115,19 @@ def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) 
     pair = {name: way for name, way in chosen.items() if name in (OURS, RAW)}
     figures["learning_curve"] = learning_curve(data, features, pair, seed)
     figures["retrainings"] = retrained(folder.name, data, features, chosen, seed, say)
-    say(f"{folder.name}: three trials as they went by")
+    say(f"{folder.name}: three whole trials")
     streams = held_out_streams(folder / TRAINED, data, features[OURS], chosen[OURS].plan, seed)
     return RateStudy(figures, data, held[OURS], streams)
 
 
 def read_trained(folder: Path, seed: int) -> DataSet:
-    """The set to train on, balanced, in newtons (which the clock and the one line are made for)."""
+    """The set to train on, balanced, in newtons for which the baselines are made."""
+    rate = folder.name.removesuffix("hz")
     if not (folder / TRAINED).is_dir():
         raise DataNotFound(
             f"no {TRAINED} in it",
             where=folder,
-            next_step=f"holdfast simulate {TRAINED} --rate {folder.name.removesuffix('hz')} --out {folder / TRAINED}",
+            next_step=f"holdfast simulate {TRAINED} --rate {rate} --out {folder / TRAINED}",
         )
     data = load(folder / TRAINED, seed=seed)
     if data.unit != "N":
@@ -183,7 +185,7 @@ def objects_held_out(
     return figures
 
 
-def never_met(
+def evaluated_on_others(
     folder: Path,
     data: DataSet,
     features: dict[str, FloatRows],

@@ -1,23 +1,21 @@
-"""The five cases: which samples around a critical point, what is made of them, and which classes
-are told apart.
+"""The five cases: which samples around a critical point, which features, and which classes.
 
-S sensors, so 3 S channels; a window is 7 samples. The thesis' S is 20, which gives its 7 x 60, 7 x
-40 and 7 x 3.
+S sensors, so 3 S channels; a window is 7 samples. In the thesis S is 20: 7 x 60, 7 x 40
+and 7 x 3.
 
 1   -3 .. +3 samples about the point, as they are, [7, 3 S]: detection, the point is in the window
-2   the same as friction ratios x/z and y/z of every sensor, [7, 2 S]. The thesis divides by z as it is; here, as
-    everywhere in this house, z under the bar is at least a tenth of what the most loaded sensor
-    bears (95th percentile of the training windows). Beside it a row that divides as it is, 0 where
-    z is 0
-3   length and direction of the shear's first principal component, and the normal's, [7, 3]. The components are over
-    the sensors, of x, of y and of z (chapter 3.1.1), from the training windows alone and without
-    scaling: length sqrt(px^2 + py^2) and direction atan2(py, px), rad, and pz. The thesis does not
-    say what its scalings were over
+2   the same as friction ratios x/z and y/z of every sensor, [7, 2 S]. The thesis divides by z as
+    it is. Here the divisor is at least a tenth of what the most loaded sensor bears (95th
+    percentile of the training windows). The case "2, bare" divides by z as it is, 0 where z is 0
+3   length and direction of the shear's first principal component, and the normal's, [7, 3]. The
+    components are over the sensors, of x, of y and of z (chapter 3.1.1), from the training windows
+    alone and without scaling: length sqrt(px^2 + py^2) and direction atan2(py, px), rad, and pz.
+    The thesis does not say over what it scaled
 4   as 1, but -7 .. -1: prediction, the window ends one sample before the point
 5   as 4, with four classes: grasp, not slipping under disturbances, safe slip, slipping
 
-Cases 1 to 4 tell safe (the first three) from risky (slipping). A feature function gets the training
-windows, from which alone it may learn, and the windows to turn into features.
+Cases 1 to 4 separate safe (the first three) from risky (slipping). A feature function learns from
+the training windows alone, and turns other windows into features.
 """
 
 from __future__ import annotations

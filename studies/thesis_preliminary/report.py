@@ -1,5 +1,4 @@
-"""One page: the table beside the thesis' numbers first, then what they can and cannot be held
-against."""
+"""The report: our table beside the thesis' figures, and what limits the comparison."""
 
 from __future__ import annotations
 
@@ -14,28 +13,33 @@ from studies.thesis_preliminary.points import KINDS
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES, SOURCE
 
 DIFFERENCES = (
-    "<b>Tasks.</b> The thesis had 17: pick and place, functional, social (hand-shake, passing) and stability (an "
-    "unexpected weight, a pull until failure). The scene has five objects that are passed, put down, held while grip, "
-    "load or motor are disturbed, pulled away or dropped. The recordings have one: pinch a book and swing it.",
-    "<b>Hands.</b> The thesis: a SoftHand with 20 Hall sensors. The scene: four contacts on each of five digits, all "
-    "pressing along the thumb's axis; it is no SoftHand and has no palm. The recordings: 16 taxels on the book.",
-    "<b>Safe and risky.</b> Who said which of the thesis' windows was risky, and how many were, is not written. Here "
-    "the truth says so and never a sensor: in the scene the physics, in the recordings a rotation of 15 degrees or "
-    "more. 'Safe slip' in the recordings is an involuntary rotation of 5 to 15 degrees, not a hand that lets go.",
-    "<b>Seven samples.</b> The thesis calls three samples '0.05 milliseconds', which can only be seconds: 60 Hz. The "
-    "scene runs at that, the recordings at about 59, so seven samples are the same 0.1 s in all.",
-    "<b>Critical points.</b> By the friction cone alone, as in the study: its own on first components, and ours sensor "
-    "by sensor (studies/thesis_preliminary/points.py).",
-    "<b>Split.</b> Not written in the thesis. Here a trial of the scene, and a person of the recordings, is never on "
-    "both sides; the last rows show what windows split at random would have reported.",
-    "<b>Figure.</b> The thesis gives accuracy, without a spread. Our classes are equal in number, so our accuracy and "
-    "balanced accuracy nearly agree and chance is 50 %, and 25 % in case 5.",
+    "<b>Tasks.</b> The thesis had 17: pick and place, functional, social (hand-shake, passing) and "
+    "stability (an unexpected weight, a pull until failure). The scene has five objects that are "
+    "passed, put down, held while grip, load or motor are disturbed, pulled away or dropped. The "
+    "recordings have one: pinch a book and swing it.",
+    "<b>Hands.</b> The thesis: a SoftHand with 20 Hall sensors. The scene: four contacts on each "
+    "of five digits, all pressing along the thumb's axis; it is no SoftHand and has no palm. The "
+    "recordings: 16 taxels on the book.",
+    "<b>Safe and risky.</b> The thesis does not say how its windows were labelled, or how many "
+    "were risky. Here the labels never come from a tactile sensor: in the scene they come from the "
+    "physics, in the recordings from a rotation of 15 degrees or more. 'Safe slip' in the "
+    "recordings is an involuntary rotation of 5 to 15 degrees, not a hand that opens.",
+    "<b>Seven samples.</b> The thesis calls three samples '0.05 milliseconds', which can only be "
+    "seconds: 60 Hz. The scene runs at 60 Hz, the recordings at about 59, so seven samples are the "
+    "same 0.1 s everywhere.",
+    "<b>Critical points.</b> By the friction cone alone, as in the thesis: there on first "
+    "components, here sensor by sensor (studies/thesis_preliminary/points.py).",
+    "<b>Split.</b> The thesis does not describe it. Here a trial of the scene, and a person of the "
+    "recordings, is never on both sides. The last rows show what windows split at random would "
+    "have reported.",
+    "<b>Figure.</b> The thesis gives accuracy, without a spread. Our classes are equal in number, "
+    "so our accuracy and balanced accuracy nearly agree. Chance is 50 %, in case 5 25 %.",
 )
 
 
 def write_preliminary_report(path: Path, figures: dict[str, Any]) -> Path:
     """Write the page; OutputError where that cannot be done."""
-    sections = [_answer(figures), _table(figures), _read_with(figures), _made(figures)]
+    sections = [_summary(figures), _table(figures), _limits(figures), _made(figures)]
     return write_page(path, "Holdfast, preliminary study", sections)
 
 
@@ -43,11 +47,11 @@ def summary(figures: dict[str, Any]) -> list[str]:
     """One line a case: accuracy in % of the random forest, published and ours."""
     lines = ["random forest, accuracy in %, published | ours"]
     for case in CASES:
-        told = f"{ACCURACY_PERCENT[case.published][0]:.2f}" if case.published else "-"
+        published = f"{ACCURACY_PERCENT[case.published][0]:.2f}" if case.published else "-"
         ours = ", ".join(
             f"{one['data']} {_score(_forest(one, case.name))}" for one in figures["sets"]
         )
-        lines.append(f"case {case.name}: {told} | {ours}")
+        lines.append(f"case {case.name}: {published} | {ours}")
     return lines
 
 
@@ -60,15 +64,15 @@ def _score(score: dict[str, Any]) -> str:
     return f"{100.0 * score['mean']:.1f} ± {100.0 * score['sd']:.1f}"
 
 
-def _answer(figures: dict[str, Any]) -> str:
+def _summary(figures: dict[str, Any]) -> str:
     boxes = "".join(
         f"<div><b>{'thesis ' if one is None else ''}{_first(one)}</b>"
         f"{'published' if one is None else html.escape(one['data'] + ': ' + one['kind'])}</div>"
         for one in (None, *figures["sets"])
     )
-    return f"""<h1>The preliminary study again: can seven samples tell a risky slip?</h1>
-<p class=note>Accuracy in %, random forest, case 1 (raw samples about a critical point, safe or risky; chance 50 %).
-{figures["repetitions"]} repetitions, mean ± standard deviation.</p>
+    return f"""<h1>The thesis' preliminary study, repeated: do seven samples show a risky slip?</h1>
+<p class=note>Accuracy in %, random forest, case 1 (raw samples around a critical point, safe or
+risky; chance 50 %). {figures["repetitions"]} repetitions, mean ± standard deviation.</p>
 <div class=answer>{boxes}</div>
 {accuracies(figures["sets"])}"""
 
@@ -89,8 +93,10 @@ def _table(figures: dict[str, Any]) -> str:
             _row("warning", f"case 1, {one['data']}, windows split at random", one["leaky"])
         )
     return f"""<h2>The table</h2>
-<p>Accuracy in %, and under it balanced accuracy. Published: {SOURCE}, mean of 5 iterations. Simulated and real: five
-repetitions, equal classes, groups held out. "Largest" is the share of the largest class in the tests.</p>
+<p>Accuracy in %, and under it balanced accuracy. Published: {SOURCE}, mean of 5 iterations.
+Simulated and real: five repetitions, equal classes, groups held out. "Window" is samples by
+columns. "Chance" and "largest" are in %: one over the number of classes, and the share of the
+largest class in the tests.</p>
 <div class=wide><table><tr><th>case and data{head}<th>window<th>windows<th>chance<th>largest
 {"".join(rows)}</table></div>"""
 
@@ -105,14 +111,15 @@ def _case_rows(
     ]
     if published is None:
         return [head, *ours]
+    return [head, _published_row(published), *ours]
+
+
+def _published_row(published: str) -> str:
     cells = "".join(
         f"<td>{'-' if value is None else f'{value:.2f}'}" for value in ACCURACY_PERCENT[published]
     )
-    return [
-        head,
-        f"<tr><td>thesis, published{cells}<td>{' x '.join(map(str, SHAPES[published]))}<td><td><td>",
-        *ours,
-    ]
+    shape = " x ".join(map(str, SHAPES[published]))
+    return f"<tr><td>the thesis, published{cells}<td>{shape}<td><td><td>"
 
 
 def _row(kind: str, name: str, case: dict[str, Any]) -> str:
@@ -120,30 +127,32 @@ def _row(kind: str, name: str, case: dict[str, Any]) -> str:
         f"<td>{_score(score['accuracy'])}<br><small>{_score(score['balanced_accuracy'])}</small>"
         for score in case["learners"].values()
     )
+    chance, largest = case["chance"], case["largest_class"]["mean"]
     return (
         f"<tr class={kind}><td>{html.escape(name)}{cells}<td>{' x '.join(map(str, case['shape']))}"
-        f"<td>{case['windows']}<td>{100.0 * case['chance']:.0f}<td>{100.0 * case['largest_class']['mean']:.0f}"
+        f"<td>{case['windows']}<td>{100.0 * chance:.0f}<td>{100.0 * largest:.0f}"
     )
 
 
-def _read_with(figures: dict[str, Any]) -> str:
+def _limits(figures: dict[str, Any]) -> str:
     quotient = "; ".join(_quotient(one) for one in figures["sets"])
     late = "; ".join(
         f"{html.escape(one['data'])} {100.0 * one['late']:.0f} %"
         for one in figures["sets"]
         if one["late"] is not None
     )
-    return f"""<h2>What may be held against what</h2>
+    return f"""<h2>What limits the comparison</h2>
 <ul>{"".join(f"<li>{line}</li>" for line in DIFFERENCES)}</ul>
 <h2>Is it prediction?</h2>
-<p>The windows of cases 4 and 5 end one sample before the point that the friction cone marks. The mark is late: of the
-risky windows so many end when the event has already begun (in the scene the load is on, in the recordings 5 degrees
-are passed): {late}. What is foretold is the mark, not the event, and so it was in the thesis if its marks were no
-earlier.</p>
+<p>The windows of cases 4 and 5 end one sample before the point that the friction cone marks. That
+mark is late. In this share of the risky windows the event has already begun at their end (in the
+scene the load is on, in the recordings the object has turned by 5 degrees): {late}. So the cases
+predict the mark, not the event. The same holds for the thesis, unless its marks were earlier.</p>
 <h2>Cases 2 and 3</h2>
-<p>In the thesis both are near chance for every learner. Divided as it is (row "2, bare"), the ratio blows up where a
-sensor bears nothing, which spoils distances and variances; trees ask only for order. From kept from zero to bare:
-{quotient}. What else brought the thesis' forest to 48 % cannot be told without its data.</p>"""
+<p>In the thesis both are near chance for every learner. Without a floor (row "2, bare") the ratio
+grows without bound where a sensor bears nothing. That spoils distances and variances, while trees
+use only the order of values. From the ratio with a floor to the bare one: {quotient}. What else
+brought the thesis' forest to 48 % cannot be found out without its data.</p>"""
 
 
 def _quotient(one: dict[str, Any]) -> str:
@@ -157,15 +166,17 @@ def _made(figures: dict[str, Any]) -> str:
     lines = "".join(f"<li>{html.escape(_set_line(one))}</li>" for one in figures["sets"])
     versions = ", ".join(f"{name} {number}" for name, number in figures["versions"].items())
     return f"""<h2>How this was made</h2><ul>{lines}
-<li>Learners at scikit-learn's defaults, untuned; nearest neighbours and the network on standardised features; gradient
-boosting is the histogram kind. Test: one of four folds of groups.</li>
-<li><code>python -m studies.thesis_preliminary</code>, seed {figures["seed"]}, {figures["seconds"]:.0f} s;
+<li>Learners at scikit-learn's defaults, untuned; nearest neighbours and the network on standardised
+features; gradient boosting is the histogram kind. Test: one of four folds of groups.</li>
+<li><code>python -m studies.thesis_preliminary</code>, seed {figures["seed"]},
+{figures["seconds"]:.0f} s;
 {html.escape(versions)}.</li></ul>"""
 
 
 def _set_line(one: dict[str, Any]) -> str:
     points = ", ".join(f"{one['points'][kind]} {kind}" for kind in KINDS)
     return (
-        f"{one['data']} ({one['kind']}): {one['trials']} trials, {one['groups']} groups, {one['sensors']} sensors, "
-        f"{one['rate_hz']:.1f} Hz; critical points: {points}. {one['caveat']}"
+        f"{one['data']} ({one['kind']}): {one['trials']} trials, {one['groups']} groups, "
+        f"{one['sensors']} sensors, {one['rate_hz']:.1f} Hz; "
+        f"critical points: {points}. {one['caveat']}"
     )

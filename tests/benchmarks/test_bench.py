@@ -10,7 +10,7 @@ from page_tables import require_tables_fit
 
 from benchmarks.effects import CARD, Effort, prices
 from benchmarks.hold_and_pull import measure, rows
-from benchmarks.mujoco_peer import Scene
+from benchmarks.mujoco_scene import Scene
 from benchmarks.pictures import PICTURES
 from benchmarks.simulator import plausibility
 from holdfast.bench import MEASURES

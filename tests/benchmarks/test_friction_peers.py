@@ -26,7 +26,7 @@ from benchmarks.friction_peers import (
     path,
     table,
 )
-from benchmarks.mujoco_peer import VARIANTS, Scene, mjcf
+from benchmarks.mujoco_scene import VARIANTS, Scene, mjcf
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -225,7 +225,8 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
         if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
     }
     for first in ("edge_runtime.monitor", "benchmarks.latency", "export.forest"):
-        code = f"import {first}; from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
+        load = f"from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
+        code = f"import {first}; {load}"
         subprocess.run(
             [sys.executable, "-c", code], check=True, cwd=ROOT, env={**clean, "HOME": str(home)}
         )

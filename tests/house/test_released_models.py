@@ -42,9 +42,7 @@ def test_a_released_file_is_the_one_its_card_describes(path):
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
-def test_a_released_file_asks_to_act_in_pulls_of_an_object_it_never_met_and_leaves_most_hand_overs_alone(
-    path, tmp_path
-):
+def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs(path, tmp_path):
     model = Model(path)
     scene = Scene(read_card("apple", rate_hz=model.card.rate_hz), 7)
     acted = {"pass": 0, "pull": 0}

@@ -21,9 +21,19 @@ from simulation.scene import Scene
 from simulation.script import Times
 from studies.fast_handover.ideas import HARD, IDEAS, Idea
 from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
-from studies.fast_handover.sets import context, joined, labelled, streams, without
-from studies.fast_handover.study import ASKED, CHOOSE, bounds, macro_f1, opens_at_s, study
+from studies.fast_handover.sets import (
+    CHOOSE,
+    EVALUATED,
+    context,
+    joined,
+    labelled,
+    streams,
+    without,
+)
+from studies.fast_handover.stream_scores import opens_at_s
+from studies.fast_handover.study import study
 from studies.fast_handover.timing import session_of
+from studies.fast_handover.window_scores import bounds, macro_f1
 from training.plan import ForestPlan
 from training.recording import Recording
 
@@ -193,6 +203,6 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         assert set(row["asked-holds"]["specificity"]) == {"dFn", "dFt", "dq"}
     forest, veto, personal, _, _ = figures["rows"]
     assert 0.0 < forest["worst_object"] <= 1.0
-    assert all(personal["permille"][name] >= forest["permille"][name] for name in ASKED)
+    assert all(personal["permille"][name] >= forest["permille"][name] for name in EVALUATED)
     assert veto["author"]["recall"] >= forest["author"]["recall"] - 0.2
     json.dumps(figures, allow_nan=False)

@@ -346,7 +346,7 @@ def test_the_report_says_what_is_simulated_what_is_real_and_what_is_published(
     json.dumps(figures, allow_nan=False)
     page = write_preliminary_report(tmp_path / "report.html", figures).read_text("utf-8")
     for word in (
-        "thesis, published",
+        "the thesis, published",
         "made, simulated",
         "people, real",
         "86.25",

@@ -49,13 +49,14 @@ from simulation.scene import Scene
 from studies.row_names import CLOCK, LINE, OURS, RAW
 from studies.scenes import __main__ as command
 from studies.scenes.candidate import Candidate
+from studies.scenes.evidence import SceneEvidence
 from studies.scenes.generalising import learning_curve, styles_left_out
-from studies.scenes.report import SceneEvidence, demo_report, write_scene_report
+from studies.scenes.report import demo_report, write_scene_report
 from studies.scenes.study import (
     RETRAININGS,
     STAGES,
     RateStudy,
-    never_met,
+    evaluated_on_others,
     objects_held_out,
     read_trained,
     study_rate,
@@ -448,7 +449,7 @@ def test_streams_answer_every_sample_after_settling_and_bear_the_truth(studied: 
 def test_a_set_of_another_rate_is_refused(folder: Path, data: DataSet) -> None:
     faster = replace(data, rate_hz=100.0)
     with pytest.raises(RateError, match="at 50 Hz"):
-        never_met(folder / "50hz", faster, {}, {}, 0, lambda line: None)
+        evaluated_on_others(folder / "50hz", faster, {}, {}, 0, lambda line: None)
 
 
 def test_a_thesis_in_another_unit_is_refused(folder: Path, tmp_path: Path) -> None:
@@ -579,11 +580,11 @@ def test_the_page_has_its_sections_and_a_picture_of_every_stream(
     ]
     assert titles == [
         "No leak of weight",
-        "What it stands beside",
-        "Where it is right and where not",
-        "Objects it never met",
-        "An object and two styles it never met",
-        "Trials as they went by",
+        "Our forest beside baselines",
+        "Confusion of classes",
+        "Unseen objects",
+        "An unseen object and two unseen styles",
+        "Whole trials",
         "How this was made",
     ]
     for stream in studied.rate.streams:
@@ -625,7 +626,7 @@ def test_a_second_rate_has_a_section_and_a_leak_is_said_loudly(
     page = write_scene_report(
         tmp_path / "r.html", SceneEvidence(figures, rate.data, rate.held_out, [])
     ).read_text()
-    assert "<h2>LEAK: weight is known where nothing shows it" in page
+    assert "<h2>LEAK: the weight is known where no signal carries it" in page
     assert "<h2>Rates <em class=note>(simulated)</em></h2>" in page
     assert "<h3>" not in page
 
@@ -640,8 +641,8 @@ def test_the_demo_makes_the_same_page_from_one_set_and_leaves_out_what_is_not_th
         tmp_path / "demo.html", demo, held_out, {"seed": 0}, rate.streams[:1]
     ).read_text()
     assert f"<b>{rate.figures['rows'][OURS]['four']['macro_f1']:.3f}</b>" in page
-    assert "Where it is right" in page
-    assert "Objects it never met" not in page
+    assert "Confusion of classes" in page
+    assert "Unseen objects" not in page
     assert "made &lt;up&gt;" in page
     assert "<up>" not in page
     assert page.count("<svg") == 4

@@ -1,0 +1,128 @@
+"""Alarms on whole streams: each idea's answers, its threshold, and the figures of each set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import SITUATIONS, BoolArray
+from edge_runtime.decision import UNKNOWN
+from evaluation.alarms import Answers, act_requests
+from evaluation.event_scores import choose_confidence, event_scores, match_alarms
+from evaluation.figures import LabelledTrial, line, line_figures, together
+from evaluation.truths import Grasp
+from export.spec import HISTORY_S
+from studies.fast_handover.ideas import Idea
+from studies.fast_handover.learners import Answer
+from studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
+from training.plan import HIGH_CONFIDENCE
+
+MOST_FALSE_PER_MIN = 0.5
+CALIBRATION_PASSES = 8
+BOX_GAP_M = 0.01
+"""From the object to the box before it is put down, as the scenes have it."""
+KEPT = (
+    "events",
+    "recall",
+    "recall_ci",
+    "false_per_min",
+    "false_per_min_ci",
+    "in_time",
+    "delay_ms",
+    "safe_acts_called",
+    "specificity",
+)
+"""Figures of a set that a row keeps."""
+Sets = Mapping[str, Streams]
+
+
+def alarm_figures(
+    idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: int
+) -> dict[str, Any]:
+    """Thresholds and figures of every evaluated set, at the threshold that CHOOSE gives."""
+    veto = idea.decision == "veto"
+    answers = {name: _answers(one, learned[name], veto) for name, one in sets.items()}
+    permille = _thresholds(idea, sets, answers)
+    requests = {
+        name: [on[:, 0] for on in act_requests(answers[name], HIGH_CONFIDENCE, [permille[name]])]
+        for name in EVALUATED
+    }
+    lines = {name: line(sets[name].trials, requests[name]) for name in EVALUATED}
+    figures: dict[str, Any] = {"permille": permille}
+    for name in EVALUATED:
+        of = line_figures(lines[name], sets[name].trials, None, seed)
+        figures[name] = {key: of[key] for key in KEPT}
+    unseen = event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed)
+    figures["unseen_style"] = {
+        key: unseen[key] for key in ("events", "recall", "recall_ci", "false_per_min")
+    }
+    figures["state_delay_ms"] = _state_delay_ms(answers["author"], permille["author"], seed)
+    return figures
+
+
+def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]) -> dict[str, int]:
+    """The threshold of each evaluated set, and of CHOOSE, in thousandths of the votes."""
+    permille = choose_confidence(answers[CHOOSE], HIGH_CONFIDENCE, MOST_FALSE_PER_MIN)
+    personal = idea.decision == "personal"
+    return {
+        name: _personal(sets[name], answers[name], permille) if personal else permille
+        for name in EVALUATED
+    } | {CHOOSE: permille}
+
+
+def _state_delay_ms(answers: Sequence[Answers], permille: int, seed: int) -> Any:
+    """Delay until the state is first risky, without the decision's own rules."""
+    matches = [match_alarms(one.recording, _state(one, permille)) for one in answers]
+    return event_scores(matches, seed=seed)["delay_ms"]
+
+
+def _state(one: Answers, permille: int) -> BoolArray:
+    on: BoolArray = (one.situation == len(SITUATIONS) - 1) & (one.risky_permille >= permille)
+    return on
+
+
+def _answers(streams: Streams, learned: Answer, veto: bool) -> list[Answers]:
+    ends = np.cumsum(streams.lengths)[:-1]
+    answers = []
+    for one, situation, risky in zip(
+        streams.trials, np.split(learned[0], ends), np.split(learned[1], ends), strict=True
+    ):
+        rate_hz = one.recording.rate_hz
+        situation[: int(np.floor(HISTORY_S * rate_hz + 1e-9))] = UNKNOWN
+        if veto:
+            risky = np.where(_opening(one, len(risky)), -1, risky)
+        answers.append(Answers(one.recording, situation, risky))
+    return answers
+
+
+def _opening(trial: LabelledTrial, n: int) -> BoolArray:
+    """[T] after the hand's own opening command, which a scene draws and no sensor shows."""
+    opens_s = [opens for grasp in trial.grasps if (opens := opens_at_s(grasp)) is not None]
+    times = np.arange(n) / trial.recording.rate_hz
+    return times >= opens_s[0] if len(opens_s) == 1 else np.zeros(n, dtype=np.bool_)
+
+
+def opens_at_s(grasp: Grasp) -> float | None:
+    """When the hand gets its command to open, from what was drawn; None where it gets none."""
+    drawn = grasp.told.get("drawn", {})
+    if grasp.action not in ("pass", "put-down") or "open_after_s" not in drawn:
+        return None
+    acts_s = drawn["close_at_s"] + drawn["closing_s"] + drawn["hold_s"]
+    waits_s = drawn["wait_s"] if grasp.action == "pass" else BOX_GAP_M / drawn["box_m_s"]
+    return float(acts_s + waits_s + drawn["open_after_s"])
+
+
+def _personal(streams: Streams, answers: Sequence[Answers], permille: int) -> int:
+    """A style's own threshold: above what its first hand-overs reach, at least the common one."""
+    passes = [
+        one
+        for trial, one in zip(streams.trials, answers, strict=True)
+        if trial.recording.action == "pass"
+    ]
+    reached = [
+        int(one.risky_permille[one.situation == len(SITUATIONS) - 1].max(initial=0))
+        for one in passes[:CALIBRATION_PASSES]
+    ]
+    return min(max([permille, *(most + 1 for most in reached)]), 1000)

@@ -1,0 +1,63 @@
+"""Scores at windows: macro F1, what an observer that is late would reach, objects left out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.metrics import f1_score
+
+from evaluation.figures import LabelledTrial
+from studies.fast_handover.ideas import Idea
+from studies.fast_handover.sets import Labelled, Streams, without
+
+
+def macro_f1(streams: Streams, situation: npt.NDArray[np.int64], past_s: float = 0.0) -> float:
+    """Over four situations, at the windows at least past_s after a change of phase."""
+    kept = np.concatenate(
+        [_since_change_s(one, n) for one, n in zip(streams.trials, streams.lengths, strict=True)]
+    )
+    there = kept[streams.row] >= past_s
+    return float(f1_score(streams.label[there], situation[streams.row[there]], average="macro"))
+
+
+def _since_change_s(trial: LabelledTrial, n: int) -> npt.NDArray[np.float64]:
+    """[T] s since the last change of phase."""
+    since = np.full(n, np.inf)
+    for phase in trial.recording.phases:
+        since[phase.first : phase.stop] = (
+            np.arange(phase.stop - phase.first) / trial.recording.rate_hz
+        )
+    return since
+
+
+def bounds(streams: Streams) -> list[dict[str, Any]]:
+    """Macro F1 of an observer that knows the truth, but some samples late, on the same windows."""
+    starts = np.repeat(np.cumsum([0, *streams.lengths[:-1]]), streams.lengths)
+    rows = []
+    for late in range(5):
+        seen = streams.truth[np.maximum(np.arange(len(starts)) - late, starts)]
+        rows.append(
+            {
+                "samples_late": late,
+                "ms_late": 1e3 * late / streams.trials[0].recording.rate_hz,
+                "f1_author": macro_f1(streams, seen),
+            }
+        )
+    return rows
+
+
+def objects_left_out(idea: Idea, part: Labelled, streams: Streams, seed: int) -> dict[str, float]:
+    """Object -> macro F1 on its windows from a learner trained without it."""
+    objects = np.repeat(
+        [one.recording.object_name or "" for one in streams.trials], streams.lengths
+    )[streams.row]
+    scores = {}
+    for name in sorted(set(objects.tolist()) - {""}):
+        learner, kept = idea.learner(), without(part, name)
+        learner.fit(kept.features, kept.label, seed)
+        here = objects == name
+        answered = learner.answer(np.asarray(streams.features[streams.row[here]]))[0]
+        scores[name] = float(f1_score(streams.label[here], answered, average="macro"))
+    return scores

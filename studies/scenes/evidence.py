@@ -1,0 +1,62 @@
+"""What the report of simulated scenes is made from, and how it writes headings and figures."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from evaluation.streams import StreamPicture
+from training.crossval import HeldOut
+from training.recording import DataSet
+
+
+@dataclass(frozen=True)
+class SceneEvidence:
+    """Everything the report shows: figures as in scenes.json, and the headline rate's data."""
+
+    figures: dict[str, Any]
+    data: DataSet
+    held_out: HeldOut
+    streams: list[StreamPicture]
+
+    @property
+    def headline(self) -> dict[str, Any]:
+        """The figures of the headline's rate."""
+        rate: dict[str, Any] = self.figures["rates"][self.figures["headline_hz"]]
+        return rate
+
+    @property
+    def kind(self) -> str:
+        """What stands beside every number."""
+        return str(self.figures["kind"])
+
+
+def heading(evidence: SceneEvidence, title: str) -> str:
+    """A section's heading, which says what kind of data it shows."""
+    return f"<h2>{title} <em class=note>({html.escape(evidence.kind)})</em></h2>"
+
+
+def number(value: float | None) -> str:
+    """A figure with three decimals."""
+    return "none" if value is None else f"{value:.3f}"
+
+
+def between(interval: list[float] | None, joint: str = " to ") -> str:
+    """An interval."""
+    return joint.join(f"{edge:.3f}" for edge in interval) if interval else "no interval"
+
+
+def macro_f1(row: dict[str, Any], level: str) -> str:
+    """Macro F1 at a level of classes with its interval; empty where the row lacks the level."""
+    if level not in row:
+        return ""
+    return f"{number(row[level]['macro_f1'])} ({between(row[level]['macro_f1_ci'], '-')})"
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """An HTML table. heads and rows: cells of HTML."""
+    lines = "\n".join("<tr>" + "".join(f"<td>{cell}" for cell in row) for row in rows)
+    head = "".join(f"<th>{one}" for one in heads)
+    return f"<div class=wide><table><tr>{head}\n{lines}</table></div>"
