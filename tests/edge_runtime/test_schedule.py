@@ -62,7 +62,7 @@ def lines_of(read_end: int) -> list[str]:
 stalled_consumer = pytest.mark.hard_case(
     AREA,
     "a stalled consumer",
-    elsewhere="a log that nobody reads fills its pipe, the next print waits, and the hand waits with it",
+    elsewhere="a log that no program reads fills its pipe, and the next print blocks the hand",
     here="a thread of its own waits; a line without room in its queue is dropped whole and counted; no answer is late",
 )
 
@@ -114,7 +114,7 @@ def test_a_consumer_that_comes_back_gets_the_newest_line_whole(stalled):
 @pytest.mark.hard_case(
     AREA,
     "a stalled consumer",
-    elsewhere="a log that nobody reads fills its pipe, the next print waits, and the hand waits with it",
+    elsewhere="a log that no program reads fills its pipe, and the next print blocks the hand",
     here="a thread of its own waits; a line without room in its queue is dropped whole and counted; no answer is late",
     unguarded=True,
 )
@@ -195,7 +195,7 @@ def still(sequence: int, t_ns: int) -> Sample:
 @pytest.mark.hard_case(
     AREA,
     "a recording a few per cent off the model's rate",
-    elsewhere="read on the model's schedule, rows are met twice or never, and nobody says so",
+    elsewhere="read on the model's schedule, rows come twice or never, without a message",
     here="a recording is due at its own rate, so that every row is met once",
 )
 @pytest.mark.parametrize("rate_hz", [137.0, 150.0, 164.0])
@@ -373,7 +373,7 @@ def test_the_schedule_s_clock_goes_on_while_the_machine_is_suspended(monkeypatch
 @pytest.mark.hard_case(
     AREA,
     "a flood of commands",
-    elsewhere="whoever sends faster than it is read keeps the loop for himself",
+    elsewhere="a sender that is faster than the reader occupies the loop",
     here="at most 32 datagrams are read at a sample; the others wait",
 )
 def test_a_flooded_port_delays_commands_and_no_sample(record_property):

@@ -31,7 +31,7 @@ def here_again() -> Iterator[None]:
 @pytest.mark.hard_case(
     AREA,
     "an input that broke something once",
-    elsewhere="a mended crash comes back, because nobody kept what caused it",
+    elsewhere="a fixed crash comes back, because its input was not kept",
     here="every such input is a file in tests/fuzz/corpus and is replayed by every run of the tests",
 )
 def test_every_input_that_ever_broke_something_is_now_taken_or_refused_with_an_error_of_ours(
@@ -95,7 +95,7 @@ def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.mark.hard_case(
     AREA,
-    "bytes nobody thought of",
+    "unforeseen bytes",
     elsewhere="a parser meets them in the field, and the process on the hand ends in a traceback",
     here="coverage-guided fuzzing of everything that takes bytes or text: taken, or refused with a typed error",
 )

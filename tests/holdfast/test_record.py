@@ -163,7 +163,7 @@ def test_a_saturated_finger_and_a_drifted_bias_are_told(tmp_path):
 @pytest.mark.hard_case(
     "Time and schedule",
     "a clock that is set while a trial is recorded",
-    elsewhere="stamps run backwards or leap in the file, and nobody knows which rows are "
+    elsewhere="stamps run backwards or jump in the file, and it is unknown which rows are "
     "neighbours",
     here="the trial ends with a typed error, what came before is kept as interrupted",
 )

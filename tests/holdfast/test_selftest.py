@@ -55,7 +55,7 @@ def alone(model: Path, *words: str) -> list[str]:
 @pytest.mark.hard_case(
     "Forest and ONNX",
     "the board answers otherwise than the machine it was verified on",
-    elsewhere="nobody looks, for the tests ran somewhere else",
+    elsewhere="the tests ran on another machine only",
     here="`holdfast selftest` runs the hard cases in short on the board, with the very "
     "file that is deployed",
 )
