@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +20,7 @@ from export.spec import WINDOW_S, StepSpec
 from training.crossval import main_task
 from training.featurise import FloatRows, features_everywhere, features_of
 from training.recording import DataSet
+from training.row_files import digest_of, kept_rows
 
 
 def windows(folder: Path, point: Point) -> FloatRows:
@@ -91,17 +90,15 @@ def _whole(
     there already."""
     whole = whole_of(spec)
     path = _kept(folder, of, whole, name)
-    if not path.is_file():
+
+    def from_bands_or_computed() -> FloatRows:
         with_bands = _kept(folder, of, replace(whole, groups=GROUPS["default and bands"]), name)
-        there = "window" not in whole.groups and with_bands.is_file()
-        _save(
-            path,
-            np.load(with_bands, mmap_mode="r")[:, : feature_count(whole)]
-            if there
-            else computed(whole),
-        )
-    rows: FloatRows = np.load(path, mmap_mode="r")
-    return rows
+        if "window" in whole.groups or not with_bands.is_file():
+            return computed(whole)
+        rows: FloatRows = np.load(with_bands, mmap_mode="r")[:, : feature_count(whole)]
+        return rows
+
+    return kept_rows(path, from_bands_or_computed)
 
 
 def whole_of(spec: StepSpec) -> StepSpec:
@@ -142,16 +139,7 @@ def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
 
 
 def _kept(folder: Path, of: Set, spec: StepSpec, part: str) -> Path:
-    told = json.dumps(spec.to_json(), sort_keys=True)
-    return folder / "features" / f"{of}-{hashlib.sha256(told.encode()).hexdigest()[:12]}-{part}.npy"
-
-
-def _save(path: Path, rows: FloatRows) -> None:
-    """In one piece or not at all: a run that is stopped leaves no half of it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    half = path.with_suffix(".half.npy")
-    np.save(half, rows)
-    half.replace(path)
+    return folder / "features" / f"{of}-{digest_of(spec.to_json())}-{part}.npy"
 
 
 def _seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from training.datasets import load
 from training.featurise import FloatRows, features_everywhere, spec_for
 from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS
 from training.recording import DataSet, Recording
+from training.row_files import digest_of, kept_rows
 from training.windows import Choice
 
 CHOOSE, STYLES = "choose", ("author", "p1", "p2")
@@ -85,13 +84,8 @@ def streams(folder: Path, windows: Choice, features: Features) -> Streams:
 def everywhere(folder: Path, data: DataSet, features: Features) -> FloatRows:
     """[sum of T, F] features at every sample, recording after recording, computed once."""
     spec = spec_for(data, RAW_GROUPS if features == "raw window" else CLOCK_FREE_GROUPS)
-    key = json.dumps([spec.to_json(), len(data.recordings)], sort_keys=True)
-    path = folder / f"features-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
-    if not path.is_file():
-        half = path.with_suffix(".half.npy")
-        np.save(half, np.concatenate(features_everywhere(data, spec)))
-        half.replace(path)
-    rows: FloatRows = np.load(path, mmap_mode="r")
+    path = folder / f"features-{digest_of([spec.to_json(), len(data.recordings)])}.npy"
+    rows = kept_rows(path, lambda: np.concatenate(features_everywhere(data, spec)))
     return (
         np.hstack([rows, np.concatenate([context(one) for one in data.recordings])])
         if (features == "with context")
