@@ -1,1 +1,1 @@
-"""The command line: the only place where rooms meet. Imports them lazily; imported by nobody."""
+"""The command line: the only place where rooms meet; it imports them lazily, none imports it."""

@@ -78,21 +78,14 @@ class _Tape:
         self.slip = np.zeros((n_steps, lanes), dtype=np.float32)
 
 
-def run_batch(
-    trials: Sequence[PlannedTrial], loop: StepSettings, done: Done = lambda share: None
-) -> list[TrialMotion]:
-    """Step a batch of trials to their ends.
-
-    A trial's result does not depend on its batch, if that has two or more. done: called now and
-    then with the share of the batch that is stepped.
-    """
-    return list(motions(trials, loop, done))
-
-
 def motions(
     trials: Sequence[PlannedTrial], loop: StepSettings, done: Done = lambda share: None
 ) -> Iterator[TrialMotion]:
-    """The same, one motion at a time, so those of a large batch need not all be in memory."""
+    """Step a batch of trials to their ends; yields one motion at a time.
+
+    So the motions of a large batch need not all be in memory. A trial's result does not depend on
+    its batch, if that has two or more. done: called now and then with the share that is stepped.
+    """
     spans = loop.busy or [()] * len(trials)
     grids = [
         grid_of(trial, loop.rate_hz, loop.step_s, more)

@@ -16,7 +16,7 @@ from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.hand import HandLayout
 from simulation.protocol import PlannedTrial
-from simulation.run import TrialMotion, run_batch
+from simulation.run import TrialMotion, motions
 from simulation.scene import Scene, SimulatedTrial
 from training.datasets.thesis import load
 
@@ -89,11 +89,11 @@ def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
     slip and all."""
     made = scene(tmp_path, ROWS)
     loop = made.settings
-    motions = [
-        run_batch([even(trial, hand, digits) for trial in made.trials()], loop)
+    moved = [
+        list(motions([even(trial, hand, digits) for trial in made.trials()], loop))
         for hand, digits in zip((HandLayout(), TWENTY), DIGITS, strict=True)
     ]
-    for six, twenty in zip(*motions, strict=True):
+    for six, twenty in zip(*moved, strict=True):
         assert (six.forces_n.shape[1], twenty.forces_n.shape[1]) == (6, 20)
         np.testing.assert_allclose(summed(twenty, DIGITS[1]), summed(six, DIGITS[0]), atol=1e-6)
         np.testing.assert_allclose(twenty.position_m, six.position_m, atol=1e-8)
