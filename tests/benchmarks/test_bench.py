@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,6 @@ from benchmarks.mujoco_scene import Scene
 from benchmarks.pictures import PICTURES
 from benchmarks.simulator import plausibility
 from holdfast.bench import MEASURES
-from simulation import card
 from simulation.effects import EFFECTS
 from simulation.shipped import shipped
 from studies.row_names import OURS
@@ -141,7 +142,9 @@ def test_rows_of_the_peer_stand_beside_ours(tmp_path):
 
 
 def test_every_effect_has_a_price_beside_the_core_s(monkeypatch):
-    monkeypatch.setattr(card, "LONGEST_STEP_S", {})  # a price is asked for, not good physics
+    # a price is measured, not good physics
+    any_step = replace(EFFECTS["texture"], longest_step_s=math.inf)
+    monkeypatch.setitem(EFFECTS, "texture", any_step)
     rows = prices(Effort(lanes=2, pairs=1, card=COARSE + CARD.replace('"pull"', BRIEF)))
     assert {row["effect"] for row in rows} == {"(core alone)", *EFFECTS}
     assert rows[0]["ns_per_sample"] > 0
