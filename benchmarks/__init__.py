@@ -1,4 +1,3 @@
-"""What accuracy costs in time: speed as ratios taken in one run, beside the machine's own
-jitter."""
+"""What accuracy costs in time, as ratios of one run, beside the jitter of the machine."""
 
 import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off

@@ -1,5 +1,4 @@
-"""What is timed and counted: a call of the whole step, a call of the forests alone; only the live
-path is imported."""
+"""Calls that are timed and counted: the whole step, the forests alone. Live path only."""
 
 from __future__ import annotations
 
@@ -19,8 +18,7 @@ from edge_runtime.monitor import Model
 def step_of(
     model: Model, stream: tuple[FloatArray, BoolArray] | None = None
 ) -> Callable[[], object]:
-    """Steps over a stream again and again; without one over the golden sequence: signal, gaps and
-    faults in it."""
+    """Step over a stream again and again, by default over the golden sequence with its faults."""
     values, valid = stream or golden(model)
     graph, turn = StepGraph(model.session), cycle(range(len(values)))
 

@@ -1,8 +1,7 @@
-"""The price list of effects: what each adds to a simulated sample, in one run, beside the core's
-own price.
+"""Prices of effects: what each adds to a simulated sample, in one run with the core's own price.
 
 Effects of the loop are priced by running the same trials with and without them (median of pairs
-taken in turns), effects of the sensor by calling them on the same recordings, a camera by filming
+interleaved), effects of the sensor by calling them on the same recordings, a camera by filming
 one. CPU time; ns per sample of six fingertips.
 """
 
@@ -37,8 +36,7 @@ count = {half}
 
 @dataclass(frozen=True)
 class Effort:
-    """What is run for a price: trials at once, times, and the card, which leaves room for rate,
-    half and effects."""
+    """What is run for a price: trials at once, repetitions, and the card with room for effects."""
 
     lanes: int = 200
     pairs: int = 3
@@ -51,18 +49,18 @@ USUAL = Effort()
 def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
     """The pull on two balls, with these effects and what they need."""
     needed = {need for name in names for need in EFFECTS[name].needs}
-    told = "\n".join(f"[effects.{name}]" for name in EFFECTS if name in needed | set(names))
+    tables = "\n".join(f"[effects.{name}]" for name in EFFECTS if name in needed | set(names))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "price.toml"
         path.write_text(
-            effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=told), encoding="utf-8"
+            effort.card.format(rate=RATE_HZ, half=effort.lanes // 2, effects=tables),
+            encoding="utf-8",
         )
         return Scene(read_card(str(path)), 0)
 
 
 def prices(effort: Effort = USUAL) -> list[dict[str, Any]]:
-    """One row an effect: name, stage, ns_per_sample it adds, and that over the core's own; the core
-    first."""
+    """One row per effect: name, stage, ns_per_sample, and that over the core's; the core first."""
     empty = scene_with(effort=effort)
     core = min(_run_ns(empty) for _ in range(effort.pairs))
     rows = [{"effect": "(core alone)", "stage": "core", "ns_per_sample": core, "over_core": 1.0}]
@@ -80,8 +78,7 @@ def prices(effort: Effort = USUAL) -> list[dict[str, Any]]:
 
 
 def empty_list_over_core(*, pairs: int = 5) -> float:
-    """CPU time with `[effects]` empty over CPU time of a card without the section; both in
-    turns."""
+    """CPU time with an empty `[effects]` over that without the section, interleaved."""
     without, with_empty = scene_with(), scene_with()
     ratios = [_run_ns(with_empty) / _run_ns(without) for _ in range(pairs)]
     return statistics.median(ratios)
@@ -90,9 +87,9 @@ def empty_list_over_core(*, pairs: int = 5) -> float:
 def _run_ns(scene: Scene) -> float:
     trials = scene.trials()
     started = time.process_time_ns()
-    told = scene.run_together(trials)
+    simulated = scene.run_together(trials)
     spent = time.process_time_ns() - started
-    return spent / sum(len(one.signal.t_s) for one in told)
+    return spent / sum(len(one.signal.t_s) for one in simulated)
 
 
 def _loop_price(name: str, effort: Effort) -> float:
@@ -122,10 +119,10 @@ def _sensor_price(name: str, effort: Effort) -> float:
 def _camera_price(name: str, effort: Effort) -> float:
     scene = scene_with(effort=replace(effort, lanes=2))
     camera = Camera(**{name: p.default for name, p in CAMERA.items()})
-    (told,) = scene.run_together(scene.trials()[:1])
+    (simulated,) = scene.run_together(scene.trials()[:1])
     started = time.process_time_ns()
-    scene.film(told, camera)
-    return (time.process_time_ns() - started) / len(told.signal.t_s)
+    scene.film(simulated, camera)
+    return (time.process_time_ns() - started) / len(simulated.signal.t_s)
 
 
 PRICED: dict[str, Callable[[str, Effort], float]] = {

@@ -1,5 +1,4 @@
-"""The same trees walked by a few lines of C: the limit of what any runtime can reach for one
-row."""
+"""The same trees walked by a few lines of C: the limit of any runtime for one row."""
 
 from __future__ import annotations
 
@@ -35,8 +34,7 @@ void votes(const float *row, const int32_t *roots, int32_t trees, const int32_t 
 def c_walk(
     forest: Forest, n_classes: int, rows: FloatRows, work: Path
 ) -> Callable[[int], npt.NDArray[np.int32]]:
-    """What votes on a row by its number, in C; the votes are overwritten by the next. Raises
-    LibraryMissing."""
+    """Votes in C on a row by its number; the next call overwrites them. Raises LibraryMissing."""
     library = ctypes.CDLL(str(_compiled(work)))
     trees = [tree.tree_ for tree in forest.estimators_]
     roots = np.cumsum([0, *(tree.node_count for tree in trees)])[:-1].astype(np.int32)
@@ -56,7 +54,7 @@ def c_walk(
     ]
     out, kept = np.zeros(n_classes, dtype=np.int32), np.ascontiguousarray(rows)
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
-    told = [ctypes.c_void_p(kept.ctypes.data + k * kept.strides[0]) for k in range(len(kept))]
+    pointers = [ctypes.c_void_p(kept.ctypes.data + k * kept.strides[0]) for k in range(len(kept))]
     rest = (
         pointers[0],
         ctypes.c_int32(len(roots)),
@@ -66,7 +64,7 @@ def c_walk(
     )
 
     def call(row: int, _keep: object = (arrays, kept)) -> npt.NDArray[np.int32]:
-        library.votes(told[row], *rest)
+        library.votes(pointers[row], *rest)
         return out
 
     return call

@@ -60,8 +60,7 @@ class Block:
 
 @dataclass
 class Moving:
-    """State of the lanes [B]: position, velocity, stretch of the contact, whether it slid in the
-    last step."""
+    """State of the lanes [B]: position, velocity, stretch, whether the last step slid."""
 
     position_m: FloatArray
     velocity_m_s: FloatArray
@@ -172,8 +171,7 @@ class SetValued:
 
 @dataclass(frozen=True)
 class Task:
-    """What every lane is loaded with: shares of the static limit [B], a vibration's amplitude over
-    it [B]."""
+    """The load of every lane [B]: share of the static limit, amplitude of vibration over it."""
 
     share: FloatArray
     vibration: FloatArray
@@ -215,16 +213,14 @@ def _positions(law: Law, task: Task, wanted: np.ndarray, dt_s: float) -> Iterato
 
 
 def creep(law: Law, task: Task, held_s: float = HELD_S, step_s: float | None = None) -> FloatArray:
-    """How far the block moves from SETTLED_S to held_s: m, [B]. Both lie at the same phase of the
-    vibration."""
+    """Motion of the block from SETTLED_S to held_s, m, [B], both at one phase of the vibration."""
     start, stop = path(law, task, np.array([SETTLED_S, held_s]), step_s)
     moved: FloatArray = stop - start
     return moved
 
 
 def cost_ns(law: Law, lanes: int = 1000, steps: int = 500, repeats: int = 7) -> float:
-    """CPU time of one step of one lane, ns: the least of some repeats; 1000 lanes, so not Python's
-    own."""
+    """CPU ns of one step of one lane: the least of some repeats; 1000 lanes, to exclude Python."""
     task = Task.of(np.linspace(0.1, 0.9, lanes))
     best = np.inf
     for _ in range(repeats):
@@ -248,8 +244,7 @@ would choose."""
 
 
 def table(held_s: float = HELD_S) -> list[dict[str, Any]]:
-    """For `holdfast bench simulator`: a row a law, share and vibration; creep in m over held_s,
-    cost in ns a step.
+    """Rows of `holdfast bench simulator`: law, share, vibration; creep in m, cost in ns a step.
 
     lets_go: it moved so far that nothing is held any more; cost_ns_per_s: what a second of one
     contact costs at the law's own step.

@@ -1,5 +1,4 @@
-"""What reading six fingertips costs and how it fails: on the virtual hand, through the drivers that
-real ones have.
+"""What reading six fingertips costs, and how it fails: the real drivers on the virtual hand.
 
 Times of transfers are the emulation's (wire bits at the bus's speed, a USB round trip as its class
 has it), not measured on silicon; times of computing are this machine's.
@@ -63,8 +62,7 @@ NATIVE = "i2c"
 
 @dataclass
 class Bench:
-    """A virtual hand behind a bridge, its driver started. reads: one of READS, by default the
-    drivers' own."""
+    """A virtual hand behind a bridge, its driver started. reads: one of READS."""
 
     bridge: str = "ft232h"
     reads: str = CHECKED
@@ -78,7 +76,7 @@ class Bench:
         self.virtual = VirtualHand(
             self.clock, layout=self.layout, seed=0, faults=[read_fault(one) for one in self.faults]
         )
-        self.said: list[str] = []
+        self.messages: list[str] = []
         opened: Callable[[], Bus]
         if self.bridge == NATIVE:
             self.traffic, opened = _native(self.virtual)
@@ -92,7 +90,7 @@ class Bench:
             crc="on" if self.reads == CHECKED else "off",
             now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
-            say=self.said.append,
+            say=self.messages.append,
         )
         self.hand.start()
 
@@ -119,8 +117,7 @@ def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
 
 
 def scan_costs() -> list[dict[str, Any]]:
-    """One row a bridge and way to read: transfers, bytes and ms a scan of six, and the model rate
-    that it serves."""
+    """One row per bridge and way to read: transfers, bytes, ms per scan, fastest model."""
     ways = [(bridge, reads, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for reads in READS]
     ways += [("ft232h", reads, "mux", 1_000_000) for reads in READS]
     ways += [("ft232h", CHECKED, layout, 400_000) for layout in ("mux6", "moved")]
@@ -161,8 +158,7 @@ def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> dict[str, A
 def fault_table(
     model_path: Path, compute_ms: float = 0.0, phases: int = PHASES
 ) -> list[dict[str, Any]]:
-    """One row a fault at the model's rate: what was said, detected when, states meanwhile, good
-    again when, lost.
+    """One row per fault at the model's rate: message, detection, states meanwhile, recovery, lost.
 
     compute_ms: from the end of a read to the answer, which no virtual clock knows. phases:
     detection is measured for faults that begin at so many moments of a period, everything else
@@ -197,7 +193,7 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> dict
     return {
         "fault": fault,
         "what": FAULTS[fault],
-        "said": bench.said[0].split(";")[0] if bench.said else "",
+        "said": bench.messages[0].split(";")[0] if bench.messages else "",
         "detected_ms": float(np.median(detected_ms)),
         "detected_max_ms": max(detected_ms),
         "meanwhile": ", ".join(sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})),
@@ -227,10 +223,9 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
 
 
 def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
-    """Real time on the virtual FT232H whose transfers take no time: our own share of a period, by
-    stage, in us.
+    """Our share of a period by stage, us: real time on an FT232H whose transfers take no time.
 
-    Every period's floor: a busy wait as long as the whole sample, timed in turns on the same
+    Reference for each period: a busy wait as long as the whole sample, on the same
     machine.
     """
     model = Model(model_path)
@@ -240,14 +235,14 @@ def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
     end_ns = clock.now_ns() + round(1e9 * seconds)
     with real_time():
         summary = _answered(bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns)
-    told = summary.latency_us()
-    floor = time_in_turns({"floor": busy_wait(told["read to emit"]["p50"])})["floor"]
+    stages_us = summary.latency_us()
+    floor = time_in_turns({"floor": busy_wait(stages_us["read to emit"]["p50"])})["floor"]
     return {
         "rate_hz": rate_hz,
         "samples": summary.samples,
         "overruns": summary.overruns,
-        "latency_us": told,
-        "share_of_period": told["read to emit"]["p50"] * 1e-6 * rate_hz,
+        "latency_us": stages_us,
+        "share_of_period": stages_us["read to emit"]["p50"] * 1e-6 * rate_hz,
         "floor_us": {f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)},
     }
 
@@ -295,8 +290,7 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 
 
 def memory(model_path: Path) -> list[dict[str, Any]]:
-    """Resident MB and start-up s of processes of their own: the floor, and the live path with a
-    model."""
+    """Resident MB and start s of two processes: libraries alone, live path with a model."""
     rows = []
     for name, program in (("floor", FLOOR), ("live path, default model", LIVE_PATH)):
         started = time.perf_counter()

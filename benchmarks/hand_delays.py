@@ -1,5 +1,4 @@
-"""How long after a change of the field the hand acts: steps at all phases of the period, on the
-virtual hand.
+"""How long after a change of the field the hand acts: steps at all phases of a period.
 
 Measured from the step to the answer that shows it in every finger: the chip's conversions at their
 own times, the wait for the next sample, the read through the driver, and computing. The decision
@@ -32,8 +31,7 @@ STEP_UT = np.array([0.0, 0.0, 10e3])
 def delays(
     scan_costs: list[dict[str, Any]], compute_ms: float, act_samples: int, steps: int = STEPS
 ) -> list[dict[str, Any]]:
-    """One row a bridge and rate that it serves, read as the drivers do: ms from a step until it is
-    acted on."""
+    """One row per bridge and rate that it serves: ms from a step until the request to act."""
     default = [cost for cost in scan_costs if cost["layout"] == "mux" and cost["reads"] == CHECKED]
     rates = [(cost, rate) for cost in default for rate in _served(cost)]
     return [_row(cost, rate_hz, compute_ms, act_samples, steps) for cost, rate_hz in rates]
@@ -70,8 +68,7 @@ def _row(
 
 
 def seen_after_ms(cost: dict[str, Any], rate_hz: float, steps: int = STEPS) -> FloatArray:
-    """[steps] from a step of the field to the end of the read that first shows it in every
-    finger."""
+    """[steps] from a step of the field to the end of the first read with it in every finger."""
     bench = Bench(cost["bridge"], cost["reads"], bus_hz=1000 * cost["bus_khz"])
     period_s = 1.0 / rate_hz
     start_s = 1e-9 * bench.clock.now_ns() + period_s

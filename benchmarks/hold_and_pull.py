@@ -1,5 +1,4 @@
-"""Our own core on the hold and pull of mujoco_peer.py: the same object, springs, friction, person
-and measures.
+"""Our own core on the hold and pull of mujoco_scene.py: the same scene, springs and measures.
 
 Both step everything at one fixed step. What a scene does beside (fine steps only where something
 can happen) is not in these figures.
@@ -29,15 +28,14 @@ ELEMENTS = 5
 
 
 def rows(peers: Path, scene: Scene | None = None) -> list[dict[str, Any]]:
-    """One row a solver and step: ours, then what `make peers` left in peers/mujoco.json, if
-    anything."""
+    """One row per solver and step: ours, then those that `make peers` wrote, if any."""
     scene = scene or Scene()
     ours = [measure(scene, step_s, lanes) for lanes in LANES for step_s in STEPS_S]
     file = peers / "mujoco.json"
     if not file.is_file():
         return ours
-    told = json.loads(file.read_text("utf-8"))
-    return ours + [_peer(run, told["versions"]["mujoco"]) for run in told["runs"]]
+    peer = json.loads(file.read_text("utf-8"))
+    return ours + [_peer(run, peer["versions"]["mujoco"]) for run in peer["runs"]]
 
 
 def measure(scene: Scene, step_s: float, lanes: int) -> dict[str, Any]:

@@ -44,8 +44,7 @@ for _ in range(calls):
 
 
 def instructions(model: Path) -> list[dict[str, Any]]:
-    """One row a thing: instructions a call, and the projection in us. Raises LibraryMissing without
-    valgrind."""
+    """One row per call: instructions and projected us. Raises LibraryMissing without valgrind."""
     if shutil.which("valgrind") is None:
         raise LibraryMissing(
             "no valgrind", where="valgrind", next_step="install valgrind to count instructions"

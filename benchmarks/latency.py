@@ -106,8 +106,7 @@ def latency(path: Path, turns: int = TURNS) -> dict[str, Any]:
 
 
 def _by_turn(times: dict[str, FloatArray], turns: int) -> dict[str, FloatArray]:
-    """[turns, calls]: the first of a turn finds the caches full of others' things, as after 7 ms of
-    a live loop."""
+    """[turns, calls]: the first call of a turn has cold caches, as a live loop after 7 ms."""
     return {name: values.reshape(turns, -1) for name, values in times.items()}
 
 
@@ -155,8 +154,7 @@ def _stream(data: DataSet) -> tuple[FloatArray, BoolArray]:
 
 
 def _bare(data: DataSet, work: Path) -> tuple[Model, Forest]:
-    """The raw-window forest of 100 full-depth trees: as a file for the hand, and as scikit-learn
-    has it."""
+    """The raw-window forest of 100 full-depth trees, as a model file and as scikit-learn's."""
     train(data, work / "raw", replace(RAW_BASELINE, folds=2))  # its scores are not looked at
     path, _ = export_artifact(work / "raw")
     rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
@@ -171,8 +169,7 @@ def _predict(forest: Forest, rows: FloatRows) -> Callable[[], object]:
 
 
 def _walk(forest: Forest, rows: FloatRows, work: Path) -> dict[str, Callable[[], object]]:
-    """The walk in C, its votes checked against the reference first; nothing where there is no
-    compiler."""
+    """The walk in C, its votes checked against the reference first; empty without a compiler."""
     try:
         votes = c_walk(forest, len(CLASSES), rows, work)
     except LibraryMissing:
@@ -197,8 +194,7 @@ def _treelite(forest: Forest, rows: FloatRows) -> dict[str, Callable[[], object]
 
 
 def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
-    """Every sample through ten second-order band-pass filters a channel, one multiplication after
-    the other."""
+    """Every sample through ten second-order band-pass filters a channel, in plain Python."""
     samples = data.recordings[0].samples
     designs = [
         butter(1, (0.9 * hz, 1.1 * hz), "bandpass", fs=data.rate_hz)

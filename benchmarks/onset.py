@@ -1,5 +1,4 @@
-"""How well a camera tells when an object began to slip: drawn tags through the camera's own graph,
-times against truth.
+"""How well a camera dates the begin of a slip: drawn tags through the camera's own pipeline.
 
 Simulated. Perspective, tilt, fingers before the tag, defocus, uneven light and a rolling shutter
 are not in it, so these errors are a lower bound.
@@ -70,8 +69,7 @@ count = 5
 
 @dataclass(frozen=True)
 class Case:
-    """A path of the object in mm over t_s [T], and when it truly began to slip and was gross_mm
-    away, s."""
+    """A path of the object in mm over t_s [T], with its true start and gross times, s."""
 
     t_s: FloatArray
     object_m: FloatArray
@@ -81,7 +79,9 @@ class Case:
 
 def small_camera(fps: float) -> Camera:
     """The default camera with fewer pixels and a little noise."""
-    return Camera(**({name: told.default for name, told in CAMERA.items()} | SMALL | {"fps": fps}))
+    return Camera(
+        **({name: parameter.default for name, parameter in CAMERA.items()} | SMALL | {"fps": fps})
+    )
 
 
 def seen(case: Case, camera: Camera, seed: int) -> Motion:
@@ -126,15 +126,13 @@ def ramps(
 
 
 def pulls(total: int | None = None, rates: Sequence[float] = FPS) -> list[dict[str, Any]]:
-    """Author pulls of the simulator, a row for every frame rate; their start is the first element
-    that slides."""
+    """Pulls of the style author, a row per frame rate; their start is the first sliding element."""
     cases = _simulated(CARD, total)
     return [{"fps": fps} | _row(cases, small_camera(fps)) for fps in rates]
 
 
 def held(total: int | None = None) -> list[dict[str, Any]]:
-    """Loaded, and held: how far the pads give, and how often a slip was seen where there was
-    none."""
+    """Holds under load: how far the pads yield, and how many false onsets are found."""
     camera = small_camera(FPS[0])
     moved = [seen(case, camera, k) for k, case in enumerate(_simulated(LOADED, total))]
     gross_mm = gross_distance_mm(moved)
@@ -151,22 +149,21 @@ def held(total: int | None = None) -> list[dict[str, Any]]:
 
 
 def _simulated(card: str, total: int | None) -> list[Case]:
-    """Trials of a card, cut: pulls to the moments about the slip, held ones to the hold that is
-    loaded."""
+    """Trials of a card, cut: pulls to the time around the slip, holds to the loaded hold."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "camera.toml"
         path.write_text(card, encoding="utf-8")
         scene = Scene(read_card(str(path)), 0)
     cases = []
-    for told in scene.run_together(scene.trials(total)):
-        t_s, place_m, truth = told.motion.t_s, told.motion.position_m, told.truth
+    for simulated in scene.run_together(scene.trials(total)):
+        t_s, place_m, truth = simulated.motion.t_s, simulated.motion.position_m, simulated.truth
         load_s = float(truth.load_onset_s or 0.0)
         fine_s = np.arange(load_s, t_s[-1], 1e-4)
         path_mm = 1e3 * CubicSpline(t_s, place_m[:, [0, 2]])(fine_s)
         far = np.flatnonzero(np.linalg.norm(path_mm - path_mm[0], axis=1) >= GROSS_MM)
         gross_s = float(fine_s[far[0]]) if far.size else load_s
         opens_s = float(truth.marks[-2][0])
-        to_s = opens_s if told.trial.action == "hold" else gross_s + TO_S
+        to_s = opens_s if simulated.trial.action == "hold" else gross_s + TO_S
         part = (t_s >= load_s - FROM_S) & (t_s <= to_s)
         first_s = float(t_s[part][0])
         start_s = float(truth.incipient_slip_s or load_s)
@@ -175,8 +172,7 @@ def _simulated(card: str, total: int | None) -> list[Case]:
 
 
 def _row(cases: Sequence[Case], camera: Camera) -> dict[str, Any]:
-    """Errors in ms of the fitted start, of the first frame beyond the threshold, and of the gross
-    distance.
+    """Errors in ms of the fitted start, of the first frame beyond the threshold, and of gross.
 
     hidden: the object was out of the picture, or blurred, before three frames had seen it leave.
     """

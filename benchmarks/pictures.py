@@ -1,5 +1,4 @@
-"""The picture that `holdfast bench WHAT` leaves beside its JSON: one function a measure, figures
-in, SVG out."""
+"""Pictures of `holdfast bench WHAT`: one function a measure, figures in, SVG out."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What accuracy costs in time, of the simulator itself: step against slip time, trials and elements
-against CPU time.
+"""What accuracy costs in the simulator: step against slip time, trials and elements against CPU.
 
 And whether it is plausible: the medians from load onset to gross slip, style by style.
 """
@@ -59,9 +58,13 @@ def size_curve(
     by_elements = []
     for count in elements:
         changed = replace(card, effects=card.effects | {"brush": {"count": count}})
-        told, cpu_s = _timed(changed, 200)
+        simulated, cpu_s = _timed(changed, 200)
         by_elements.append(
-            {"elements": count, "cpu_s_per_trial": cpu_s / 200, "incipient_ms": _incipient_ms(told)}
+            {
+                "elements": count,
+                "cpu_s_per_trial": cpu_s / 200,
+                "incipient_ms": _incipient_ms(simulated),
+            }
         )
     return {"by_trials": by_trials, "by_elements": by_elements}
 
@@ -73,10 +76,10 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[dict[str, Any]]:
         scene = Scene(read_card(name), seed)
         by_action: dict[str, list[float]] = {}
         losses = [trial for trial in scene.trials(trials) if trial.action in ("pull", "fall")]
-        for told in scene.run(losses):
-            truth = told.truth
+        for simulated in scene.run(losses):
+            truth = simulated.truth
             if truth.gross_slip_s is not None and truth.load_onset_s is not None:
-                by_action.setdefault(told.trial.action, []).append(
+                by_action.setdefault(simulated.trial.action, []).append(
                     1e3 * (truth.gross_slip_s - truth.load_onset_s)
                 )
         for action in ("pull", "fall"):
@@ -104,8 +107,10 @@ def _slip_times_s(card: Card, trials: int, seed: int) -> tuple[np.ndarray, float
     scene = Scene(card, seed)
     chosen = scene.trials(trials)
     started = time.process_time()
-    told = scene.run_together(chosen)
-    times = [np.nan if one.truth.gross_slip_s is None else one.truth.gross_slip_s for one in told]
+    simulated = scene.run_together(chosen)
+    times = [
+        np.nan if one.truth.gross_slip_s is None else one.truth.gross_slip_s for one in simulated
+    ]
     return np.array(times), time.process_time() - started
 
 
@@ -113,19 +118,19 @@ def _timed(card: Card, trials: int) -> tuple[list[SimulatedTrial], float]:
     scene = Scene(card, 0)
     chosen = scene.trials(trials)
     started = time.process_time()
-    told = list(scene.run(chosen))
-    return told, time.process_time() - started
+    simulated = list(scene.run(chosen))
+    return simulated, time.process_time() - started
 
 
 def _cpu_s(card: Card, trials: int) -> float:
     return _timed(card, trials)[1] / trials
 
 
-def _incipient_ms(told: list[SimulatedTrial]) -> float:
+def _incipient_ms(simulated: list[SimulatedTrial]) -> float:
     """Median from the first element that slides to gross slip, where a grip is lost."""
     spans = [
         1e3 * (one.truth.gross_slip_s - one.truth.incipient_slip_s)
-        for one in told
+        for one in simulated
         if one.trial.action in ("pull", "fall")
         and one.truth.gross_slip_s is not None
         and one.truth.incipient_slip_s is not None

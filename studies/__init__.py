@@ -1,4 +1,3 @@
-"""What a paper would hold: each study is a command that writes its figures as JSON and its report
-as one page."""
+"""Studies as in a paper: each is a command that writes figures as JSON and a one-page report."""
 
 import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off

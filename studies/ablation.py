@@ -1,10 +1,9 @@
-"""`make ablation`: what each feature group brings on people never seen, and what it costs in
-microseconds.
+"""`make ablation`: what each feature group brings on unseen people, and its microseconds.
 
 Every row is a full cross-validation on human_slip_uskin, 18 channels: the default groups, each of
 them left out, and each other group added. A row with a group of unlimited memory (the band-pass
 bank) is not clock-free and says so. The cost is the median of a single step of the feature graph,
-all rows in turns.
+all rows interleaved.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, Any
 
 
 def step_costs(specs: dict[str, StepSpec]) -> dict[str, dict[str, Any]]:
-    """Nodes and median us of one step of each feature graph, B = 1, all graphs in turns."""
+    """Nodes and median us of one step of each feature graph, B = 1, all graphs interleaved."""
     models = {name: feature_graph(spec) for name, spec in specs.items()}
     calls = {name: _stepper(model.SerializeToString()) for name, model in models.items()}
     medians = {name: float(np.median(times)) for name, times in time_in_turns(calls).items()}

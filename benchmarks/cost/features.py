@@ -86,8 +86,7 @@ def whole_rows(folder: Path, point: Point, part: str) -> FloatRows:
 def _whole(
     folder: Path, of: Set, spec: StepSpec, name: str, computed: Callable[[StepSpec], FloatRows]
 ) -> FloatRows:
-    """The features of a spec's whole from disk. Bands are its last, so those without any may be
-    there already."""
+    """The features of a whole spec, from disk. Bands come last, so files without them may exist."""
     whole = whole_of(spec)
     path = _kept(folder, of, whole, name)
 
@@ -102,8 +101,7 @@ def _whole(
 
 
 def whole_of(spec: StepSpec) -> StepSpec:
-    """The spec whose features hold those of every point: they are computed once, each point takes
-    its columns."""
+    """The spec whose features include those of every point, so that they are computed once."""
     if "window" in spec.groups:
         return replace(
             spec, groups=GROUPS["raw window"], window_s=max(WINDOWS_S), bands_hz=BANDS_HZ
@@ -119,8 +117,7 @@ def _taken(whole: FloatRows, spec: StepSpec) -> FloatRows:
 
 
 def columns(spec: StepSpec) -> npt.NDArray[np.int64]:
-    """[F] where each feature of a spec stands in its whole; windows end together, and bands are
-    told by their Hz."""
+    """[F] columns of a spec's features in its whole; bands are matched by their Hz."""
     whole = whole_of(spec)
     widths = [feature_count(replace(whole, groups=(name,))) for name in whole.groups]
     start = dict(zip(whole.groups, np.cumsum([0, *widths[:-1]]), strict=True))
@@ -143,8 +140,7 @@ def _kept(folder: Path, of: Set, spec: StepSpec, part: str) -> Path:
 
 
 def _seen(rows: FloatRows, spec: StepSpec, look_back_s: float) -> FloatRows:
-    """The rows with everything that looks further back made constant, so that no tree can use
-    it."""
+    """The rows, features that look further back made constant, so that no tree uses them."""
     beyond = look_backs_s(spec) > look_back_s + 1e-9
     return np.where(beyond, np.float32(0.0), rows) if beyond.any() else rows
 

@@ -1,5 +1,4 @@
-"""Forests of many sizes for the price of the largest: its first trees are the smaller ones, fitted
-on the same rows."""
+"""Forests of many sizes for the price of the largest: its first trees are the smaller ones."""
 
 from __future__ import annotations
 
@@ -17,8 +16,7 @@ from training.recording import DataSet
 
 
 class Grown:
-    """Forests of up to n_trees that differ in nothing but their number; fit is as fit_forest, seed
-    0."""
+    """Forests of up to n_trees that differ in their number only; fit is as fit_forest, seed 0."""
 
     def __init__(self, n_trees: int) -> None:
         self._n_trees = n_trees

@@ -1,5 +1,4 @@
-"""Points that share a forest: fitted, asked about whole streams that it never met, written as a
-file for the hand."""
+"""Points that share a forest: fitted, evaluated on unseen streams, exported for the hand."""
 
 from __future__ import annotations
 
@@ -37,7 +36,7 @@ MOST_FALSE_PER_MIN = 1.0
 
 @dataclass(frozen=True)
 class Voted:
-    """Votes [T, K] of a forest at every sample of some streams that it never met."""
+    """Votes [T, K] of a forest at every sample of some unseen streams."""
 
     recordings: list[Recording]
     votes: list[IntArray]
@@ -45,8 +44,11 @@ class Voted:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A forest, its figures of windows it never met, its calibration, and its votes. of: (what a
-    threshold is chosen on, what is asked at it), one pair of scenes, a pair a fold of people."""
+    """A forest, its figures on unseen windows, its calibration, and its votes.
+
+    of: pairs (streams to choose a threshold on, streams to evaluate at it); one pair for scenes, a
+    pair per fold for people.
+    """
 
     forest: Forest
     figures: dict[str, Any]
@@ -67,25 +69,24 @@ def measure(
 
 
 def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
-    """Scenes: the threshold and the calibration are of one stream of grasps, and the point is asked
-    about another."""
+    """Scenes: threshold and calibration from one stream of grasps, figures from another."""
     every = np.arange(len(data.tasks["classes"]))
     forest = grown.fit(data, windows(folder, point), point.plan, "classes", every)
-    (chosen_on, choosing), (asked, asking) = (
+    (chosen_on, choosing), (evaluated, asking) = (
         _voted(point, folder, part, forest) for part in ("choose", "ask")
     )
     calibration = fit_calibration(
         _held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label
     )
-    figures = held_out_figures(asking, _held_out(asked, asking))["situations"]
-    return Fitted(forest, figures, calibration, [(chosen_on, asked)])
+    figures = held_out_figures(asking, _held_out(evaluated, asking))["situations"]
+    return Fitted(forest, figures, calibration, [(chosen_on, evaluated)])
 
 
 def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
-    """People: each is asked by a forest that never met him, at a threshold chosen on the people of
-    other folds.
+    """People: each is evaluated by a forest trained without them.
 
-    The forest that is priced is the first fold's.
+    The threshold is chosen on the people of other folds. The forest that is timed is the first
+    fold's.
     """
     features, task = windows(folder, point), data.tasks["situations"]
     folds = assign_groups(data.group_of("situations"), FOLDS)
@@ -101,7 +102,7 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
         votes |= zip(
             which, _votes(forest, [rows[k] for k in which], len(task.classes)), strict=True
         )
-    asked = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
+    evaluated = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
     others = [
         _of(data, votes, [k for k in range(len(rows)) if k not in set(_of_fold(data, folds, fold))])
         for fold in range(FOLDS)
@@ -109,7 +110,7 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     held = _held_out(_of(data, votes, range(len(rows))), data)
     calibration = fit_calibration(held.shares("situations"), task.label)
     figures = held_out_figures(data, held)["situations"]
-    return Fitted(forests[0], figures, calibration, list(zip(others, asked, strict=True)))
+    return Fitted(forests[0], figures, calibration, list(zip(others, evaluated, strict=True)))
 
 
 def _held_out(voted: Voted, data: DataSet) -> HeldOut:
@@ -139,21 +140,20 @@ def _voted(point: Point, folder: Path, part: str, forest: Forest) -> tuple[Voted
 
 
 def _votes(forest: Forest, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:
-    """Of all recordings at once, since to count a forest's leaf votes takes longer than to ask for
-    one recording."""
+    """Votes on all recordings at once, since counting leaf votes is slow and running is fast."""
     ends = np.cumsum([len(one) for one in rows])
     return np.split(reference_votes(forest, np.concatenate(rows), n_classes), ends[:-1])
 
 
 def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> dict[str, Any]:
     """What becomes of the votes by a point's decision."""
-    heard, chosen = [], []
+    matches, chosen = [], []
     for choose, ask in fitted.of:
         there, here = (_answers(point, voted, fitted.calibration, spec) for voted in (choose, ask))
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
-        heard += match_all_alarms(here, point.rules, chosen[-1])
-    told = {"macro_f1": fitted.figures["macro_f1"], "macro_f1_ci": fitted.figures["macro_f1_ci"]}
-    return told | event_scores(heard) | {"permille": chosen}
+        matches += match_all_alarms(here, point.rules, chosen[-1])
+    scores = {"macro_f1": fitted.figures["macro_f1"], "macro_f1_ci": fitted.figures["macro_f1_ci"]}
+    return scores | event_scores(matches) | {"permille": chosen}
 
 
 def _answers(point: Point, voted: Voted, calibration: Calibration, spec: StepSpec) -> list[Answers]:

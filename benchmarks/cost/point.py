@@ -79,29 +79,29 @@ class Point:
     @property
     def what(self) -> str:
         """What is not the default about it, in words."""
-        told = (
+        parts = (
             [f"{self.rate_hz:g} Hz"]
             if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes"
             else []
         )
-        told += (
+        parts += (
             ["1 tree" if self.trees == 1 else f"{self.trees} trees"]
             if self.trees is not None
             else []
         )
-        told += [f"depth {self.depth or 'unlimited'}"] if self.depth is not None else []
-        told += [self.groups] if self.groups != "default" else []
-        told += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
-        told += (
+        parts += [f"depth {self.depth or 'unlimited'}"] if self.depth is not None else []
+        parts += [self.groups] if self.groups != "default" else []
+        parts += [f"window {1e3 * self.window_s:g} ms"] if self.window_s != WINDOW_S else []
+        parts += (
             [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
         )
-        told += [f"bands {self.bands}"] if self.bands != "all" else []
-        told += (
+        parts += [f"bands {self.bands}"] if self.bands != "all" else []
+        parts += (
             [f"debounce {self.debounce}"] if self.debounce != HIGH_CONFIDENCE.act_samples else []
         )
-        told += ["bank in float32"] if self.bank != "float64" else []
-        told += ["calibrated"] if self.confidence != "votes" else []
-        return ", ".join(told) or "default"
+        parts += ["bank in float32"] if self.bank != "float64" else []
+        parts += ["calibrated"] if self.confidence != "votes" else []
+        return ", ".join(parts) or "default"
 
     @property
     def plan(self) -> TrainingPlan:
@@ -122,8 +122,7 @@ class Point:
 
     @property
     def fitted(self) -> Point:
-        """The point whose forest this one has: how it is decided from its votes changes no
-        forest."""
+        """The point with the same forest: the decision on its votes does not change the forest."""
         base = BASES[self.of].situation
         trees = None if self.trees == base.n_estimators else self.trees
         depth = (
@@ -147,8 +146,7 @@ class Point:
 
 
 def points() -> list[Point]:
-    """Around the default one thing changed at a time, and trees against depth; the same on both
-    sets."""
+    """One change of the default at a time, and trees against depth; the same on both sets."""
     return list(dict.fromkeys([*_scenes(), *_human()]))
 
 

@@ -1,5 +1,4 @@
-"""The recordings that points are fitted on and asked about: simulated once, read at every rate,
-kept on disk."""
+"""Recordings that points are fitted and evaluated on: simulated once, read at every rate."""
 
 from __future__ import annotations
 
@@ -25,26 +24,25 @@ from training.recording import DataSet
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> card, grasps, seed."""
 PARTS: Parts = {"ask": ("daily", 400, 2), "train": ("thesis", 400, 0), "choose": ("daily", 150, 1)}
-"""What a forest is asked about, was fitted on, and its threshold chosen on."""
+"""Streams to evaluate on, trials to fit on, and streams to choose the threshold on."""
 FASTEST_HZ = 300.0
 HUMAN = "human_slip_uskin"
 
 
 def require_parts(folder: Path, parts: Parts) -> None:
     """Raise DataError where the folder keeps what was measured on other parts."""
-    path, told = folder / "parts.json", json.dumps(parts)
+    path, text = folder / "parts.json", json.dumps(parts)
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        write_whole(path, told)
-    if path.read_text("utf-8") != told:
+        write_whole(path, text)
+    if path.read_text("utf-8") != text:
         raise DataError(
             "points of other recordings", where=folder, next_step="remove the folder and begin anew"
         )
 
 
 def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -> None:
-    """A part at every rate, unless it is there: one hand, read at 300 Hz, of which a slower reader
-    gets every nth."""
+    """A part at every rate, if missing: one hand at 300 Hz, and every n-th sample of it."""
     card, grasps, seed = parts[part]
     fastest = _place(folder, FASTEST_HZ, part)
     if not fastest.is_dir():
@@ -60,8 +58,7 @@ def simulate(folder: Path, part: str, rates_hz: Sequence[float], parts: Parts) -
 
 
 def read_slower(there: Path, here: Path, ratio: float) -> None:
-    """A simulated set with every nth sample: the same as read so slowly, since its sensors' noise
-    is white."""
+    """A simulated set with every n-th sample: equals a slower reader, as the noise is white."""
     if ratio != round(ratio):
         raise UsageError(
             f"no reading of {FASTEST_HZ:g} Hz over {ratio:g}", next_step="a rate that divides it"
@@ -73,8 +70,8 @@ def read_slower(there: Path, here: Path, ratio: float) -> None:
                 here / path.relative_to(there), b"".join([lines[0], *lines[1 :: round(ratio)]])
             )
     for path in sorted(there.rglob("*.json")):
-        told = json.loads(path.read_text("utf-8"))
-        changed = told | {"rate_hz": told["rate_hz"] / ratio} if "rate_hz" in told else told
+        meta = json.loads(path.read_text("utf-8"))
+        changed = meta | {"rate_hz": meta["rate_hz"] / ratio} if "rate_hz" in meta else meta
         write_whole(here / path.relative_to(there), json.dumps(changed))
 
 

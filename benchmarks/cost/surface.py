@@ -1,12 +1,10 @@
-"""`holdfast bench cost`: what accuracy costs in time, on scenes and on people, one choice changed
-at a time.
+"""`holdfast bench cost`: what accuracy costs in time, one choice changed at a time.
 
-Every point is a forest asked about streams that it never met, sample by sample: how many risky
-slips it finds at one false alarm a minute, how long after the load came on, and how much of the
-lead there was is used up. Beside it the macro F1 over four situations of held-out windows, and, all
-in turns in one run, the microseconds of the forest alone and of the whole step. Points are kept one
-by one, so that a run that was interrupted goes on where it was; they are measured side by side, or
-on a Dask cluster.
+Every point is a forest evaluated on unseen streams of scenes or people, sample by sample: recall at
+one false alarm a minute, delay after load onset, and the share of the lead that was used. Further
+figures are macro F1 over four situations on held-out windows, and the microseconds of the forest
+alone and of the whole step, all interleaved in one run. Points are stored one by one, so an
+interrupted run continues; they are measured in parallel, or on a Dask cluster.
 """
 
 from __future__ import annotations
@@ -49,8 +47,7 @@ def cost(
     dask: str | None = None,
     parts: Parts = PARTS,
 ) -> dict[str, Any]:
-    """Rows of all points, for each set the front of the step's time against what is found, and how
-    long it took: s on so many cores, for so many points that were not there yet.
+    """Rows of all points, the fronts of each set, and the time and cores of the new points.
 
     folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same
     folder.
@@ -66,9 +63,9 @@ def cost(
         )
         at_once(delayed(_features)(folder, alike, part) for alike, part in _by_features(chosen))
         kept = at_once(delayed(_kept)(folder, family) for family in _families(chosen))
-    told = {(row["what"], row["of"]): row for rows in kept for row in rows}
+    figures_of = {(row["what"], row["of"]): row for rows in kept for row in rows}
     rows = [
-        told[point.what, point.of] | us
+        figures_of[point.what, point.of] | us
         for point, us in zip(chosen, _priced(folder, chosen), strict=True)
     ]
     took = {
@@ -80,8 +77,7 @@ def cost(
 
 
 def _families(chosen: Sequence[Point]) -> list[list[Point]]:
-    """Points whose forests differ in their number of trees alone together, the dearest first, so
-    that no worker is left with it at the end."""
+    """Points whose forests differ in their number of trees alone, together; the slowest first."""
     alike: dict[Point, list[Point]] = {}
     for point in chosen:
         alike.setdefault(point.grown, []).append(point)
@@ -93,8 +89,7 @@ def _most_trees(points: Sequence[Point]) -> int:
 
 
 def _by_features(chosen: Sequence[Point]) -> list[tuple[list[Point], str]]:
-    """Points and a part for all features that have to be made, the largest first; those with bands
-    before the others of the same samples, which are among theirs."""
+    """Points and a part for all features to compute, the largest first, then without bands."""
     sets: dict[Any, dict[bool, Point]] = {}
     for one in sorted(
         chosen, key=lambda one: ("bands" in GROUPS[one.groups], one.rate_hz), reverse=True
@@ -111,8 +106,7 @@ def _by_features(chosen: Sequence[Point]) -> list[tuple[list[Point], str]]:
 
 
 def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
-    """Set -> what is good -> the points that no other beats both in it and in the step's time,
-    cheapest first."""
+    """Set -> quality -> points that no other beats in it and in the step's time, fastest first."""
     return {
         of: {
             good: [
@@ -141,8 +135,7 @@ def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[st
 
 @contextmanager
 def _workers(dask: str | None) -> Iterator[Parallel]:
-    """Where things are measured, one after another as a worker is free; workers keep the sets that
-    they have read."""
+    """Where points are measured, one after another; workers keep the sets that they have read."""
     if dask is None:
         with Parallel(
             WORKERS, "multiprocessing", batch_size=1, pre_dispatch=2 * WORKERS
@@ -165,13 +158,12 @@ def _features(folder: Path, points: Sequence[Point], part: str) -> None:
 
 
 def _asked(point: Point) -> str:
-    """The part whose streams a point is asked about."""
+    """The part whose streams a point is evaluated on."""
     return "train" if point.of == "human" else "ask"
 
 
 def _kept(folder: Path, family: Sequence[Point]) -> list[dict[str, Any]]:
-    """Points of forests that differ in their number of trees, from their files, or measured and
-    written there."""
+    """Points of one forest family, from their files, or measured and written there."""
     grown = Grown(_most_trees(family))
     for fitted in dict.fromkeys(point.fitted for point in family):
         missing = [
@@ -185,8 +177,7 @@ def _kept(folder: Path, family: Sequence[Point]) -> list[dict[str, Any]]:
 
 
 def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown) -> None:
-    """Measure points of one forest and keep their figures, the model, and what it will be timed
-    on."""
+    """Measure points of one forest; keep their figures, the model and the rows to time it on."""
     figures, model = measure(fitted, points, folder, grown)
     write_whole(_model(folder, fitted), model.SerializeToString())
     write_whole(_forest(folder, fitted), cut_forests(model))
@@ -194,9 +185,9 @@ def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
     rows = some(folder, fitted, _asked(fitted), TIMED_ROWS)
     np.savez(packed, rows=rows, samples=_about_events(folder, fitted))
     write_whole(_timed(folder, fitted), packed.getvalue())
-    for point, told in zip(points, figures, strict=True):
+    for point, row in zip(points, figures, strict=True):
         write_whole(
-            _figures(folder, point), json.dumps(asdict(point) | {"what": point.what} | told) + "\n"
+            _figures(folder, point), json.dumps(asdict(point) | {"what": point.what} | row) + "\n"
         )
 
 
@@ -217,16 +208,15 @@ def _timed(folder: Path, point: Point) -> Path:
 
 
 def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
-    """Microseconds (p50) of the forest alone and of the whole step, and bytes; all points in turns,
-    one run."""
+    """Microseconds (p50) of forest and step, and bytes; all points interleaved in one run."""
     calls: dict[str, Callable[[], object]] = {}
     for point in dict.fromkeys(point.fitted for point in chosen):
-        asked = np.load(_timed(folder, point))
+        timed = np.load(_timed(folder, point))
         calls[f"{point.name} forest"] = _forest_call(
-            _forest(folder, point).read_bytes(), asked["rows"]
+            _forest(folder, point).read_bytes(), timed["rows"]
         )
         calls[f"{point.name} step"] = _step_call(
-            _model(folder, point).read_bytes(), asked["samples"]
+            _model(folder, point).read_bytes(), timed["samples"]
         )
     us = {
         name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()
@@ -260,8 +250,7 @@ def _step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:
 
 
 def _about_events(folder: Path, point: Point) -> FloatArray:
-    """[T, C] samples about the load's onset, one risky slip after another: what the forest is there
-    for."""
+    """[T, C] samples around load onsets, one risky slip after another."""
     recordings = read(folder, point.of, point.rate_hz, _asked(point)).recordings
     about = [
         one.samples[max(0, round((event.onset_s - TIMED_S) * one.rate_hz)) :][

@@ -17,7 +17,7 @@ from training.featurise import FloatRows
 
 
 def session_of(model: Any, rows: FloatRows) -> ort.InferenceSession:
-    """A session that is asked for rows [N, F] of its one input."""
+    """A session with one input, rows [N, F]."""
     if isinstance(model, HistGradientBoostingClassifier):
         return open_session(boosted(model, rows.shape[1]))
     return open_session(to_onnx(model, rows[:1], options={"zipmap": False}).SerializeToString())
@@ -53,8 +53,8 @@ def _nodes(model: HistGradientBoostingClassifier) -> dict[str, Any]:
         f"target_{name}": [] for name in ("treeids", "nodeids", "ids", "weights")
     }
     trees = [(target, tree.nodes) for once in model._predictors for target, tree in enumerate(once)]
-    for tree, (target, told) in enumerate(trees):
-        for number, one in enumerate(told):
+    for tree, (target, rows) in enumerate(trees):
+        for number, one in enumerate(rows):
             leaf = bool(one["is_leaf"])
             values = (
                 tree,

@@ -1,2 +1,1 @@
-"""The main study on public recordings of people: cross-validated with people held out, exported,
-verified."""
+"""The main study on public recordings: people held out, exported, verified."""

@@ -1,8 +1,7 @@
-"""Lines that must stand beside ours on human_slip_uskin: the raw forest, a clock, and a leaky
-split.
+"""Baselines on human_slip_uskin: the raw forest, timing only, and a leaky split.
 
-The last two are warnings. The clock shows how far a scripted set can be answered without looking at
-a slip at all; the leaky split shows what a wrong test reports.
+The last two are warnings. Timing alone shows how far the script of the protocol goes without any
+sign of a slip; the leaky split shows what a wrong test reports.
 """
 
 from __future__ import annotations
@@ -36,8 +35,7 @@ def raw_forest(data: DataSet, *, folds: int = RAW_BASELINE.folds, seed: int = 0)
 
 
 def clock(all_channels: DataSet, *, seed: int = 0) -> dict[str, Any]:
-    """Frames since contact and summed force, nothing else, people held out (needs all 48
-    channels)."""
+    """Timing only: frames since contact and total force, people held out (needs 48 channels)."""
     features = {
         task: clock_features(all_channels, rows) for task, rows in all_channels.tasks.items()
     }
@@ -48,8 +46,7 @@ def clock(all_channels: DataSet, *, seed: int = 0) -> dict[str, Any]:
 
 
 def leaky(data: DataSet, *, seed: int = 0) -> dict[str, Any]:
-    """The raw forest with windows split at random, neighbours in time on both sides: WRONG, a
-    warning."""
+    """The raw forest with windows split at random, neighbours on both sides: wrong on purpose."""
     plan, features = RAW_BASELINE, features_of(data, spec_for(data, RAW_BASELINE.groups))
     votes = {task: _leaky_votes(data, features[task], plan, task, seed) for task in data.tasks}
     truth, groups = data.tasks["situations"].label, data.group_of("situations")

@@ -1,5 +1,4 @@
-"""proactive_slip_uskin: two slips replayed, one that recovers and one that ends in failure. A
-picture only."""
+"""proactive_slip_uskin: two replayed slips, one that recovers and one that fails. Pictures only."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""The proof that the table is the file's own: one fold's forests are exported, sealed, loaded,
-streamed."""
+"""Check that the sealed file gives the table's labels: one fold is exported and streamed."""
 
 from __future__ import annotations
 
@@ -31,8 +30,7 @@ def stream_one_fold(
     out: Path,
     seed: int,
 ) -> dict[str, Any]:
-    """Export the first fold and stream its held-out people through the sealed file, sample by
-    sample.
+    """Export the first fold and stream its held-out people through the sealed file.
 
     Returns the file's figures on these people, and how many of its labels differ from the table's.
     """

@@ -1,9 +1,8 @@
-"""`make real`: the whole main job on recordings nobody here made; leaves metrics.json and
-report.html.
+"""`make real`: the whole job on public real recordings; writes metrics.json and report.html.
 
 Train, cross-validate with people held out, export, verify, evaluate, report. The top-level figures
 of metrics.json are the headline: human_slip_uskin, 18 channels, clock-free, every window answered
-by a forest that never saw its person.
+by a forest trained without its person.
 """
 
 from __future__ import annotations
@@ -124,8 +123,7 @@ def verification_of(held_out: HeldOut) -> dict[str, Any]:
 
 
 def final_model(artifact: Artifact, out: Path) -> dict[str, Any]:
-    """The file for the hand, from all people; its own windows are no test, so it is not scored on
-    them."""
+    """The file for the hand, from all people; it is not scored on its own training windows."""
     write_artifact(out / "human", artifact)
     path, report = export_artifact(out / "human")
     return {"path": str(path.relative_to(out)), "bytes": report["bytes"], "verification": report}

@@ -1,2 +1,1 @@
-"""The study of scenes: what a forest tells on them, beside what, and on trials, objects and styles
-never met."""
+"""The study of scenes: forests and baselines on unseen trials, objects and styles."""

@@ -1,5 +1,4 @@
-"""The study of simulated scenes: `python -m studies.scenes FOLDER --out DIR` leaves scenes.json and
-report.html.
+"""`python -m studies.scenes FOLDER --out DIR`: writes scenes.json and report.html.
 
 FOLDER/<rate>hz/<card> are sets that `holdfast simulate <card> --rate <rate>` wrote: thesis, and,
 where they are there, apple, p1 and p2. Everything here is simulated, and says so.

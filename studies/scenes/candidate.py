@@ -21,8 +21,8 @@ class Candidate:
     features: Callable[[DataSet], FloatRows]
 
     def votes(
-        self, data: DataSet, features: FloatRows, train: IntArray, asked: FloatRows, seed: int
+        self, data: DataSet, features: FloatRows, train: IntArray, rows: FloatRows, seed: int
     ) -> IntArray:
-        """Votes [K, 8] on rows asked [K, F] of a forest fitted on some windows of a set."""
+        """Votes [K, 8] on rows [K, F] of a forest fitted on some windows of a set."""
         forest = fit_forest(data, features, self.plan, "classes", train, seed)
-        return reference_votes(forest, asked, len(CLASSES))
+        return reference_votes(forest, rows, len(CLASSES))

@@ -29,7 +29,7 @@ class SceneEvidence:
 
     @property
     def kind(self) -> str:
-        """What stands beside every number."""
+        """The kind of data, shown beside every number."""
         return str(self.figures["kind"])
 
 

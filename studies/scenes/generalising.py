@@ -24,19 +24,19 @@ def styles_left_out(
 ) -> dict[str, Any]:
     """Style -> line -> figures on its windows of forests trained on the other styles alone."""
     figures: dict[str, Any] = {}
-    for style, asked in sets.items():
+    for style, unseen in sets.items():
         say(f"{style} left out")
         met = join([one for name, one in sets.items() if name != style])
         figures[style] = {
             "trained_on_trials": len(met.recordings),
             "rows": {
                 name: scores(
-                    asked,
+                    unseen,
                     way.votes(
                         met,
                         way.features(met),
                         np.arange(len(met.tasks["classes"])),
-                        way.features(asked),
+                        way.features(unseen),
                         seed,
                     ),
                     seed=seed,

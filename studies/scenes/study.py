@@ -1,9 +1,8 @@
-"""One rate of simulated scenes: trials held out, objects held out, people and objects never met,
-retrainings.
+"""One rate of simulated scenes: trials and objects held out, unseen styles, retrainings.
 
-Every line of the table is a way to answer (features, forest); a trial is never on both sides of a
-split, and nothing is fitted on apple, p1 or p2. Styles (author, p1, p2) are ranges of parameters,
-not people.
+Every row of the table is a candidate (features, forest). A trial is never on both sides of a split,
+and nothing is fitted on apple, p1 or p2. Styles (author, p1, p2) are ranges of parameters, not
+people.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ def ways(
     raw: TrainingPlan = RAW_BASELINE,
     clock: TrainingPlan = CLOCK_PLAN,
 ) -> dict[str, Candidate]:
-    """Ours and the forests that must stand beside it."""
+    """Our forest and the baseline forests."""
     ours = plan or TrainingPlan()
     return {
         OURS: Candidate(ours, step_graph(ours)),
@@ -172,15 +171,15 @@ def one_line_figures(data: DataSet, seed: int) -> dict[str, Any]:
 def objects_held_out(
     data: DataSet, features: FloatRows, way: Candidate, seed: int
 ) -> dict[str, Any]:
-    """Object -> figures on its windows from a forest that never met the object."""
+    """Object -> figures on its windows from a forest trained without the object."""
     names = np.array([recording.object_name or "" for recording in data.recordings])[
         data.tasks["classes"].trial
     ]
     figures = {}
     for name in sorted(set(names.tolist()) - {""}):
-        asked = names == name
-        votes = way.votes(data, features, np.flatnonzero(~asked), features[asked], seed)
-        part = replace(data, tasks={"classes": data.tasks["classes"].take(asked)})
+        held_out = names == name
+        votes = way.votes(data, features, np.flatnonzero(~held_out), features[held_out], seed)
+        part = replace(data, tasks={"classes": data.tasks["classes"].take(held_out)})
         figures[name] = scores(part, votes, seed=seed)
     return figures
 
@@ -193,12 +192,11 @@ def evaluated_on_others(
     seed: int,
     say: Say,
 ) -> dict[str, Any]:
-    """Card -> line -> figures on all its windows (not balanced) of forests trained on every trial
-    of the thesis."""
+    """Card -> row -> figures on all its windows (not balanced), trained on every thesis trial."""
     everything = np.arange(len(data.tasks["classes"]))
     figures: dict[str, Any] = {}
     for card in (card for card in OTHERS if (folder / card).is_dir()):
-        say(f"{folder.name}: trained on {TRAINED}, asked about {card}")
+        say(f"{folder.name}: trained on {TRAINED}, evaluated on {card}")
         other = load(folder / card, windows="natural")
         require_alike(other, data)
         other = replace(other, rate_hz=data.rate_hz)
@@ -225,8 +223,7 @@ def retrained(
     seed: int,
     say: Say,
 ) -> dict[str, Any]:
-    """Five cross-validations with other seeds of split and forest, for ours and the raw-window
-    forest."""
+    """Five cross-validations with other seeds, for our forest and the raw-window forest."""
     seeds = [seed + k for k in range(RETRAININGS)]
     matrices: dict[str, list[npt.NDArray[np.int64]]] = {OURS: [], RAW: []}
     for number, one in enumerate(seeds, start=1):

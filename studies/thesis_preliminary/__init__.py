@@ -1,2 +1,1 @@
-"""The thesis' preliminary study again: five cases, five learners, on a 20-sensor scene and on
-people's recordings."""
+"""The thesis' preliminary study, repeated on a simulated 20-sensor hand and on real recordings."""

@@ -38,9 +38,9 @@ def _panel(
     axes.axvline(
         100.0 * sets[0]["cases"][case]["chance"], color=QUIET, linestyle=":", linewidth=1.0
     )
-    told = [(value, place) for place, value in enumerate(published) if value is not None]
+    known = [(value, place) for place, value in enumerate(published) if value is not None]
     axes.plot(
-        *zip(*told, strict=True),
+        *zip(*known, strict=True),
         "D",
         color=INK,
         fillstyle="none",

@@ -115,8 +115,7 @@ def labelled(recording: Recording) -> list[tuple[int, int]]:
 
 
 def cone_rows(samples: FloatArray, rate_hz: float) -> Rows:
-    """Rows of both cones in samples [T, C]: the first of any 0.5 s, none within 1 s of either
-    end."""
+    """Rows of both cones in samples [T, C]: the first of any 0.5 s, none within 1 s of an end."""
     both = np.union1d(thesis_cone_rows(samples, rate_hz), friction_rows(samples, rate_hz))
     return _apart(both, round(APART_S * rate_hz))
 
@@ -167,8 +166,7 @@ def _apart(rows: Rows, apart: int) -> Rows:
 
 
 def _since_onset(recording: Recording, row: int) -> float:
-    """Rows from the onset of the last event that began before the label's reach ended; nan without
-    one."""
+    """Rows since the onset of the last event before the label's reach ended; nan without one."""
     onsets = [event.onset_s * recording.rate_hz for event in recording.events]
     before = [onset for onset in onsets if onset <= row + REACH]
     return row - max(before) if before else np.nan

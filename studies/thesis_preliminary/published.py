@@ -1,11 +1,10 @@
-"""What the thesis published of its preliminary study: figures to stand beside, never to compute
-with.
+"""What the thesis published of its preliminary study: figures for comparison only.
 
 "Ensuring Safety in Upper-Limb Prostheses: Tactile Sensor and Machine Learning for Risk Prediction",
 chapter 4: tables 4.1 (cases 1 to 3) and 4.2 (4 and 5), average accuracy in % over 5 iterations. The
 recordings are of an earlier project (its reference 59): 20 Hall sensors on a SoftHand, 17 tasks.
-Not said there: how many windows, how they were split, how many of each class, and how large the
-spread is.
+The thesis does not state the number of windows, their split, the number of each class, or the
+spread.
 """
 
 from __future__ import annotations

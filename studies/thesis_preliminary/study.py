@@ -1,5 +1,4 @@
-"""Five learners on the cases: equal classes, groups on one side only, five repetitions, each with
-draws of its own.
+"""Five learners on the cases: equal classes, groups on one side only, five repetitions.
 
 Learners are scikit-learn's at their defaults, untuned, for the thesis names no settings. Nearest
 neighbours and the neural network see standardised features, because distances and gradients depend
@@ -54,8 +53,7 @@ MAKE: dict[str, Callable[[int], Any]] = dict(zip(LEARNERS, _MAKERS, strict=True)
 
 @dataclass(frozen=True)
 class Draw:
-    """One repetition: places among the points to train on and to test on, and the learners'
-    seed."""
+    """One repetition: points to train on and to test on, and the learners' seed."""
 
     train: Rows
     test: Rows
@@ -94,8 +92,7 @@ def study(
 def case_figures(
     data: DataSet, points: Points, case: Case, seed: int, *, leaky: bool = False
 ) -> dict[str, Any]:
-    """Figures of one case: windows, chance, and per learner accuracy and balanced accuracy over the
-    repetitions."""
+    """Figures of one case: windows, chance, and accuracies of every learner."""
     samples, label = windows(data, points, case.first, case.last), case.labels(points.kind)
     draws = repetitions(points, case, seed, leaky=leaky)
     scores: dict[str, list[tuple[float, float]]] = {name: [] for name in MAKE}
@@ -132,8 +129,7 @@ def case_figures(
 
 
 def repetitions(points: Points, case: Case, seed: int, *, leaky: bool = False) -> list[Draw]:
-    """The five repetitions of a case; leaky: windows are split at random, WRONG and to be shown as
-    such."""
+    """The five repetitions of a case. leaky: windows are split at random, wrong on purpose."""
     draws = []
     for repetition in range(REPETITIONS):
         own = int(np.random.SeedSequence([seed, repetition]).generate_state(1)[0])
@@ -149,8 +145,7 @@ def repetitions(points: Points, case: Case, seed: int, *, leaky: bool = False) -
 
 
 def balanced(kind: Rows, case: Case, seed: int) -> Rows:
-    """Places of equally many points of each class, and within a class of each kind, drawn by the
-    seed; ascending.
+    """Equally many points of each class, and of each kind within it, drawn by the seed; ascending.
 
     Raises ClassMissing where there is no point of a kind.
     """
@@ -172,8 +167,7 @@ def balanced(kind: Rows, case: Case, seed: int) -> Rows:
 
 
 def late_share(points: Points) -> float | None:
-    """Of the slipping points with a known onset: how many have it behind them when a predicting
-    window ends."""
+    """Share of slipping points whose known onset precedes the end of a predicting window."""
     since = points.since_onset[(points.kind == SLIPPING) & np.isfinite(points.since_onset)]
     return float((since >= 1.0).mean()) if len(since) else None
 
