@@ -112,7 +112,7 @@ class Target:
 
     feed: Callable[[bytes], object]
     seeds: tuple[bytes, ...]
-    runs: int = 1500
+    runs: int = 500
 
 
 def refused(target: Target, data: bytes) -> HoldfastError | None:
@@ -694,9 +694,9 @@ TARGETS = {
         commands,
         (b'{"opening": true}\n{"override": true}', b'{"opening": false, "override": false}'),
     ),
-    "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 120),
-    "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 200),
-    "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 200),
+    "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 40),
+    "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 50),
+    "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 50),
     "mcp2221_reports": Target(
         mcp2221_reports, (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),), 500
     ),

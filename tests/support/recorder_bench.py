@@ -33,6 +33,8 @@ AREA = "What comes from outside"
 SCENES = """
 [record]
 rate_hz = 50
+[physics]
+step_s = 0.003
 [[trials]]
 objects = ["soft-ball"]
 action = "pull"
