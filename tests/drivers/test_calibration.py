@@ -659,8 +659,12 @@ def eflesh() -> Path:
 
 
 def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
-    eflesh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    eflesh: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(calibrate, "N_TREES", 30)  # the figures of 200 to within what is asked
     calibrate_with(
         eflesh, "--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2025-04-16"
     )

@@ -323,8 +323,8 @@ def _allocated_blocks() -> int:
     return sys.getallocatedblocks()
 
 
-def test_ten_thousand_scans_with_random_faults_end_whole():
-    soak(10_000)
+def test_three_thousand_scans_with_random_faults_end_whole():
+    soak(3_000)
 
 
 @pytest.mark.soak

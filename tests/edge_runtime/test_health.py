@@ -37,7 +37,7 @@ def pulls_and_falls(model: Model) -> list[Trial]:
     from simulation.card import read_card
     from simulation.scene import Scene
 
-    scene = Scene(read_card("thesis"), 4000)
+    scene = Scene(replace(read_card("thesis"), step_s=0.003), 4000)
     trials = scene.trials()
     chosen = [
         [one for one in trials if one.action == action][::16][:10] for action in ("pull", "fall")
@@ -328,7 +328,7 @@ def acted_in_time(model: Model, trial: Trial, *, restart: bool) -> bool:
     assert onset_s is not None
     assert lost_s is not None
     monitor = GripMonitor(model, None, bias_known=True)
-    first = round(150 * (onset_s - (2.0 if restart else 4.5)))
+    first = round(150 * (onset_s - (2.0 if restart else 3.5)))
     before = False
     for k in range(first, int(150 * lost_s) + 1):
         act = monitor.feed(Sample(round(k * PERIOD_NS), values[k], ALL, k)).act

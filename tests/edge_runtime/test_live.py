@@ -44,7 +44,7 @@ from edge_runtime.sample_file import sample_file
 from edge_runtime.sinks import Outlets, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
 from holdfast.live_run import answer
-from holdfast.live_sources import open_live
+from holdfast.live_sources import open_live, scene_of
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -207,12 +207,11 @@ def live(
 
 
 def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on(model):
-    from simulation.card import read_card
-    from simulation.scene import Scene
-
-    summary, answers, _, _ = live(model, "virtual://ft232h?scene=pull-soft-ball&seed=1", 9.0)
-    scene = Scene(read_card("pull-soft-ball"), 1)
-    truth = scene.run_together(scene.trials())[0].truth
+    url = "virtual://ft232h?scene=pull-soft-ball&seed=1"
+    summary, answers, _, _ = live(model, url, 9.0)
+    found = scene_of(url)
+    assert found is not None
+    truth = found[1].truth
     acts = [a.t_acquired_ns * 1e-9 for a in answers if a.act]
     assert summary.acts == 1
     assert summary.overruns == 0
