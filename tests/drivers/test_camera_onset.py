@@ -22,6 +22,8 @@ from training.timeline import read_truth
 CARD = """
 [record]
 rate_hz = 150
+[physics]
+step_s = 0.002
 [[trials]]
 objects = ["soft-ball"]
 action = "pull"
@@ -43,7 +45,7 @@ count = 5
 [camera]
 width_px = 240
 height_px = 160
-noise_levels = 2
+noise_levels = 0
 """
 
 
@@ -60,7 +62,11 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_fitted_onset_of_author_pulls_is_within_ten_ms_of_the_first_sliding():
-    told = program("from benchmarks.onset import pulls; print(json.dumps(pulls(6, [60.0])[0]))")
+    told = program("""
+from benchmarks import onset
+onset.FROM_S = 0.5  # before the load the picture stands still
+print(json.dumps(onset.pulls(6, [60.0])[0]))
+""")
     assert told["n"] == told["found"] + told["hidden"] == 6
     assert told["found"] >= 5, (
         "one of them is out of the picture two frames after it begins to slide"

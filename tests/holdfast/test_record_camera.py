@@ -34,6 +34,8 @@ ROOT = Path(__file__).resolve().parents[2]
 CARD = """
 [record]
 rate_hz = 150
+[physics]
+step_s = {step_s}
 [[trials]]
 objects = ["soft-ball"]
 action = "pull"
@@ -47,19 +49,23 @@ count = 5
 [effects.camera_frames]
 [camera]
 """
-SMALL = "width_px = 240\nheight_px = 160\n"
+SHARP = "width_px = 240\nheight_px = 160\n"
+SMALL = SHARP + "fps = 30\n"
 LATEST_S = 60.0
 PERIOD_NS, STILL_NS = round(1e9 / 300.0), 1_000_000
 IntArray = npt.NDArray[np.int64]
 
 
-def words_of(folder: Path, size: str = SMALL, close_at_s: float = 60.0) -> list[object]:
+def words_of(
+    folder: Path, size: str = SMALL, close_at_s: float = 60.0, step_s: float = 0.003
+) -> list[object]:
     """The recorder on a virtual hand in a scene, and a camera before it.
 
     close_at_s: of the scene, whose time begins with the hand's, before the camera is looked for; on
     a slow machine it takes long until that films.
     """
-    (folder / "filmed.toml").write_text(CARD.format(close_at_s=close_at_s) + size, encoding="utf-8")
+    text = CARD.format(close_at_s=close_at_s, step_s=step_s) + size
+    (folder / "filmed.toml").write_text(text, encoding="utf-8")
     source = f"virtual://ft232h?burst=1&bus_hz=1000000&scene={folder / 'filmed.toml'}&seed=1"
     words = [
         "--source",
@@ -139,10 +145,12 @@ def recorded_with_film(*words: object) -> None:
 
 
 def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp_path, capsys):
-    recorded_with_film(*words_of(tmp_path, close_at_s=3.0), "--seconds", "5")
+    recorded_with_film(
+        *words_of(tmp_path, size=SHARP, close_at_s=2.0, step_s=0.0008), "--seconds", "4"
+    )
     folder = trial_in(tmp_path)
     scene = json.loads((folder / "tactile.truth.json").read_text())
-    assert (meta_of(folder)["quality"]["samples"], meta_of(folder)["quality"]["lost"]) == (750, 0)
+    assert (meta_of(folder)["quality"]["samples"], meta_of(folder)["quality"]["lost"]) == (600, 0)
     assert meta_of(folder)["camera"]["void"] is None
     assert meta_of(folder)["camera"]["doubt"] is None
     tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
@@ -225,7 +233,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
 def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_path):
     """Of a slow machine only this is asked: a frame is drawn when there is time, but its stamp is
     when it was due."""
-    with start(*words_of(tmp_path), "--seconds", "2") as run:
+    with start(*words_of(tmp_path), "--seconds", "1") as run:
         _, err = run.communicate(timeout=300)
     assert run.returncode == 0, err
     folder = trial_in(tmp_path)
@@ -233,7 +241,7 @@ def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_
     tactile_s = 1e-9 * np.array(columns_of(folder)["host_ns"], dtype=np.int64)
     frames_s = read_tracks(folder).t_s
     assert frames_s[0] < tactile_s[0], "a trial begins when the camera films"
-    assert frames_s[-1] > tactile_s[-1] - 0.02
+    assert frames_s[-1] > tactile_s[-1] - 0.04
 
 
 @pytest.mark.hard_case(
@@ -244,7 +252,7 @@ def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_
     "and on the screen",
 )
 def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_path):
-    with start(*words_of(tmp_path), "--seconds", "3") as run:
+    with start(*words_of(tmp_path), "--seconds", "2") as run:
         heard(run, "recording p01")
         for pid in children(run.pid):
             os.kill(pid, signal.SIGKILL)
@@ -253,7 +261,7 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_
     folder = trial_in(tmp_path)
     assert meta_of(folder)["state"] == "kept"
     assert meta_of(folder)["camera"]["void"] == "interrupted"
-    assert len(read_trial(folder / "tactile.csv").t_s) > 400
+    assert len(read_trial(folder / "tactile.csv").t_s) > 250
     events = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
     assert [one["event"] for one in events if "event" in one] == ["camera_lost"]
     assert "the camera failed" in err
@@ -263,7 +271,7 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_
 
 
 def test_tags_of_two_sizes_are_told_after_the_trial_and_everything_is_kept(tmp_path):
-    two_sizes(tmp_path / "some.frames.npz", n=90)
+    two_sizes(tmp_path / "some.frames.npz", n=45)
     words = [
         "--source",
         "virtual://ft232h",
@@ -291,7 +299,7 @@ def test_tags_of_two_sizes_are_told_after_the_trial_and_everything_is_kept(tmp_p
     meta = meta_of(trial_in(tmp_path))
     assert (meta["state"], meta["camera"]["void"]) == ("kept", None)
     assert "TagError" in meta["camera"]["doubt"]
-    assert len(read_tracks(trial_in(tmp_path)).t_s) == 90
+    assert len(read_tracks(trial_in(tmp_path)).t_s) == 45
     assert len(read_trial(trial_in(tmp_path) / "tactile.csv").t_s) > 100
 
 
@@ -309,7 +317,8 @@ def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
 
 
 def test_without_a_camera_nothing_is_recorded_and_one_error_says_why(tmp_path):
-    words = [word if word != "scene" else "oak" for word in words_of(tmp_path)]
+    words = words_of(tmp_path)
+    words[:4] = ["--source", "virtual://ft232h", "--camera", "oak"]
     with start(*words, "--tag-mm", "10") as run:
         _, err = run.communicate(timeout=300)
     errors = [line for line in err.splitlines() if line.startswith("error: ")]

@@ -14,6 +14,7 @@ import numpy as np
 import onnx
 import pytest
 
+from edge_runtime import self_checks as checks
 from edge_runtime.graph import StepGraph
 from edge_runtime.model_file import CARD_KEY
 from edge_runtime.monitor import Model
@@ -43,13 +44,33 @@ EVERY = [
 ]
 
 
-def alone(model: Path, *words: str) -> list[str]:
+HEAVY = {"scipy", "sklearn", "pandas", "onnx", "usb", "rich", "training", "export", "simulation"}
+ALONE = """
+import sys
+from holdfast.cli import main
+code = main(["selftest", *sys.argv[1:]])
+print(*sorted({name.split(".")[0] for name in sys.modules}))
+sys.exit(code)
+"""
+FEWER_STEPS = 3000
+"""Of silence: a state that fades is subnormal long before; the ten thousand run in a process of
+their own."""
+
+
+def alone(model: Path, *words: str) -> tuple[list[str], set[str]]:
     """What the self-test says of a model that holds, in a process of its own, whose memory it looks
-    at."""
-    command = [sys.executable, "-m", "holdfast", "selftest", str(model), *words]
+    at; and the packages that the process has loaded."""
+    command = [sys.executable, "-c", ALONE, str(model), *words]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout.splitlines()
+    *lines, modules = done.stdout.splitlines()
+    return lines, set(modules.split())
+
+
+@pytest.fixture(scope="module")
+def default_alone() -> tuple[list[str], set[str]]:
+    """The self-test of the default model: its lines, and the packages that it has loaded."""
+    return alone(DEFAULT)
 
 
 @pytest.mark.hard_case(
@@ -59,15 +80,15 @@ def alone(model: Path, *words: str) -> list[str]:
     here="`holdfast selftest` runs the hard cases in short on the board, with the very "
     "file that is deployed",
 )
-def test_the_default_model_holds_line_by_line(record_property):
-    lines = alone(DEFAULT)
+def test_the_default_model_holds_line_by_line(default_alone, record_property):
+    lines, _ = default_alone
     assert [line[8:36].strip() for line in lines] == EVERY
     assert {line[:8] for line in lines} == {"ok      "}
     record_property("checks", len(lines))
 
 
 def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situations: Built):
-    told = [json.loads(line) for line in alone(four_situations.model, "--json")]
+    told = [json.loads(line) for line in alone(four_situations.model, "--json")[0]]
     assert [one["what"] for one in told] == EVERY
     assert all(one["ok"] is True and one["figure"] for one in told)
 
@@ -80,22 +101,15 @@ def test_a_step_that_keeps_something_every_time_is_found(monkeypatch, capsys):
         return really(graph)
 
     monkeypatch.setattr(StepGraph, "step", leaking)
+    monkeypatch.setattr(checks, "SILENT_STEPS", FEWER_STEPS)
     assert main(["selftest", str(DEFAULT)]) == 1
     failed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("failed")]
     assert [line[8:36].strip() for line in failed] == ["memory"]
 
 
-def test_it_needs_what_is_on_the_hand_and_nothing_else():
-    program = (
-        "import sys; from holdfast.cli import main; code = main(['selftest', sys.argv[1]])\n"
-        "heavy = {'scipy', 'sklearn', 'pandas', 'onnx', 'usb', 'rich'}\n"
-        "heavy |= {'training', 'export', 'simulation'}\n"
-        "print(sorted(heavy & {name.split('.')[0] for name in sys.modules})); sys.exit(code)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, str(DEFAULT)], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "[]"
+def test_it_needs_what_is_on_the_hand_and_nothing_else(default_alone):
+    _, modules = default_alone
+    assert modules & HEAVY == set()
 
 
 # -- models that are damaged and sealed again, with golden rows of their own
@@ -199,7 +213,8 @@ DAMAGES = {
     here="laws that no golden row can vouch for are checked on the file itself",
 )
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-def test_the_selftest_fails_on(four_situations: Built, tmp_path: Path, capsys, damage):
+def test_the_selftest_fails_on(four_situations: Built, tmp_path: Path, capsys, monkeypatch, damage):
+    monkeypatch.setattr(checks, "SILENT_STEPS", FEWER_STEPS)
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
     Model(path)
     assert main(["selftest", str(path), "--json"]) == 1
