@@ -35,7 +35,7 @@ from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink
 from edge_runtime.tare import Tare
 
 LINE = "x" * 800
-LONG_S = 60.0
+LONG_S = 300.0
 """A test that waits so long has found a hang."""
 Pair = tuple[int, int]
 Running = tuple["subprocess.Popen[str]", Callable[[int], None]]

@@ -180,7 +180,7 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
             os.write(master, b"q")
         if way in ("SIGTERM", "SIGHUP"):
             run.send_signal(signal.Signals[way])
-        run.communicate(timeout=60)
+        run.communicate(timeout=300)
     assert run.returncode == (3 if way == "error" else 0)
     assert termios.tcgetattr(slave) == before
     states = [meta_of(path.parent)["state"] for path in (tmp_path / "out").rglob("tactile.csv")]
@@ -227,7 +227,7 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
         while (folder / "tactile.csv").read_bytes().count(b"\n") < 20:
             os.sched_yield()
         os.close(master)
-        assert run.wait(timeout=60) == 0
+        assert run.wait(timeout=300) == 0
     meta = meta_of(folder)
     assert meta["state"] == "interrupted"
     assert "why" not in meta, "no error ended it"

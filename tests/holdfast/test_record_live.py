@@ -258,7 +258,7 @@ def test_a_terminal_shows_the_line_while_a_trial_runs(tmp_path):
         screen = b""
         while b"kept:" not in screen:
             screen += os.read(master, 4096)
-        assert run.wait(timeout=60) == 0
+        assert run.wait(timeout=300) == 0
     os.close(master)
     assert b"lost; forces" in screen
     assert OVER_THE_LINE_ABOVE.encode() + b"kept:" in screen

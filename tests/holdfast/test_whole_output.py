@@ -105,7 +105,7 @@ def test_a_simulation_that_is_ended_leaves_nothing_that_looks_whole(tmp_path, en
             assert process.poll() is None
             os.sched_yield()
         process.send_signal(signal.Signals[end])
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=300)
     assert not (tmp_path / "set").exists()
     if end == "SIGKILL":
         assert [path.name for path in tmp_path.iterdir()] == ["set.unfinished"]
