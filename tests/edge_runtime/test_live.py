@@ -478,7 +478,7 @@ def test_a_bridge_too_slow_for_the_model_is_refused_before_the_first_sample(mode
 
 def test_a_recording_at_another_rate_is_refused(eight_classes: Built, model):
     source = Paced(open_replay(next(eight_classes.fixture.glob("*/pull/trial_1.csv"))), lambda: 0)
-    with pytest.raises(RateError, match="50 Hz, the model needs 150"):
+    with pytest.raises(RateError, match="50 Hz, the model wants 150"):
         answer(source, model, VirtualClock(), kept([], []), lambda: False)
 
 
