@@ -28,7 +28,7 @@ from drivers.virtual.hand import VirtualHand
 from drivers.virtual.usb_backend import Traffic
 from edge_runtime.clock import MonotonicClock
 from edge_runtime.contract import FloatArray, Prediction, Sample
-from edge_runtime.live import Measured, Summary, run_live
+from edge_runtime.live import SourceReading, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.priority import real_time
 from edge_runtime.tare import Tare
@@ -172,7 +172,7 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> dict
     bench = Bench(faults=(fault,))
     rows: list[tuple[float, bool, str]] = []
 
-    def emit(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+    def emit(prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         rows.append(
             (
                 1e-9 * bench.clock.now_ns() + 1e-3 * compute_ms,
@@ -210,7 +210,7 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
     bench = Bench(faults=(fault.replace(f"@{FAULT_AT_S:g}", f"@{at_s:.6f}"),))
     found_s: list[float] = []
 
-    def emit(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+    def emit(prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         now_s = 1e-9 * bench.clock.now_ns()
         if now_s >= at_s and prediction.state == "unknown":
             found_s.append(now_s)

@@ -16,15 +16,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.camera.graph import watch
+from drivers.camera.motion import Motion, motion
 from drivers.camera.onset import (
     GROSS_MM,
-    Hidden,
-    Motion,
+    HiddenMotion,
     Slip,
     find_slip,
     gross_distance_mm,
     largest_move_mm,
-    motion,
 )
 from drivers.camera.recording import read_tracks
 from drivers.camera.sources import Frame, Lens, Stored
@@ -181,7 +180,7 @@ def _row(cases: Sequence[Case], camera: Camera) -> dict[str, Any]:
     off = 1e3 * np.array(
         [[s.start_s - c.start_s, s.seen_s - c.start_s, s.gross_s - c.gross_s] for c, s in slips]
     )
-    hidden = sum(isinstance(slip, Hidden) for _, slip in found)
+    hidden = sum(isinstance(slip, HiddenMotion) for _, slip in found)
     row: dict[str, Any] = {"n": len(cases), "found": len(slips), "hidden": hidden}
     for name, column in zip(("start", "seen", "gross"), off.T if len(slips) else (), strict=False):
         row |= {f"{name}_p{q}_ms": round(float(np.percentile(column, q)), 2) for q in (5, 50, 95)}

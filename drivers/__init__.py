@@ -1,2 +1,1 @@
-"""Where samples come from. Every source yields edge_runtime's Sample; today: replay of a recorded
-trial."""
+"""Where samples come from: USB and I2C bridges, a camera, recordings, and a virtual hand."""

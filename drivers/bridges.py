@@ -28,7 +28,7 @@ BRIDGES = {
 }
 """Name -> (driver, emulation, USB ids)."""
 OWN_SPEED = ("ft232h", "mcp2221")
-"""Bridges whose bus runs as fast as they are told; the others' firmware decides."""
+"""Bridges whose bus speed the driver sets; the firmware of the others decides."""
 
 
 def open_usb(name: str, number: int, bus_hz: int) -> Bus:
@@ -55,16 +55,16 @@ def ids_of(name: str) -> Any:
 
 
 def open_native(name: str) -> Bus:
-    """The board's own bus, by its number. Raises a DeviceError, UsageError."""
+    """The board's own bus, by its number. Raises a DeviceError or UsageError."""
     if not name.isdecimal() or len(name) > 9:
-        raise UsageError(f"i2c://{name}: no number of a bus", next_step="i2c://1 for /dev/i2c-1")
+        raise UsageError(f"i2c://{name}: not a bus number", next_step="i2c://1 means /dev/i2c-1")
     bus: Bus = _load("drivers.native_i2c:NativeI2C")(int(name))
     return bus
 
 
 @dataclass(frozen=True)
 class VirtualBridge:
-    """Opens a driver on an emulated bridge, again and again; backend counts its traffic."""
+    """Opens a driver on an emulated bridge, as often as called; backend counts its traffic."""
 
     name: str
     backend: Any
@@ -76,7 +76,7 @@ class VirtualBridge:
 
 
 def open_virtual(name: str, hand: Any, bus_hz: int) -> VirtualBridge:
-    """An emulated bridge before a virtual hand."""
+    """An emulated bridge in front of a virtual hand."""
     from drivers.virtual.usb_backend import VirtualBackend
 
     backend = VirtualBackend(_load(BRIDGES[name][1])(hand), hand.clock, hand.faults, hand.power_off)
@@ -85,8 +85,8 @@ def open_virtual(name: str, hand: Any, bus_hz: int) -> VirtualBridge:
 
 def _driver(name: str, backend: Any, number: int, bus_hz: int) -> Bus:
     driver = _load(BRIDGES[name][0])
-    told = {"bus_hz": bus_hz} if name in OWN_SPEED else {}
-    bus: Bus = driver(backend, number=number, **told)
+    options = {"bus_hz": bus_hz} if name in OWN_SPEED else {}
+    bus: Bus = driver(backend, number=number, **options)
     return bus
 
 

@@ -1,8 +1,8 @@
-"""One TMAG5273 made ready: woken, identified, moved to an address of its own, configured, read
-back.
+"""Bring-up of one TMAG5273: wake, identify, give it its own address, configure, read back.
 
 Nothing is written to an address before a TMAG5273 has identified itself there. A register read is a
-read, though it sends the register's number: that sets a pointer in every chip that has registers.
+read, although it sends the register's number: that number only sets a pointer in every chip that
+has registers.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from edge_runtime.errors import DeviceNotFound, WrongDevice
 
 WAKE_S = 100e-6
 READ_BACK = 9
-"""Registers from 0 on that hold a configuration."""
+"""The configuration is in this many registers, from 0 on."""
 CONFIG, IDENTITY = REGISTERS["DEVICE_CONFIG_1"].address, REGISTERS["I2C_ADDRESS"].address
 STATUS, DEVICE = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
 PACKETS_LOOKED_AT = 12
@@ -43,9 +43,9 @@ Pause = Callable[[float], None]
 
 
 def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Pause, *, known: bool = False) -> int:
-    """Make a finger's chip ready; its channel is joined already. Returns its version, 1 or 2.
+    """Make a finger's chip ready, its channel being enabled. Returns the chip's version, 1 or 2.
 
-    known: a chip of ours has identified itself there before, so that it may be written to at once.
+    known: a TMAG5273 has identified itself at this place before, so it may be written to at once.
 
     Raises DeviceNotFound where nothing answers, WrongDevice for another chip or one that does not
     keep its configuration, and what the bridge raises.
@@ -61,11 +61,13 @@ def bring_up(bus: Bus, finger: Finger, setup: Setup, pause: Pause, *, known: boo
 
 
 def identify(bus: Bus, address: int, pause: Pause, config: int = 0, *, known: bool = False) -> int:
-    """Wake the chip and see that it is one: its version. Raises DeviceNotFound, WrongDevice.
+    """Wake the chip, check that it is a TMAG5273, return its version.
 
-    Only a chip that was left in 1-byte mode is written to, once its packets have told that it is
-    one, or at once where it is known: config goes to its DEVICE_CONFIG_1, and its registers can be
-    read again.
+    Raises DeviceNotFound, WrongDevice.
+
+    Only a chip that was left in 1-byte mode is written to, and only after its packets have shown
+    that it is a TMAG5273, or at once where it is known. The driver then writes config to its
+    DEVICE_CONFIG_1, so that its registers can be read again.
     """
     registers = Transfer(address, bytes([CONFIG, config]))
     if known and not bus.scan([registers])[0].acked:
@@ -81,15 +83,17 @@ def identify(bus: Bus, address: int, pause: Pause, config: int = 0, *, known: bo
         raise WrongDevice(
             f"maker {maker:#06x}, version {answer[1] & 3}: no TMAG5273",
             where=f"{address:#04x}",
-            cause="another chip at this address, two at once, or one that another program left in 1-byte mode",
-            next_step="holdfast scan, or switch its power off and on",
+            cause="another chip, two chips at one address, or a chip left in 1-byte mode",
+            next_step="holdfast scan lists the chips; or switch the sensor's power off and on",
         )
     return version
 
 
 def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
-    """Four registers from I2C_ADDRESS on. A sleeping chip does not acknowledge the read that wakes
-    it."""
+    """Four registers from I2C_ADDRESS on.
+
+    A sleeping chip does not acknowledge the read that wakes it.
+    """
     ask = Transfer(address, bytes([IDENTITY]), 4)
     reply = bus.scan([ask])[0]
     if not reply.acked:
@@ -103,18 +107,18 @@ def _identity(bus: Bus, address: int, pause: Pause) -> bytes:
 
 
 def _version(identity: bytes) -> int | None:
-    """1 or 2 of a TMAG5273, None of another chip."""
+    """1 or 2 for a TMAG5273, None for another chip."""
     maker, version = int.from_bytes(identity[2:4], "little"), identity[1] & 3
     return version if maker == MANUFACTURER_ID and version in RANGES_MT else None
 
 
 def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
-    """Whether a TMAG5273 in 1-byte mode answers, told by a dozen register reads.
+    """Whether the chip is a TMAG5273 in 1-byte mode, judged by a dozen register reads.
 
-    It answers its packet, whatever register is asked for: its CRC fits them all, or its status has
-    the bits of a good conversion in each and a count that goes on. The highest bit of the register
-    number starts a conversion in a chip that waits for one; the pauses differ, so that no count
-    seems to stand still.
+    In that mode the chip sends its packet, whatever register is asked for. Either the CRC fits
+    every packet, or every status has the bits of a good conversion and its count goes on. The
+    highest bit of the register number starts a conversion in a chip that waits for a trigger. The
+    pauses differ, so that no count seems to stand still.
     """
     asked = [
         Transfer(address, bytes([number]), CHECKED_BYTES)
@@ -130,8 +134,7 @@ def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
 
 
 def _crcs_agree(address: int, packets: list[bytes]) -> bool:
-    """Whether every packet's CRC fits, or is off by the same bits, and they are not one and the
-    same packet."""
+    """Whether all CRCs fit, or are off by the same bits, over several different packets."""
     different = set(packets)
     offsets = {one[-1] ^ packet_crc(address, one[:-1]) for one in different}
     return len(offsets) == 1 and len(different) >= CRCS_TO_AGREE
@@ -146,8 +149,7 @@ def _counts_go_on(packets: list[bytes]) -> bool:
 
 
 def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> None:
-    """Give a chip an address of its own, unless it still has it from before. Raises as identify
-    does."""
+    """Give a chip its own address, unless it still has it. Raises what identify raises."""
     try:
         identify(bus, moved, pause, known=known)
     except DeviceNotFound:
@@ -156,8 +158,10 @@ def _move(bus: Bus, factory: int, moved: int, pause: Pause, *, known: bool) -> N
 
 
 def _configure(bus: Bus, address: int, plain: Mapping[int, int]) -> None:
-    """Write what is not there yet, read back, and only then clear POR: until then a loss of power
-    would go unseen."""
+    """Write the registers that differ, read them back, and only then clear POR.
+
+    Until POR is cleared, the chip reports a loss of power; clearing it earlier would hide one.
+    """
     wanted = bytes(plain.get(register, 0) for register in range(READ_BACK))
     read_back = Transfer(address, b"\0", READ_BACK)
     held = bus.scan(

@@ -1,8 +1,10 @@
-"""What every bridge does: a list of I2C transfers in, a reply for each out, in one call.
+"""What every bridge does.
 
-A bridge that can carry a whole list in one round trip does (that is what the list is for). A
-transfer that nobody acknowledges is no error: its reply says so, and the others are as good as
-ever. What is an error is a bridge that does not answer, which is a DeviceError.
+It takes a list of I2C transfers and returns a reply for each, in one call.
+
+A bridge that can carry a whole list in one round trip does so; that is why there is a list. A
+transfer that no chip acknowledges is no error: its reply says so, and the other replies are not
+affected. A bridge that does not answer is an error, a DeviceError.
 """
 
 from __future__ import annotations
@@ -11,16 +13,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from edge_runtime.errors import BusStuck
+from edge_runtime.errors import BusStuck, TransferFailed
 
 MOST_CLEARS = 9
-"""A chip may hold SDA low behind each of a mux's eight channels, and only while that is joined."""
+"""One chip behind each of a mux's eight channels may hold SDA low, but only while it is enabled."""
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """START address, what is written, then (after a repeated start) `read` bytes, STOP. address: 7
-    bits."""
+    """START, address (7 bits), the bytes to write, a repeated START, `read` bytes to read, STOP."""
 
     address: int
     write: bytes = b""
@@ -29,8 +30,7 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Reply:
-    """What came back: acked is False where the address, or a byte written, was not acknowledged;
-    then data is empty."""
+    """The data read. acked is False where a byte was not acknowledged; then data is empty."""
 
     data: bytes
     acked: bool
@@ -46,8 +46,10 @@ class Bus(Protocol):
     """For messages, such as "ft232h"."""
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """Carry out the transfers in order, a reply for each. Raises a DeviceError where the bridge
-        fails."""
+        """Carry out the transfers in order, a reply for each.
+
+        Raises a DeviceError if the bridge fails.
+        """
         ...
 
     def clear(self) -> None:
@@ -55,7 +57,7 @@ class Bus(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the bridge back; twice does no harm."""
+        """Give the bridge back; a second call does no harm."""
         ...
 
 
@@ -63,7 +65,7 @@ Result = TypeVar("Result")
 
 
 def freeing(bus: Bus, action: Callable[[], Result]) -> Result:
-    """Do the action; where a chip holds the bus low, free the bus and do it again from its start.
+    """Do the action; where a chip holds the bus low, free the bus and repeat the whole action.
 
     Raises BusStuck where the bus cannot be freed, and what the action raises.
     """
@@ -73,3 +75,14 @@ def freeing(bus: Bus, action: Callable[[], Result]) -> Result:
         except BusStuck:
             bus.clear()
     return action()
+
+
+def require_short(name: str, transfer: Transfer, most_bytes: int) -> None:
+    """Raise TransferFailed where a transfer is longer than the bridge can carry."""
+    longest = max(len(transfer.write), transfer.read)
+    if longest > most_bytes:
+        raise TransferFailed(
+            f"{longest} bytes in one transfer",
+            where=name,
+            cause=f"it carries at most {most_bytes} bytes",
+        )

@@ -1,4 +1,4 @@
-"""What is known of a finger, and whether a reply of it is a valid reading."""
+"""The state of one finger, and whether a reply of its chip is a valid reading."""
 
 from __future__ import annotations
 
@@ -17,23 +17,22 @@ from drivers.tmag5273 import (
 
 STALE_NS = 20_000_000
 TRY_AGAIN_NS = 50_000_000
-"""A finger that cannot be brought up is tried so often."""
+"""The pause between two attempts to bring up a finger."""
 NACKS_TO_BRING_UP = 2
 EDGE = 32767
 GARBAGE = (bytes(PACKET_BYTES), b"\xff" * PACKET_BYTES)
 REINIT_REASONS = ("reset", "missing", "stale", "garbage", "diagnosis")
-"""Why a finger is brought up anew, beside missing acknowledges and packets that do not fit their
-CRC."""
+"""Reasons for a new bring-up, besides missing acknowledges and CRC failures."""
 
 
 class FingerState:
-    """A finger of a hand. setup: of its chip; with crc, its packets are checked by their CRC."""
+    """One finger of a hand. setup: of its chip; with crc, the CRC of each packet is checked."""
 
     def __init__(self, finger: Finger, setup: Setup) -> None:
         self.finger = finger
         self.ready, self.version = False, 1
         self.known = False
-        """A chip of ours has identified itself at this finger's place."""
+        """A TMAG5273 has identified itself at this finger's place."""
         self.check = PacketCheck()
         self.nacks = 0
         self.tried_ns = -TRY_AGAIN_NS
@@ -44,10 +43,10 @@ class FingerState:
         self.configure(setup)
 
     def configure(self, setup: Setup) -> None:
-        """Its chip is brought up like that from now on."""
+        """Use this setup from the next bring-up on."""
         self.setup, at = setup, self.finger.read_at
         self.transfer = Transfer(at, bytes([RESULTS]), PACKET_BYTES)
-        """What reads it."""
+        """The transfer that reads the finger."""
         if setup.packets:
             self.transfer = Transfer(at, b"", CHECKED_BYTES if setup.crc else PACKET_BYTES)
 
@@ -57,23 +56,25 @@ class FingerState:
         return not self.ready or (self._converts and (not self.setup.crc or self.check.trusted))
 
     def begin(self, now_ns: int) -> None:
-        """Its bring-up begins."""
+        """A bring-up begins."""
         self.tried_ns, self.ready, self.nacks = now_ns, False, 0
 
     def brought_up(self, version: int, now_ns: int) -> None:
-        """Its chip is ready; what it converted before does not count."""
+        """The chip is ready; its earlier conversions do not count."""
         self.ready, self.known, self.version = True, True, version
         self._last, self._changed_ns, self._converts = b"", now_ns, False
         self._failures = self.check.failures
 
     def needs_bring_up(self, why: str) -> bool:
-        """Whether what is wrong with its reading calls for a bring-up."""
+        """Whether the reason of an invalid reading calls for a bring-up."""
         distrusted = why == "crc" and self.check.failures > self._failures
         return distrusted or self.nacks >= NACKS_TO_BRING_UP or why in REINIT_REASONS
 
     def judge(self, reply: Reply | None, came_ns: int) -> tuple[Packet | None, str]:
-        """A reply's packet, and one word for why it is not a valid reading, "" where it is. None:
-        it was not read."""
+        """The reply's packet, and one word for why it is not valid ("" where it is); None.
+
+        Not read.
+        """
         if reply is None:
             return None, "missing"
         if not reply.acked or len(reply.data) != self.transfer.read:
@@ -102,11 +103,10 @@ class FingerState:
         )
 
     def _stale(self, data: bytes, came_ns: int) -> str:
-        """Whether the chip has converted anew within 20 ms; until a second packet differs, that is
-        not known.
+        """ "stale" if the chip has not converted within 20 ms, "settling" until that is known.
 
-        Nor is it after a missing acknowledge and a longer pause: the chip may have been asleep
-        since it converted.
+        It is known once a second packet differs. After a missing acknowledge and a longer pause it
+        is unknown again, because the chip may have been asleep since its last conversion.
         """
         if data != self._last:
             slept = self._missed and came_ns - self._changed_ns > STALE_NS

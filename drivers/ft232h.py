@@ -1,11 +1,10 @@
-"""FT232H: a whole scan as one batch for its MPSSE engine, one bulk transfer out and one in (FTDI AN
-108, AN 255).
+"""FT232H: a whole scan is one MPSSE batch, one bulk transfer out and one in (FTDI AN 108, AN 255).
 
-SCL is AD0; SDA is AD1 and AD2 tied together. Both are driven open-drain (0x9E), data change with
-three clock phases (0x8C). Every byte's acknowledge bit comes back, so a chip that does not answer
-costs only itself. The idle lines are looked at before and after a batch: SDA low means that a chip
-is stuck in the middle of a byte (and then every byte reads as an acknowledged zero); nine clocks
-free it.
+SCL is AD0; SDA is AD1 and AD2 tied together. Both are driven open-drain (0x9E), and data change
+with three clock phases (0x8C). The acknowledge bit of every byte comes back, so a chip that does
+not answer costs only its own reading. The driver reads the idle lines before and after a batch. If
+SDA is low, a chip is stuck in the middle of a byte, and every byte would read as an acknowledged
+zero; nine clocks free it.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.usb import UsbPort
+from drivers.usb_bridge import UsbBridge, require_bus_hz
 from edge_runtime.errors import BusStuck, TransferFailed, UsageError
 
 FT232H_IDS = ((0x0403, 0x6014),)
@@ -23,15 +22,16 @@ OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81
 PACKET, STATUS_BYTES = 512, 2
 """Every packet that comes in begins with two bytes of modem status."""
 MOST_IN = PACKET - STATUS_BYTES - 4
-"""A batch answers with at most one packet: a mark, the idle lines twice, and so many bytes of
-transfers."""
+"""A batch answers with one packet at most.
+
+A mark, the idle lines twice, and the transfers' bytes.
+"""
 EMPTY_READS = 100
 
 VENDOR_OUT, INTERFACE_A = 0x40, 1
 SIO_RESET, SIO_LATENCY, SIO_BITMODE = 0x00, 0x09, 0x0B
 PURGE_SENT, PURGE_ANSWERS = 1, 2
-"""What the host sent and what waits for the host. The chip's names are its own: what it receives is
-what we send."""
+"""Discard what the host sent, or what waits for the host; the chip names the two the other way."""
 MPSSE_MODE = 0x0200
 LATENCY_MS = 1
 
@@ -41,17 +41,15 @@ SETUP = bytes([0x8A, 0x97, 0x8C, 0x9E, 0x07, 0x00, 0x85])
 """60 MHz, no adaptive clock, three phases, AD0 .. AD2 drive only zeros, no loopback."""
 DIVIDER, FLUSH = 0x86, 0x87
 BAD_COMMANDS, REFUSED = (0xAA, 0xAB), 0xFA
-"""Commands there are none of: the engine answers 0xFA and the command, which marks where an answer
-begins."""
+"""Invalid commands: the engine answers 0xFA and the command, which marks where an answer begins."""
 
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 DRIVEN = SCL | SDA
 HOLD = 4
-"""A pin write is repeated so often, for the times that START and STOP must hold."""
+"""A pin write is repeated this often, for the hold times of START and STOP."""
 MASTER_HZ = 60e6
 SLOWEST_HZ, FASTEST_HZ = 10_000, 1_000_000
-"""Slower, a scan would outlast the reads that wait for it; and below 306 Hz the divider has no bits
-left."""
+"""Slower, a scan would outlast its USB reads; below 306 Hz the divider has no bits left."""
 
 
 def _pins(levels: int, times: int = HOLD) -> bytes:
@@ -61,40 +59,30 @@ def _pins(levels: int, times: int = HOLD) -> bytes:
 START = _pins(SCL | SDA) + _pins(SCL) + _pins(0, 1)
 STOP = _pins(0) + _pins(SCL) + _pins(SCL | SDA)
 RELEASE = _pins(SDA, 1)
-"""SCL low, SDA free: for whoever talks next."""
+"""SCL low, SDA released for the next talker."""
 ACK, NACK = bytes([WRITE_BITS, 0, 0x00]), bytes([WRITE_BITS, 0, 0xFF])
 CLOCKS = (_pins(SDA) + _pins(SCL | SDA)) * 9
 SDA_PULSE = _pins(SDA) + _pins(0) + bytes([GET_LOW_PINS]) + _pins(SDA) + _pins(SCL | SDA)
-"""SDA low for a moment, looked at, while SCL is low."""
+"""SDA low for a moment, and read back, while SCL is low."""
 
 
-class Ft232h:
-    """An I2C bus behind an FT232H. bus_hz: 10 kHz to 1 MHz; number: of the FT232Hs on USB.
+class Ft232h(UsbBridge):
+    """An I2C bus behind an FT232H. bus_hz: 10 kHz to 1 MHz; number: which FT232H on USB.
 
     Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed, or BusStuck where
     SDA is not wired.
     """
 
-    name = "ft232h"
+    name, ids = "ft232h", FT232H_IDS
 
     def __init__(self, backend: Any, *, number: int = 0, bus_hz: int = 400_000) -> None:
-        if not SLOWEST_HZ <= bus_hz <= FASTEST_HZ:
-            raise UsageError(
-                f"bus_hz={bus_hz} is not a bus speed of the {self.name}",
-                next_step=f"{SLOWEST_HZ} .. {FASTEST_HZ} Hz",
-            )
+        require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
         self._divider = max(0, round(MASTER_HZ / (3 * bus_hz)) - 1)
         self._turn, self._doubtful = 0, True
-        self._port = UsbPort(self.name, FT232H_IDS, backend, number=number)
-        try:
-            self._begin()
-        except BaseException:
-            self._port.close()
-            raise
+        super().__init__(backend, number)
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """All transfers, in as few round trips as their answers fit packets: six fingers are
-        one."""
+        """All transfers in as few round trips as their answers fit packets: one for six fingers."""
         replies: list[Reply] = []
         for batch in _batches(transfers):
             replies += self._carry(batch)
@@ -107,15 +95,11 @@ class Ft232h:
         low = [name for name, pin in (("SCL", SCL), ("SDA", SDA_IN)) if not pins & pin]
         if low:
             raise BusStuck(
-                f"{' and '.join(low)} low even after nine clocks",
+                f"{' and '.join(low)} still low after nine clocks",
                 where=self.name,
                 cause="a sensor without supply, a short, pull-ups missing, or SDA and SCL swapped",
                 next_step="switch the sensors' power off and on",
             )
-
-    def close(self) -> None:
-        """Give the bridge back."""
-        self._port.close()
 
     def _begin(self) -> None:
         """Reset the engine, and see that it answers."""
@@ -131,11 +115,10 @@ class Ft232h:
         self._check_wiring()
 
     def _check_wiring(self) -> None:
-        """Pull SDA low by AD1 and see it by AD2, SCL low meanwhile: no chip takes that for a START
-        or a STOP.
+        """Pull SDA low by AD1 and read it by AD2. Raises BusStuck where AD2 does not see it.
 
-        A line that is not tied reads high, so that no chip ever seems to acknowledge. Raises
-        BusStuck.
+        SCL is low meanwhile, so no chip takes it for a START or a STOP. A line that is not tied
+        reads high, and no chip would ever seem to acknowledge.
         """
         pins = self._ask(SDA_PULSE, 1)[0]
         if pins & SDA_IN:
@@ -155,7 +138,7 @@ class Ft232h:
             raise BusStuck(
                 "SCL or SDA is held low",
                 where=self.name,
-                cause="a chip cut off in the middle of a byte",
+                cause="a chip was interrupted in the middle of a byte",
             )
         replies, at = [], 1
         for transfer in transfers:
@@ -164,10 +147,9 @@ class Ft232h:
         return replies
 
     def _ask(self, commands: bytes, expected: int) -> bytes:
-        """Send commands and collect what they answer. Where the last time failed, what it left is
-        thrown away first.
+        """Send commands and return their answer. After a failure, discard old answers first.
 
-        Marks take turns, so a late answer to an earlier question is never taken for this one's.
+        The mark alternates, so a late answer to an earlier request is never taken for this one.
         """
         if self._doubtful:
             for value in (PURGE_SENT, PURGE_ANSWERS):
@@ -180,7 +162,7 @@ class Ft232h:
         answer = self._collect(expected + 2)
         if answer[:2] != bytes([REFUSED, mark]):
             raise TransferFailed(
-                "an answer to another question", where=self.name, cause="a reply that came late"
+                "the answer belongs to another request", where=self.name, cause="a late reply"
             )
         self._doubtful = False
         return answer[2:]
@@ -193,17 +175,16 @@ class Ft232h:
                 raise TransferFailed(f"a packet of {len(packet)} bytes", where=self.name)
             empty = empty + 1 if len(packet) == STATUS_BYTES else 0
             if empty > EMPTY_READS:
-                raise TransferFailed(f"{len(found)} of {expected} bytes came", where=self.name)
+                raise TransferFailed(f"{len(found)} of {expected} bytes arrived", where=self.name)
             found += packet[STATUS_BYTES:]
         if len(found) > expected:
-            raise TransferFailed(f"{len(found)} bytes came, not {expected}", where=self.name)
+            raise TransferFailed(f"{len(found)} bytes arrived, not {expected}", where=self.name)
         return found
 
 
 @lru_cache(maxsize=64)
 def _commands(transfer: Transfer) -> bytes:
-    """One transfer: every byte written is followed by its acknowledge bit. A hand asks the same
-    again and again."""
+    """One transfer: every byte written is followed by its acknowledge bit. Cached: scans repeat."""
     parts = []
     if transfer.write or not transfer.read:
         parts.append(
@@ -220,7 +201,7 @@ def _written(byte: int) -> bytes:
 
 
 def _read(*, last: bool) -> bytes:
-    """A byte and the master's acknowledge; SDA was free before and is again."""
+    """One byte and the master's acknowledge; SDA is released before and after."""
     return bytes([READ_BYTES, 0, 0]) + (NACK if last else ACK) + RELEASE
 
 
@@ -240,15 +221,15 @@ def _reply(transfer: Transfer, answer: bytes) -> Reply:
 
 
 def _batches(transfers: Sequence[Transfer]) -> list[list[Transfer]]:
-    """As many transfers together as one packet can answer."""
+    """Groups of transfers whose answers fit into one packet each."""
     batches: list[list[Transfer]] = []
     room = 0
     for transfer in transfers:
         needed = _answers(transfer)
         if needed > MOST_IN:
             raise UsageError(
-                f"{transfer.read} bytes do not fit a transfer",
-                next_step=f"read fewer than {MOST_IN - 2}",
+                f"{transfer.read} bytes do not fit into one transfer",
+                next_step=f"read fewer than {MOST_IN - 2} bytes at once",
             )
         if needed > room:
             batches.append([])

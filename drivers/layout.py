@@ -1,12 +1,12 @@
-"""Where the six fingertips answer: four addresses are not enough, so channels of a mux share them.
+"""Where the six fingertips answer. The sensor has four addresses only, so mux channels share them.
 
-Or each is given an address of its own at bring-up, behind its channel, and then all channels are
-joined at once: a scan that never switches. Such an address is lost with the chip's power, and given
-again.
+Alternatively, the driver gives each finger its own address at bring-up, behind its channel. Then
+all channels are enabled at once, and a scan never switches. A chip loses such an address with its
+power, and the driver gives it again.
 
-A layout in a URL is a name (`mux`, `mux@71` for a mux at 0x71), or a place for each finger:
+A layout in a URL is a name (`mux`, or `mux@71` for a mux at 0x71), or a place for each finger:
 
-    35              0x35, straight on the bus
+    35              0x35, directly on the bus
     1:35            0x35 on channel 1 of the mux at 0x70
     71/1:35         0x35 on channel 1 of the mux at 0x71
     1:35>50         the same on 0x70, given the address 0x50 at start
@@ -21,22 +21,21 @@ from edge_runtime.errors import UsageError
 
 MUX_ADDRESSES = range(0x70, 0x78)
 MUX_ADDRESS = MUX_ADDRESSES[0]
-"""Of a TCA9548A with its address pins at ground."""
+"""A TCA9548A with its address pins at ground."""
 CHANNELS = range(8)
 
 Channel = tuple[int, int]
 """Address of a mux, and number of its channel."""
 Masks = Mapping[int, int]
-"""Address of a mux -> the channels that it joins, one bit each."""
+"""Address of a mux -> the channels that it enables, one bit each."""
 
 
 @dataclass(frozen=True)
 class Finger:
-    """Where a fingertip answers: its factory address, behind a channel of a mux or straight on the
-    bus.
+    """Where a fingertip answers: its factory address, behind a mux channel or directly on the bus.
 
-    moved: the address it is given at bring-up, and read at from then on. mux: the address of its
-    mux.
+    moved: the address that it is given at bring-up and read at from then on. mux: the address of
+    its mux.
     """
 
     address: int
@@ -51,7 +50,7 @@ class Finger:
 
     @property
     def behind(self) -> frozenset[Channel]:
-        """Its own channel; nothing where it is straight on the bus."""
+        """Its own channel; empty where it is directly on the bus."""
         return frozenset() if self.channel is None else frozenset({(self.mux, self.channel)})
 
 
@@ -72,8 +71,7 @@ LAYOUTS: dict[str, tuple[Finger, ...]] = {
         )
     ),
 }
-"""Four addresses on one channel and two on another; one finger a channel; or wired as the first,
-each moved."""
+""""mux": four fingers on one channel, two on another. "mux6": one a channel. "moved": see above."""
 
 
 def read_layout(text: str) -> tuple[Finger, ...]:
@@ -94,19 +92,17 @@ def read_layout(text: str) -> tuple[Finger, ...]:
         fingers = tuple(_finger(one) for one in text.split(","))
     except ValueError:
         raise UsageError(
-            f"{text!r} is no layout",
-            next_step=f"one of {', '.join(LAYOUTS)}, such a name@71 for another mux, or mux/channel:address,.. such as "
-            "0:35,1:35 or 71/0:35,71/1:35",
+            f"{text!r} is not a layout",
+            next_step=f"choose {', '.join(LAYOUTS)}, a name@71 for a mux at 0x71, "
+            "or one place for each finger, such as 0:35,1:35 or 71/0:35,71/1:35",
         ) from None
     _check(text, fingers)
     return fingers
 
 
 def _check(text: str, fingers: Sequence[Finger]) -> None:
-    places, own = (
-        [(one.behind, one.address) for one in fingers],
-        [one.moved for one in fingers if one.moved],
-    )
+    places = [(one.behind, one.address) for one in fingers]
+    own = [one.moved for one in fingers if one.moved]
     read_at = {one.read_at for one in fingers}
     if (
         len(set(places)) < len(places)
@@ -118,7 +114,7 @@ def _check(text: str, fingers: Sequence[Finger]) -> None:
         )
     if taken := (read_at | {one.address for one in fingers}) & muxes_of(fingers):
         raise UsageError(
-            f"{text!r}: a finger at a mux's address, {min(taken):#04x}", next_step="give it another"
+            f"{text!r}: a finger has a mux's address, {min(taken):#04x}", next_step="choose another"
         )
 
 
@@ -149,15 +145,15 @@ def _mux(text: str) -> int:
 
 
 def muxes_of(fingers: Sequence[Finger]) -> frozenset[int]:
-    """Addresses of the muxes that fingers are behind."""
+    """Addresses of the muxes in front of these fingers."""
     return frozenset(one.mux for one in fingers if one.channel is not None)
 
 
 def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]:
-    """Channels joined while a finger is read: its own, or those of all that were moved.
+    """Channels enabled while a finger is read: its own, or those of all fingers with a new address.
 
-    A chip that lost its power answers at its factory address again: it then meets no finger that is
-    read there.
+    A chip that lost its power answers at its factory address again. No finger is read there in such
+    a layout, so the two do not collide.
     """
     if finger.moved is None:
         return finger.behind
@@ -165,7 +161,6 @@ def read_behind(fingers: Sequence[Finger], finger: Finger) -> frozenset[Channel]
 
 
 def masks_of(channels: frozenset[Channel], muxes: frozenset[int]) -> dict[int, int]:
-    """The mask of each mux that joins these channels and no others; those with nothing to join come
-    first."""
+    """Each mux's mask that enables these channels only; muxes that enable none come first."""
     masks = {mux: sum(1 << number for at, number in channels if at == mux) for mux in muxes}
     return dict(sorted(masks.items(), key=lambda item: (item[1] != 0, item[0])))

@@ -6,12 +6,14 @@ from collections.abc import Callable
 
 from drivers.hand import Hand
 from edge_runtime.contract import FloatArray, Unit
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 
 
 class LiveHand:
-    """A started hand. to_force: field [S, 3] in uT -> force [S, 3] in N, or None for the field
-    itself."""
+    """A started hand. to_force.
+
+    field [S, 3] in uT -> force [S, 3] in N, or None to read the field.
+    """
 
     def __init__(
         self, hand: Hand, to_force: Callable[[FloatArray], FloatArray] | None = None
@@ -23,11 +25,11 @@ class LiveHand:
         self.began_ns: int | None = None
         """Of a virtual hand: when its scene began."""
 
-    def read(self) -> Measured:
+    def read(self) -> SourceReading:
         """One scan."""
         reading = self._hand.read()
         values = reading.field_ut if self._to_force is None else self._to_force(reading.field_ut)
-        return Measured(reading.t_ns, values.reshape(-1), reading.valid, reading.why)
+        return SourceReading(reading.t_ns, values.reshape(-1), reading.valid, reading.why)
 
     def about(self) -> dict[str, object]:
         """What is known of the hand itself."""

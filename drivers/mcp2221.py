@@ -1,9 +1,12 @@
-"""MCP2221A: an I2C engine with a memory for grudges, asked by HID reports, one command at a time.
+"""MCP2221A.
 
-A scan begins with a look at the engine; every write, and the first half of a write-then-read, is
-followed by one. A chip that did not acknowledge, a time-out, and an engine that saw SDA move while
-it was idle ("confused": its next transfer would be bogus) all need a cancel, and an engine that was
-never used must not be given one. The reply to a cancel says nothing; the state afterwards does.
+An I2C engine that remembers its failures, driven by HID reports, one command at a time.
+
+A scan begins with a status request; one more follows every write and the first half of a
+write-then-read. Three things need a cancel: a chip that did not acknowledge, a time-out, and an
+engine that saw SDA move while it was idle ("confused": its next transfer would return wrong data).
+An engine that was never used must not get a cancel. The reply to a cancel says nothing; the state
+afterwards does.
 """
 
 from __future__ import annotations
@@ -12,46 +15,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.usb import UsbPort, named_errors
-from edge_runtime.errors import BusStuck, TransferFailed, UsageError
+from drivers.bus import NOT_ACKED, Reply, Transfer, require_short
+from drivers.usb import named_errors
+from drivers.usb_bridge import UsbBridge, require_bus_hz
+from edge_runtime.errors import BusStuck, TransferFailed
 
 MCP2221_IDS = ((0x04D8, 0x00DD),)
 HID_INTERFACE, OUT_ENDPOINT, IN_ENDPOINT, REPORT = 2, 0x03, 0x83, 64
 STATUS_SET, GET_DATA = 0x10, 0x40
 WRITE, READ, READ_AGAIN, WRITE_NO_STOP = 0x90, 0x91, 0x93, 0x94
-"""READ_AGAIN: after START again."""
+"""READ_AGAIN begins with a repeated START."""
 CANCEL, SET_SPEED, SPEED_IS_SET = 0x10, 0x20, 0x20
 STATE_AT, CONFUSED_AT, USED_AT, SCL_AT, SDA_AT = 8, 18, 21, 22, 23
-"""Bytes of the reply to STATUS_SET; 18 and 21 are in no data sheet."""
+"""Bytes of the reply to STATUS_SET; the data sheet does not name 18 and 21."""
 CONFUSED = 8
 IDLE, NACK, WRITTEN_NO_STOP, DATA_READY = 0x00, 0x25, 0x45, 0x55
-WORKING = frozenset(
-    {
-        0x10,
-        0x11,
-        0x15,
-        0x16,
-        0x20,
-        0x21,
-        0x22,
-        0x24,
-        0x40,
-        0x41,
-        0x42,
-        0x43,
-        0x50,
-        0x51,
-        0x53,
-        0x54,
-        0x60,
-        0x61,
-    }
-)
-"""States that pass by themselves."""
+WORKING = frozenset(bytes.fromhex("10 11 15 16 20 21 22 24 40 41 42 43 50 51 53 54 60 61"))
+"""States that end by themselves."""
 MOST_BYTES = 60
 TIMEOUT_MS = 50
-"""Of a report; its reply comes within a few ms, whatever the I2C bus does."""
+"""Of a report; its reply comes within a few ms, however long the I2C transfer takes."""
 SLOWEST_HZ, FASTEST_HZ = 47_000, 400_000
 POLLS = 20
 """60 bytes at 47 kHz take 12 ms, a poll 2 to 3 ms."""
@@ -60,7 +43,7 @@ CANCELS = 3
 
 @dataclass(frozen=True)
 class Status:
-    """What the engine says of itself and of its pins."""
+    """What the engine reports of itself and of its pins."""
 
     state: int
     confused: bool
@@ -70,54 +53,41 @@ class Status:
 
     @property
     def ready(self) -> bool:
-        """For a transfer."""
+        """Whether it can begin a transfer."""
         return self.state == IDLE and not self.confused and self.scl and self.sda
 
 
-class Mcp2221:
-    """An I2C bus behind an MCP2221 or MCP2221A. number: of those on USB; bus_hz: 47 .. 400 kHz.
+class Mcp2221(UsbBridge):
+    """An I2C bus behind an MCP2221 or MCP2221A. number: which of them on USB.
 
-    Raises DeviceNotFound, AccessDenied, DeviceLost, TransferFailed or BusStuck.
+    bus_hz: 47 to 400 kHz.
+
+    Raises UsageError, DeviceNotFound, AccessDenied, DeviceLost, TransferFailed or BusStuck.
     """
 
-    name = "mcp2221"
+    name, ids, interface = "mcp2221", MCP2221_IDS, HID_INTERFACE
 
     def __init__(self, backend: Any, number: int = 0, bus_hz: int = 400_000) -> None:
-        if not SLOWEST_HZ <= bus_hz <= FASTEST_HZ:
-            raise UsageError(
-                f"{bus_hz} Hz is no speed of the bus", next_step=f"{SLOWEST_HZ} .. {FASTEST_HZ} Hz"
-            )
+        require_bus_hz(self.name, bus_hz, SLOWEST_HZ, FASTEST_HZ)
         self._divider = round(12e6 / bus_hz) - 3
         self._doubtful = True
-        self._port = UsbPort(
-            self.name, MCP2221_IDS, backend, interface=HID_INTERFACE, number=number
-        )
-        try:
-            self._begin()
-        except BaseException:
-            self._port.close()
-            raise
+        super().__init__(backend, number)
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """One transfer after the other: two commands for a write, four for a write-then-read, and
-        one before all."""
+        """One transfer after the other: two commands for a write, four for a write-then-read."""
         for transfer in transfers:
-            _check(transfer)
+            require_short(self.name, transfer, MOST_BYTES)
         self._make_ready()
         return [self._carry(transfer) for transfer in transfers]
 
     def clear(self) -> None:
-        """Cancel what the engine is at. Raises BusStuck: it cannot clock a chip free."""
+        """Cancel the engine's transfer. Raises BusStuck: it cannot clock a chip free."""
         self._synchronise()
         status = self._status()
         if status.used:
             self._cancel()
         elif not status.ready:
             raise self._not_ready(status)
-
-    def close(self) -> None:
-        """Give the bridge back; twice does no harm."""
-        self._port.close()
 
     # -- transfers
 
@@ -126,12 +96,12 @@ class Mcp2221:
             return self._read(transfer)
         if transfer.write:
             return Reply(b"", acked=True) if self._write(WRITE, transfer, IDLE) else NOT_ACKED
-        # a write of nothing is not to be had
+        # the engine cannot write nothing
         present = self._read(Transfer(transfer.address, read=1))
         return Reply(b"", present.acked)
 
     def _write(self, command: int, transfer: Transfer, done: int) -> bool:
-        """Whether it was acknowledged. done: the state it ends in."""
+        """Whether the write was acknowledged. done: the state that it ends in."""
         self._start(command, len(transfer.write), transfer.address << 1, transfer.write)
         status = self._settled()
         if status.state not in (done, NACK):
@@ -141,8 +111,10 @@ class Mcp2221:
         return status.state == done
 
     def _read(self, transfer: Transfer) -> Reply:
-        """A write without STOP first, if there is one: what reads on from a NACK would read
-        something else."""
+        """Write first, without STOP, if there is something to write.
+
+        A read after a NACK would be wrong.
+        """
         if transfer.write and not self._write(WRITE_NO_STOP, transfer, WRITTEN_NO_STOP):
             return NOT_ACKED
         self._start(
@@ -163,7 +135,7 @@ class Mcp2221:
     def _data(self, reply: bytes, count: int, wanted: int) -> Reply:
         if count != wanted:
             self._cancel()
-            raise TransferFailed(f"{count} of {wanted} bytes came in", where=self.name)
+            raise TransferFailed(f"{count} of {wanted} bytes arrived", where=self.name)
         return Reply(reply[4 : 4 + count], acked=True)
 
     def _start(self, command: int, length: int, address: int, data: bytes = b"") -> None:
@@ -173,8 +145,10 @@ class Mcp2221:
             raise self._gave_up(reply[2])
 
     def _gave_up(self, state: int) -> TransferFailed:
-        """Cancel a transfer that does not end well; the error to raise. Raises BusStuck where a
-        line is low."""
+        """Cancel a transfer that failed, and return the error.
+
+        Raises BusStuck where a line is low.
+        """
         self._cancel()
         return TransferFailed(
             f"the transfer ended in state {state:#04x}",
@@ -185,11 +159,13 @@ class Mcp2221:
     # -- the engine
 
     def _begin(self) -> None:
-        """Make it ready and set the speed."""
+        """Make the engine ready and set its speed."""
         self._make_ready()
         if self._ask(bytes([STATUS_SET, 0, 0, SET_SPEED, self._divider]))[3] != SPEED_IS_SET:
             raise TransferFailed(
-                "does not take its speed", where=self.name, next_step="unplug it and plug it in"
+                "does not accept its bus speed",
+                where=self.name,
+                next_step="unplug it and plug it in",
             )
 
     def _make_ready(self) -> None:
@@ -202,8 +178,7 @@ class Mcp2221:
         self._cancel()
 
     def _settled(self) -> Status:
-        """The status once it is no longer one that passes by itself, or the last that was asked
-        for."""
+        """The status once it is no longer a passing one, or after the last poll."""
         for _ in range(POLLS):
             status = self._status()
             if status.state not in WORKING:
@@ -211,8 +186,10 @@ class Mcp2221:
         return status
 
     def _cancel(self) -> None:
-        """Bring a used engine back to idle. Raises BusStuck where a line stays low, TransferFailed
-        where it hangs."""
+        """Bring a used engine back to idle.
+
+        Raises BusStuck (a line is low) or TransferFailed (it hangs).
+        """
         for _ in range(CANCELS):
             self._ask(bytes([STATUS_SET, 0, CANCEL]))
             status = self._settled()
@@ -225,7 +202,7 @@ class Mcp2221:
             return BusStuck(
                 f"{'SDA' if status.scl else 'SCL'} is held low",
                 where=self.name,
-                cause="a chip cut off in the middle of a byte, which this bridge cannot clock free, or no pull-ups",
+                cause="no pull-ups, or a chip is stuck in a byte and this bridge cannot free it",
                 next_step="switch the sensors' power off and on",
             )
         return TransferFailed(
@@ -249,26 +226,29 @@ class Mcp2221:
     # -- reports
 
     def _ask(self, command: bytes) -> bytes:
-        """A report out, and the one that answers it. After a failure nobody knows what the next one
-        will answer."""
+        """Send a report and read its reply.
+
+        After a failure, the next reply may belong to an earlier report.
+        """
         try:
             self._port.write(OUT_ENDPOINT, command.ljust(REPORT, b"\0"), TIMEOUT_MS)
             reply = self._port.read(IN_ENDPOINT, REPORT, TIMEOUT_MS)
             if len(reply) != REPORT:
                 raise TransferFailed(f"a report of {len(reply)} bytes", where=self.name)
             if reply[0] != command[0]:
-                raise TransferFailed(f"{reply[0]:#04x} answers {command[0]:#04x}", where=self.name)
+                raise TransferFailed(f"reply {reply[0]:#04x} to {command[0]:#04x}", where=self.name)
         except TransferFailed:
             self._doubtful = True
             raise
         return reply
 
     def _synchronise(self) -> None:
-        """After a failure: read away late replies, which only by their command can be told from the
-        next ones.
+        """After a failure.
 
-        One that comes later still meets another command, since no scan asks the same thing twice in
-        its first two commands: that is a failure again.
+        Read away late replies, which differ from new ones only by their command.
+
+        A reply that comes even later does not match the next command, because the first two
+        commands of a scan differ: that is a failure again.
         """
         if not self._doubtful:
             return
@@ -277,14 +257,3 @@ class Mcp2221:
                 self._port.clear_halt(endpoint)
         self._port.drain(IN_ENDPOINT, REPORT)
         self._doubtful = False
-
-
-def _check(transfer: Transfer) -> None:
-    """Raises TransferFailed for what does not fit a report."""
-    longest = max(len(transfer.write), transfer.read)
-    if longest > MOST_BYTES:
-        raise TransferFailed(
-            f"{longest} bytes in one transfer",
-            where=Mcp2221.name,
-            cause=f"a report carries {MOST_BYTES} at most",
-        )

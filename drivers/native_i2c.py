@@ -1,8 +1,8 @@
-"""The board's own I2C through /dev/i2c-N: one ioctl a transfer, since some controllers read only as
-the last message.
+"""The board's own I2C through /dev/i2c-N: one ioctl for each transfer.
 
-The speed is the kernel's (on a Raspberry Pi dtparam=i2c_arm_baudrate=400000), and so are the
-clocks: nothing here can free a bus that is held low.
+Some controllers can read only in the last message of an ioctl. The kernel sets the speed (on a
+Raspberry Pi: dtparam=i2c_arm_baudrate=400000) and drives the clock, so this driver cannot free a
+bus that is held low.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import smbus2
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
+from drivers.bus import NOT_ACKED, Reply, Transfer, require_short
 from edge_runtime.errors import (
     AccessDenied,
     BusStuck,
@@ -23,15 +23,17 @@ from edge_runtime.errors import (
 )
 
 NACK_ERRORS = (errno.ENXIO, errno.EREMOTEIO)
-"""What controllers say of an address or a byte that nobody acknowledges."""
+"""The errors with which controllers report a missing acknowledge."""
 GONE_ERRORS = (errno.ENODEV, errno.ENOENT)
 MOST_BYTES = 8192
-"""Of one message, as i2c-dev has it."""
+"""Of one message, the limit of i2c-dev."""
 
 
 class NativeI2C:
-    """The bus /dev/i2c-<bus_number>. Raises DeviceNotFound or AccessDenied where it cannot be
-    opened."""
+    """The bus /dev/i2c-<bus_number>.
+
+    Raises DeviceNotFound or AccessDenied if it cannot be opened.
+    """
 
     def __init__(self, bus_number: int) -> None:
         self.name = f"i2c-{bus_number}"
@@ -45,24 +47,20 @@ class NativeI2C:
         return [self._carry(transfer) for transfer in transfers]
 
     def clear(self) -> None:
-        """Raises BusStuck: the kernel owns the clocks."""
+        """Raises BusStuck: the kernel drives the clock."""
         raise BusStuck(
-            "cannot be freed from here",
+            "a chip holds the bus low, and this driver cannot free it",
             where=self.name,
-            cause="the kernel owns the clocks",
-            next_step="check the wiring and the pull-ups, then switch the sensors' power off and on",
+            cause="the kernel drives the clock line",
+            next_step="check wires and pull-ups, then switch the sensors' power off and on",
         )
 
     def close(self) -> None:
-        """Close the file; twice does no harm."""
+        """Close the file; a second call does no harm."""
         self._bus.close()
 
     def _carry(self, transfer: Transfer) -> Reply:
-        longest = max(len(transfer.write), transfer.read)
-        if longest > MOST_BYTES:
-            raise TransferFailed(
-                f"{longest} bytes in one transfer", where=self.name, cause=f"{MOST_BYTES} at most"
-            )
+        require_short(self.name, transfer, MOST_BYTES)
         messages = _messages(transfer)
         try:
             self._bus.i2c_rdwr(*messages)
@@ -78,22 +76,22 @@ class NativeI2C:
                 "not allowed to open it",
                 where=self.name,
                 cause="this user is not in the group i2c",
-                next_step="holdfast doctor",
+                next_step="holdfast doctor shows how to add it",
             )
         if error.errno in (*GONE_ERRORS, errno.ENXIO):
             return DeviceNotFound(
                 f"no /dev/{self.name}",
                 where=self.name,
-                cause="another number, or I2C is not switched on",
-                next_step="ls /dev/i2c-*",
+                cause="the bus has another number, or I2C is not enabled",
+                next_step="ls /dev/i2c-* lists the buses",
             )
         return TransferFailed(f"cannot be opened: {error.strerror}", where=self.name)
 
     def _failed(self, error: OSError) -> DeviceError:
-        """What a transfer met, other than a missing acknowledge."""
+        """The error of a transfer, other than a missing acknowledge."""
         if error.errno == errno.ETIMEDOUT:
             return BusStuck(
-                "no transfer ends in time", where=self.name, cause="SDA or SCL is held low"
+                "transfers do not end in time", where=self.name, cause="SDA or SCL is held low"
             )
         if error.errno in GONE_ERRORS:
             return DeviceLost("no longer there", where=self.name, cause="its adapter was unplugged")
@@ -101,7 +99,7 @@ class NativeI2C:
 
 
 def _messages(transfer: Transfer) -> list[smbus2.i2c_msg]:
-    """A write, a read, or both with START again between; a read is always the last."""
+    """A write, a read, or both with a repeated START between; a read is always the last."""
     messages = []
     if transfer.write or not transfer.read:
         messages.append(smbus2.i2c_msg.write(transfer.address, list(transfer.write)))

@@ -1,4 +1,4 @@
-"""A recording that pretends to be live: its rows come at the times they were recorded at."""
+"""A recording replayed in real time: each row comes at the time at which it was recorded."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 from drivers.replay import Replay
 from edge_runtime.contract import Unit
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 
 
-class Paced:
-    """A stream [T] as a live source. A reader that comes late finds the newest row, as it would on
-    a hand."""
+class PacedReplay:
+    """A stream [T] as a live source. A late reader gets the newest row, as it would on a hand."""
 
     def __init__(self, replay: Replay, now_ns: Callable[[], int]) -> None:
         self._replay, self._now_ns = replay, now_ns
@@ -20,7 +19,7 @@ class Paced:
         self.n_channels = replay.values.shape[1]
         self.rate_hz: float | None = replay.rate_hz
 
-    def read(self) -> Measured | None:
+    def read(self) -> SourceReading | None:
         """The row whose time has come; None after the last."""
         now_ns = self._now_ns()
         if self._start_ns is None:
@@ -28,7 +27,7 @@ class Paced:
         row = round((now_ns - self._start_ns) * 1e-9 * self._replay.rate_hz)
         if row >= len(self._replay.values):
             return None
-        return Measured(now_ns, self._replay.values[row], self._replay.valid[row])
+        return SourceReading(now_ns, self._replay.values[row], self._replay.valid[row])
 
     def begin_anew(self) -> None:
         """The next reading is the first row again."""

@@ -1,18 +1,17 @@
-"""Whether a chip's packets can be believed: by the CRC it sends after each, which is tested before
-it counts.
+"""Whether a chip's packets can be trusted, by the CRC after each; the CRC is tested first.
 
-The CRC finds every error of one to three bits in a packet, and of the others all but one in 256.
+The CRC finds every error of one to three bits in a packet, and all but one in 256 of the others.
 Two chips at one address are another matter: zeros win bit by bit, and about one such packet in a
-hundred has a CRC that fits by chance. So no packet is believed alone:
+hundred has a CRC that fits by chance. So no packet is trusted alone:
 
     at first                        8 different packets in a row must fit
-    after one that does not fit     two in a row must fit, of which the second is believed
-    after two that do not           8 again, and the chip is brought up anew
+    after one that does not fit     two in a row must fit; the second one counts
+    after two that do not fit       8 again, and the driver brings the chip up again
 
-In the field some chips begin their CRC with another seed than the data sheet says (TI E2E 1200004,
-1558871). Such a CRC is off by the same bits in every packet, which two chips at one address never
-are: the test finds these bits and allows for them. A chip whose last byte is the same for different
-packets sends no CRC at all.
+Some chips in the field begin their CRC with another seed than the data sheet's (TI E2E 1200004,
+1558871). Such a CRC is off by the same bits in every packet, which never happens with two chips at
+one address. The test finds these bits and allows for them. A chip whose last byte is the same for
+different packets sends no CRC at all.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from drivers.tmag5273 import packet_crc
 
 TEST_PACKETS = 8
 MOST_TEST_PACKETS = 24
-"""Where no 8 in a row fit among so many, the test has failed; it then begins anew."""
+"""If no 8 in a row fit among this many, the test has failed and begins again."""
 MISFITS_TO_DISTRUST = 2
 
 
@@ -30,19 +29,18 @@ class PacketCheck:
 
     def __init__(self) -> None:
         self.trusted = False
-        """The test was passed, and nothing has spoken against the chip since."""
+        """The chip passed the test, and no packet has contradicted that since."""
         self.absent = False
         """The chip sends no CRC."""
         self.failures = 0
-        """How often a test was not passed within its packets, or the chip was distrusted, since it
-        was last trusted."""
+        """Tests failed, or trust lost, since the chip was last trusted."""
         self.offset = 0
         """Bits by which the chip's CRC differs from the data sheet's."""
         self._last = b""
         self._misfits = self._tested = self._agreed = self._same = 0
 
     def believes(self, address: int, data: bytes) -> bool:
-        """Whether this packet (with its CRC) counts. address: that the chip was read at."""
+        """Whether this packet (with its CRC) counts. address: where the chip was read."""
         offset = data[-1] ^ packet_crc(address, data[:-1])
         if not self.trusted:
             self._test(offset, data)
@@ -58,12 +56,12 @@ class PacketCheck:
         return False
 
     def _begin(self) -> None:
-        """Begin the test anew."""
+        """Begin the test again."""
         self._last = b""
         self._misfits = self._tested = self._agreed = self._same = 0
 
     def _test(self, offset: int, data: bytes) -> None:
-        """Count a packet of the test; one that was read before does not count."""
+        """Count a packet of the test, unless it is the same as the last one."""
         if data == self._last:
             return
         self._agreed = self._agreed + 1 if self._agreed and offset == self.offset else 1

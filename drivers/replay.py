@@ -18,8 +18,7 @@ from edge_runtime.trial_layout import TACTILE
 META = "meta.json"
 DEFAULT_UNIT: Unit = "N"
 META_LEVELS = 3
-"""A meta.json stands beside the trial or at most this many folders up
-(<set>/<object>/<action>/)."""
+"""A meta.json is in the trial's folder, or this many folders up (<set>/<object>/<action>/)."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ def open_replay(path: str | Path) -> Replay:
 
 
 def _unit(file: Path) -> Unit:
-    """The unit a meta.json near the trial names; newton where there is none, as in the thesis."""
+    """The unit in the nearest meta.json; newton without one, as in the thesis."""
     for folder in list(file.resolve().parents)[: META_LEVELS + 1]:
         meta = folder / META
         if meta.is_file():

@@ -1,10 +1,10 @@
 """What is on a bus: muxes, sensors, their variants, and what is wrong with them.
 
-Found by reading. Nothing is written to an address before a chip of ours has identified itself there
-(drivers/mux.py, drivers/bring_up.py), and nothing goes to the general call, which resets some
-foreign chips. A register read sends the register's number; a chip without registers would take that
-for data. So a chip whose plain read is the same byte again and again is asked for its identity only
-at the sensor's own addresses and at those that a layout names.
+The scan reads only. It writes nothing to an address before a TMAG5273 or a mux has identified
+itself there (drivers/mux.py, drivers/bring_up.py), and nothing to the general call, which resets
+some other chips. A register read sends the register's number, which a chip without registers would
+take for data. So a chip that answers a plain read with equal bytes is identified only at the
+sensor's own addresses and at those that a layout names.
 """
 
 from __future__ import annotations
@@ -15,24 +15,27 @@ from dataclasses import dataclass
 from drivers.bring_up import identify
 from drivers.bus import Bus, Transfer, freeing
 from drivers.layout import CHANNELS, LAYOUTS, MUX_ADDRESS, MUX_ADDRESSES
-from drivers.mux import answering, is_mux, joined, plain_read
+from drivers.mux import answering, enable_channels, is_mux, plain_read
 from drivers.tmag5273 import FACTORY_ADDRESSES, RANGES_MT, REGISTERS
 from edge_runtime.errors import DeviceNotFound, WrongDevice
 
 FIRST_ADDRESS, LAST_ADDRESS = 0x08, 0x7F
-"""0x78 is a factory address of the sensor, which tools that stop at 0x77 never see."""
+"""0x78 is a factory address of the sensor; tools that stop at 0x77 never see it."""
 LETTERS = dict(zip(FACTORY_ADDRESSES, "ABCD", strict=True))
 SENSOR_ADDRESSES = frozenset(FACTORY_ADDRESSES) | {
     one.read_at for layout in LAYOUTS.values() for one in layout
 }
-NOT_ASKED = (
-    "answers one byte again and again, so it may have no registers, and was not asked who it is"
+NOT_IDENTIFIED = (
+    "answers every read with one byte, so it may have no registers; not identified for its safety"
 )
 
 
 @dataclass(frozen=True)
-class Found:
-    """Something that acknowledged: where, what, and what is wrong with it ("" where nothing is)."""
+class BusDevice:
+    """A chip that acknowledged.
+
+    Where, what it is, and what is wrong with it ("" where nothing is).
+    """
 
     address: int
     channel: int | None
@@ -43,85 +46,91 @@ class Found:
     @property
     def place(self) -> str:
         """As a layout has it: 35, 0:35 or 71/0:35."""
-        channel = "" if self.channel is None else f"{self.channel}:"
-        return f"{'' if self.mux == MUX_ADDRESS or not channel else f'{self.mux:02x}/'}{channel}{self.address:02x}"
+        if self.channel is None:
+            return f"{self.address:02x}"
+        mux = "" if self.mux == MUX_ADDRESS else f"{self.mux:02x}/"
+        return f"{mux}{self.channel}:{self.address:02x}"
 
 
 def look_at(
     bus: Bus, pause: Callable[[float], None], named: frozenset[int] = frozenset()
-) -> list[Found]:
-    """Everything on the bus, and behind every channel of each mux on it; a bus that is held low is
-    freed.
+) -> list[BusDevice]:
+    """Everything on the bus and behind each mux channel; a bus that is held low is freed first.
 
-    named: addresses where the user says that a sensor is. Raises what the bridge raises.
+    named: addresses at which the user says that a sensor is. Raises what the bridge raises.
     """
     return freeing(bus, lambda: _look_at(bus, pause, SENSOR_ADDRESSES | named))
 
 
-def _look_at(bus: Bus, pause: Callable[[float], None], asked: frozenset[int]) -> list[Found]:
+def _look_at(bus: Bus, pause: Callable[[float], None], asked: frozenset[int]) -> list[BusDevice]:
     muxes = [address for address in answering(bus, MUX_ADDRESSES) if is_mux(bus, address)]
-    found = [Found(address, None, "mux (TCA9548A)") for address in muxes]
+    found = [BusDevice(address, None, "mux (TCA9548A)") for address in muxes]
     found += _chips(bus, set(muxes), asked, pause)
     taken = {one.address for one in found}
     for mux in muxes:
         for channel in CHANNELS:
-            bus.scan([joined(mux, 1 << channel)])
+            bus.scan([enable_channels(mux, 1 << channel)])
             behind = _chips(bus, taken, asked, pause)
-            found += [Found(one.address, channel, one.what, one.trouble, mux) for one in behind]
-        bus.scan([joined(mux, 0)])
+            found += [BusDevice(one.address, channel, one.what, one.trouble, mux) for one in behind]
+        bus.scan([enable_channels(mux, 0)])
     return found
 
 
 def _chips(
     bus: Bus, taken: set[int], asked: frozenset[int], pause: Callable[[float], None]
-) -> list[Found]:
-    """What answers now, but for what is taken."""
+) -> list[BusDevice]:
+    """The chips that answer now, except at the addresses in `taken`."""
     there = answering(bus, [a for a in range(FIRST_ADDRESS, LAST_ADDRESS + 1) if a not in taken])
     return [
         _identified(bus, address, pause)
         if address in asked or len(set(plain_read(bus, address))) > 1
-        else Found(address, None, "unknown", NOT_ASKED)
+        else BusDevice(address, None, "unknown", NOT_IDENTIFIED)
         for address in there
     ]
 
 
-def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> Found:
+def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDevice:
     try:
         version = identify(bus, address, pause)
     except (DeviceNotFound, WrongDevice) as error:
-        return Found(address, None, "unknown", error.what)
+        return BusDevice(address, None, "unknown", error.what)
     narrow, wide = RANGES_MT[version]
     kind = f"TMAG5273 {LETTERS.get(address, '?')}{version} ({narrow:g}/{wide:g} mT)"
-    return Found(address, None, kind, _health(bus, address))
+    return BusDevice(address, None, kind, _health(bus, address))
 
 
 def _health(bus: Bus, address: int) -> str:
-    """What the status registers complain of."""
+    """What the status registers report as wrong."""
     status, device = REGISTERS["CONV_STATUS"], REGISTERS["DEVICE_STATUS"]
-    told = bus.scan(
+    statuses = bus.scan(
         [
             Transfer(address, bytes([device.address]), 1),
             Transfer(address, bytes([status.address]), 1),
         ]
     )
-    if not all(reply.acked for reply in told):
+    if not all(reply.acked for reply in statuses):
         return "stopped answering"
-    troubles = ["its own diagnosis failed"] if status.read(told[1].data[0], "DIAG_STATUS") else []
+    troubles = (
+        ["its own diagnosis failed"] if status.read(statuses[1].data[0], "DIAG_STATUS") else []
+    )
     troubles += [
-        name for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER") if device.read(told[0].data[0], name)
+        name
+        for name in ("OSC_ER", "OTP_CRC_ER", "VCC_UV_ER")
+        if device.read(statuses[0].data[0], name)
     ]
     if address not in FACTORY_ADDRESSES:
-        troubles.append("not a factory address: re-addressed, which is lost with its power")
+        troubles.append(
+            "not a factory address: it was given at run time and is lost with its power"
+        )
     return ", ".join(troubles)
 
 
-def as_layout(found: list[Found]) -> str:
-    """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35: by mux and channel, then A, B,
-    C, D."""
+def as_layout(found: list[BusDevice]) -> str:
+    """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35, ordered by mux and channel."""
     order = {address: k for k, address in enumerate(FACTORY_ADDRESSES)}
     sensors = [one for one in found if one.what.startswith("TMAG5273")]
 
-    def rank(one: Found) -> tuple[int, ...]:
+    def rank(one: BusDevice) -> tuple[int, ...]:
         channel = (-1, -1) if one.channel is None else (one.mux, one.channel)
         return (*channel, order.get(one.address, 4), one.address)
 

@@ -1,11 +1,12 @@
-"""i2c-tiny-usb: one control transfer per I2C message and one for its status, whatever firmware is
-in it.
+"""i2c-tiny-usb.
 
-Four firmwares answer a chip that is not there in four ways: zeros, what the transfer before left in
-their buffer, no data, or a STALL. So the status is always read, and only the status says whether a
-reply is one. The protocol has no way to free a bus, and none to see that it is stuck: some
-firmwares then say that nobody acknowledges, and those that swing the pins themselves that everybody
-does, once. Nor does harbaum's say that a written byte was not acknowledged.
+One control transfer for each I2C message and one for its status, with any firmware.
+
+Four firmwares answer for an absent chip in four ways: zeros, the data of the transfer before, no
+data, or a STALL. So the driver always reads the status, and only the status says whether a reply
+counts. The protocol cannot free a bus or detect that it is stuck. With a stuck bus, some firmwares
+report that no chip acknowledges; those that drive the pins in software report one acknowledge. Till
+Harbaum's firmware does not report a written byte that was not acknowledged.
 """
 
 from __future__ import annotations
@@ -13,63 +14,67 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.usb import Stalled, UsbPort
+from drivers.bus import NOT_ACKED, Reply, Transfer, require_short
+from drivers.usb import Stalled
+from drivers.usb_bridge import UsbBridge
 from edge_runtime.errors import BusStuck, TransferFailed, UsageError
 
 TINY_USB_IDS = ((0x0403, 0xC631), (0x1C40, 0x0534))
 VENDOR_OUT, VENDOR_IN = 0x41, 0xC1
-"""Vendor requests to the interface: of the class type, wIndex (the I2C address) would be taken for
-an interface."""
+"""Vendor requests to the interface.
+
+In a class request, wIndex (the I2C address) would name an interface.
+"""
 ECHO, SET_DELAY, GET_STATUS, I2C_IO = 0, 2, 3, 4
 BEGIN, END = 1, 2
-"""Added to I2C_IO: START before it, STOP after it."""
+"""Added to I2C_IO: START before the message, STOP after it."""
 FLAG_READ = 1
 STATUS_ACK, STATUS_NAK = 1, 2
 TIMEOUT_MS = 100
-"""64 bytes at 50 kHz take 12 ms, and on a low-speed USB as long again."""
+"""64 bytes take 12 ms at 50 kHz, and as long again on low-speed USB."""
 MOST_BYTES = 64
 """Two of the four firmwares have no larger buffer."""
 DELAY_US_100_KHZ = 10
 ECHOED = 0xA55A
 
 
-class TinyUsb:
-    """An I2C bus behind an i2c-tiny-usb. number: of those on USB; delay_us: half a clock more or
-    less, 10 is 100 kHz.
+class TinyUsb(UsbBridge):
+    """An I2C bus behind an i2c-tiny-usb. number: which of them on USB; delay_us.
 
-    A firmware may ignore the delay. Raises DeviceNotFound, AccessDenied, DeviceLost or
-    TransferFailed.
+    About half a clock.
+
+    10 us is 100 kHz; a firmware may ignore the delay. Raises UsageError, DeviceNotFound,
+    AccessDenied, DeviceLost or TransferFailed.
     """
 
-    name = "tiny-usb"
+    name, ids = "tiny-usb", TINY_USB_IDS
 
     def __init__(self, backend: Any, number: int = 0, delay_us: int = DELAY_US_100_KHZ) -> None:
         if not 0 < delay_us <= 0xFFFF:
             raise UsageError(
-                f"{delay_us} us is no delay of the bus", next_step="1 .. 65535 us, 10 is 100 kHz"
+                f"delay_us={delay_us} is not a delay of the {self.name}",
+                next_step="choose 1 to 65535 us; 10 us gives 100 kHz",
             )
         self._delay_us = delay_us
         self._seen: dict[int, None] = {}
         self._unended: int | None = None
-        self._port = UsbPort(self.name, TINY_USB_IDS, backend, number=number)
-        try:
-            self._begin()
-        except BaseException:
-            self._port.close()
-            raise
+        super().__init__(backend, number)
 
     def scan(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        """One transfer after the other: two control transfers for each message (a write, a
-        read)."""
+        """One transfer after the other.
+
+        Two control transfers for each message (a write or a read).
+        """
         for transfer in transfers:
-            _check(transfer)
+            require_short(self.name, transfer, MOST_BYTES)
         self._end()
         return [self._carry(transfer) for transfer in transfers]
 
     def clear(self) -> None:
-        """Reset the bridge on USB and see whether a chip that has answered before does. Raises
-        BusStuck."""
+        """Reset the bridge on USB.
+
+        Raises BusStuck where no chip that answered before answers now.
+        """
         self._port.reset()
         self._begin()
         if self._seen and not any(
@@ -82,16 +87,12 @@ class TinyUsb:
                 next_step="unplug it and plug it in",
             )
 
-    def close(self) -> None:
-        """Give the bridge back; twice does no harm."""
-        self._port.close()
-
     def _begin(self) -> None:
-        """See that it answers, and set the speed."""
+        """See that the bridge answers, and set the speed."""
         echo = self._port.control_in(VENDOR_IN, ECHO, ECHOED, 0, 2, TIMEOUT_MS)
         if echo != ECHOED.to_bytes(2, "little"):
             raise TransferFailed(
-                f"{ECHOED:04x} came back as {echo.hex() or 'nothing'}", where=self.name
+                f"the echo of {ECHOED:04x} is {echo.hex() or 'empty'}", where=self.name
             )
         self._port.control_out(VENDOR_OUT, SET_DELAY, self._delay_us, 0, timeout_ms=TIMEOUT_MS)
         self._end()
@@ -108,15 +109,19 @@ class TinyUsb:
         return reply
 
     def _end(self) -> None:
-        """Bring out the STOP that a failure kept back: without it some firmwares make no START any
-        more."""
+        """Send the STOP that a failure left out.
+
+        Without it some firmwares make no START any more.
+        """
         if self._unended is not None:
             self._read(self._unended, 1, END)
             self._unended = None
 
     def _write(self, transfer: Transfer, flags: int) -> Reply:
-        """One message out. A STALL is a byte that was not acknowledged, even where the address
-        was."""
+        """Send one message.
+
+        A STALL means that a byte was not acknowledged, even if the address was.
+        """
         stalled = None
         try:
             self._port.control_out(
@@ -130,7 +135,7 @@ class TinyUsb:
         return Reply(b"", acked=True) if acked and stalled is None else NOT_ACKED
 
     def _read(self, address: int, length: int, flags: int) -> Reply:
-        """One message in; its data count only if the status says so."""
+        """Read one message; its data count only if the status says so."""
         data, failed = b"", None
         try:
             data = self._port.control_in(
@@ -143,31 +148,22 @@ class TinyUsb:
         if failed is not None:
             raise failed
         if len(data) != length:
-            raise TransferFailed(f"{len(data)} of {length} bytes came in", where=self.name)
+            raise TransferFailed(f"{len(data)} of {length} bytes arrived", where=self.name)
         return Reply(data, acked=True)
 
     def _acked(self, address: int, failed: TransferFailed | None) -> bool:
-        """The status of the message before. failed: what that message met, which counts where there
-        is no status."""
+        """Whether the last message was acknowledged. failed.
+
+        Its error, raised where no status comes.
+        """
         try:
             status = self._port.control_in(VENDOR_IN, GET_STATUS, 0, 0, 1, TIMEOUT_MS)
         except TransferFailed as error:
             raise failed or error from None
         if status not in (bytes([STATUS_ACK]), bytes([STATUS_NAK])):
             raise failed or TransferFailed(
-                f"{status.hex() or 'nothing'} is no status of a message", where=self.name
+                f"the status is {status.hex() or 'empty'}, not 01 or 02", where=self.name
             )
         if status[0] == STATUS_ACK:
             self._seen[address] = None
         return status[0] == STATUS_ACK
-
-
-def _check(transfer: Transfer) -> None:
-    """Raises TransferFailed for more than the smallest firmware can carry."""
-    longest = max(len(transfer.write), transfer.read)
-    if longest > MOST_BYTES:
-        raise TransferFailed(
-            f"{longest} bytes in one transfer",
-            where=TinyUsb.name,
-            cause=f"its firmwares carry {MOST_BYTES} at most",
-        )

@@ -22,14 +22,14 @@ MANUFACTURER_ID = 0x5449
 RANGES_MT = {1: (40.0, 80.0), 2: (133.0, 266.0)}
 """DEVICE_ID.VER -> full scale with the range bit clear and set, mT."""
 SHORTEST_WAKE_S = 50e-6
-"""From the address that wakes a sleeping chip (and is not acknowledged) until it answers."""
+"""From the read that wakes a sleeping chip (which it does not acknowledge) until it answers."""
 TRIGGER = 0x80
 """Added to the register's address: start one conversion (standby mode, TRIGGER_MODE 0)."""
 
 
 @dataclass(frozen=True)
 class Register:
-    """Where it is, what it holds after power-on, and its bit fields: name -> (lowest bit, bits).
+    """Its address, its value after power-on, and its bit fields: name -> (lowest bit, bits).
 
     write_one_clears: bits that a written 1 clears; writable: bits that a write changes.
     """
@@ -40,14 +40,14 @@ class Register:
     write_one_clears: int = 0
     fields: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
-    def value(self, **told: int) -> int:
+    def value(self, **fields: int) -> int:
         """A byte with these fields set, all others 0.
 
         >>> hex(REGISTERS["DEVICE_CONFIG_1"].value(MAG_TEMPCO=1, CONV_AVG=5))
         '0x34'
         """
         byte = 0
-        for name, number in told.items():
+        for name, number in fields.items():
             low, bits = self.fields[name]
             if not 0 <= number < 1 << bits:
                 raise ValueError(f"{name} = {number} does not fit {bits} bits")
@@ -143,8 +143,10 @@ REGISTERS: dict[str, Register] = {
 STANDBY, SLEEP, CONTINUOUS = 0, 1, 2
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 REGISTER_READS, BURST_16, BURST_8 = 0, 1, 2
-"""DEVICE_CONFIG_1.I2C_RD: register reads, or packets without a register byte (16 and 8 bits an
-axis)."""
+"""DEVICE_CONFIG_1.I2C_RD.
+
+Register reads, or packets without a register byte (16 or 8 bits an axis).
+"""
 XYZ = 7
 """SENSOR_CONFIG_1.MAG_CH_EN."""
 RESULTS = REGISTERS["X_MSB_RESULT"].address
@@ -152,7 +154,7 @@ RESULTS = REGISTERS["X_MSB_RESULT"].address
 LAYOUT = struct.Struct(">3hB")
 PACKET_BYTES = LAYOUT.size
 CHECKED_BYTES = PACKET_BYTES + 1
-"""The same and a CRC, where a chip sends one (1-byte reads with CRC_EN)."""
+"""The same and a CRC, if the chip sends one (1-byte reads with CRC_EN)."""
 RESERVED_STATUS = 0x0C
 """Bits of CONV_STATUS that are always 0."""
 
@@ -166,7 +168,7 @@ def conversion_s(averages: int, axes: int = 3) -> float:
     return round(25e-6 * (averages * axes + 1), 9)
 
 
-def field_ut(raw: npt.ArrayLike, range_mt: float) -> FloatArray:
+def field_ut(raw: npt.ArrayLike, range_mt: float | FloatArray) -> FloatArray:
     """Signed 16-bit results -> uT: raw / 32768 of the full scale (equation 10).
 
     >>> field_ut([16384, -32768], 40.0).tolist()
@@ -208,8 +210,7 @@ def crc8(data: bytes) -> int:
 
 
 def packet_crc(address: int, data: bytes) -> int:
-    """The CRC of a packet from a chip at this address: over the address byte of the read, then the
-    packet.
+    """The CRC of a packet from this address: over the address byte of the read, then the packet.
 
     >>> hex(packet_crc(0x35, bytes(7)))
     '0xc4'
@@ -219,13 +220,12 @@ def packet_crc(address: int, data: bytes) -> int:
 
 @dataclass(frozen=True)
 class Setup:
-    """How a chip is configured: averages 1 .. 32, wide ranges for x and y, and for z; 1-byte reads;
-    together.
+    """How a chip is configured. averages: 1 to 32. wide_xy, wide_z: the wide range of these axes.
 
-    One-byte reads are shorter (no register byte), but then no register can be read back any more.
-    together: all chips convert at one moment, when a general call asks them to; otherwise each at
-    its own times. crc: a CRC after each packet, which only 1-byte reads have for all of it: it
-    implies them.
+    burst: 1-byte reads, which are shorter because they send no register byte; registers cannot be
+    read meanwhile. together: all chips convert at one moment, at a general call; otherwise each at
+    its own times. crc: a CRC after each packet. Only 1-byte reads have one over the whole packet,
+    so crc implies them.
     """
 
     averages: int = 32
@@ -246,8 +246,10 @@ class Setup:
         return replace(self, burst=False, crc=False)
 
     def registers(self) -> list[tuple[int, int]]:
-        """(address, byte) in the order to write: the reads' format last but one, the operating mode
-        last."""
+        """(address, byte) in the order to write.
+
+        The read format last but one, the operating mode last.
+        """
         one = REGISTERS
         config = one["DEVICE_CONFIG_1"].value(
             CRC_EN=int(self.crc),
@@ -290,7 +292,7 @@ class Packet:
 
     @property
     def reset(self) -> bool:
-        """Power was lost since POR was cleared, and configuration and address with it."""
+        """Power was lost since POR was cleared, and with it the configuration and the address."""
         return bool(REGISTERS["CONV_STATUS"].read(self.status, "POR"))
 
     @property

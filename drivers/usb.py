@@ -1,5 +1,4 @@
-"""A USB device through pyusb, with typed errors: the one place that imports usb and
-libusb_package."""
+"""A USB device through pyusb, with typed errors: the only importer of usb and libusb_package."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ from edge_runtime.errors import (
 )
 
 TIMEOUT_MS = 10
-"""A live stream cannot wait longer: at 150 Hz this is a sample and a half."""
+"""A live stream cannot wait longer: at 150 Hz this is one and a half samples."""
 DRAIN_MS = 5
 DRAINED_AT_MOST = 64
 NO_DEVICE, NO_ACCESS, BUSY, STALL, TIMED_OUT = 19, 13, 16, 32, 110
@@ -38,14 +37,13 @@ def real_backend() -> Any:
         raise LibraryMissing(
             "no libusb",
             cause="neither the system's nor the packaged library loads",
-            next_step="holdfast doctor",
+            next_step="holdfast doctor shows what is missing",
         )
     return backend
 
 
 def find_usb(ids: Iterable[UsbId], backend: Any) -> list[Any]:
-    """Devices with one of these ids, as pyusb has them; unopened. Raises AccessDenied or
-    TransferFailed."""
+    """Unopened pyusb devices with one of these ids. Raises AccessDenied or TransferFailed."""
     wanted = set(ids)
     with named_errors("USB"):
         found = usb.core.find(find_all=True, backend=backend)
@@ -57,10 +55,10 @@ class Stalled(TransferFailed):
 
 
 class UsbPort:
-    """An opened device: one interface claimed, its kernel driver out of the way.
+    """An opened device with one claimed interface; its kernel driver is detached.
 
-    name: for messages. number: of the devices with these ids, 0 is the first found.
-    Raises DeviceNotFound, AccessDenied or DeviceLost.
+    name: for messages. number: which device with these ids, 0 is the first found. Raises
+    DeviceNotFound, AccessDenied or DeviceLost.
     """
 
     def __init__(
@@ -70,11 +68,12 @@ class UsbPort:
         ids = list(ids)
         found = find_usb(ids, backend)
         if number >= len(found):
+            wanted = " or ".join(f"{vendor:04x}:{product:04x}" for vendor, product in ids)
             raise DeviceNotFound(
-                f"{len(found)} of them on USB" if found else "none on USB",
+                f"only {len(found)} on USB" if found else "none on USB",
                 where=name,
-                cause=f"not plugged in, or another bridge ({', '.join(f'{v:04x}:{p:04x}' for v, p in ids)} wanted)",
-                next_step="holdfast scan",
+                cause=f"not plugged in, or another bridge than {wanted}",
+                next_step="holdfast scan lists the bridges on USB",
             )
         self.device = found[number]
         self._attached = False
@@ -84,7 +83,7 @@ class UsbPort:
             usb.util.claim_interface(self.device, interface)
 
     def write(self, endpoint: int, data: bytes, timeout_ms: int = TIMEOUT_MS) -> None:
-        """All of the data out. Raises TransferFailed, DeviceLost."""
+        """Send all of the data. Raises TransferFailed, DeviceLost."""
         with self._unhalting(endpoint):
             sent = self.device.write(endpoint, data, timeout_ms)
         if sent != len(data):
@@ -104,7 +103,7 @@ class UsbPort:
         data: bytes = b"",
         timeout_ms: int = TIMEOUT_MS,
     ) -> None:
-        """A control transfer out; all of the data must go."""
+        """A control transfer out; all of the data must be sent."""
         with named_errors(self.name):
             sent = self.device.ctrl_transfer(request_type, request, value, index, data, timeout_ms)
         if sent != len(data):
@@ -119,17 +118,16 @@ class UsbPort:
         length: int,
         timeout_ms: int = TIMEOUT_MS,
     ) -> bytes:
-        """A control transfer in: what it brought, which may be less than length."""
+        """A control transfer in: its data, which may be shorter than length."""
         with named_errors(self.name):
             return bytes(
                 self.device.ctrl_transfer(request_type, request, value, index, length, timeout_ms)
             )
 
     def drain(self, endpoint: int, length: int, *, empty: int = 0) -> None:
-        """Read away what a transfer that timed out left behind: its late reply must not answer the
-        next question.
+        """Read away what is left of a transfer that timed out, so that no later request gets it.
 
-        empty: length of what the device answers when it has nothing to say.
+        empty: length of the answer of a device that has nothing to send.
         """
         for _ in range(DRAINED_AT_MOST):
             try:
@@ -145,8 +143,10 @@ class UsbPort:
 
     @contextmanager
     def _unhalting(self, endpoint: int) -> Iterator[None]:
-        """Typed errors; an endpoint that stalls stays halted until the host clears it, so it is
-        cleared at once."""
+        """Typed errors.
+
+        A stalled endpoint stays halted until the host clears it, so clear it at once.
+        """
         try:
             with named_errors(self.name):
                 yield
@@ -162,8 +162,10 @@ class UsbPort:
             usb.util.claim_interface(self.device, self.interface)
 
     def close(self) -> None:
-        """Give the interface back to the kernel driver it was taken from; never raises, twice does
-        no harm."""
+        """Give the interface back to its kernel driver.
+
+        Never raises, a second call does no harm.
+        """
         if self._closed:
             return
         self._closed = True
@@ -191,7 +193,7 @@ def named_errors(name: str) -> Iterator[None]:
         yield
     except usb.core.USBTimeoutError:
         raise TransferFailed(
-            "no answer in time", where=name, cause="a bridge or bus that hangs"
+            "no answer in time", where=name, cause="a bridge or a bus that hangs"
         ) from None
     except usb.core.NoBackendError:
         raise LibraryMissing("no libusb", where=name, next_step="holdfast doctor") from None
@@ -201,7 +203,9 @@ def named_errors(name: str) -> Iterator[None]:
 
 def _named(error: Any, name: str) -> DeviceError:
     if error.errno == NO_DEVICE:
-        return DeviceLost("no longer on USB", where=name, cause="unplugged, or its power dipped")
+        return DeviceLost(
+            "no longer on USB", where=name, cause="it was unplugged, or its power dipped"
+        )
     if error.errno == NO_ACCESS:
         return AccessDenied(
             "not allowed to open it", where=name, cause="no udev rule", next_step="holdfast doctor"
@@ -211,7 +215,7 @@ def _named(error: Any, name: str) -> DeviceError:
             "busy", where=name, cause="another program has it open", next_step="holdfast doctor"
         )
     if error.errno == TIMED_OUT:
-        return TransferFailed("no answer in time", where=name, cause="a bridge or bus that hangs")
+        return TransferFailed("no answer in time", where=name, cause="a bridge or a bus that hangs")
     if error.errno == STALL:
         return Stalled("the bridge refused the transfer (stall)", where=name)
     return TransferFailed(f"USB error {error.errno}: {error.strerror}", where=name)

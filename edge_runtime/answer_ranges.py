@@ -1,5 +1,4 @@
-"""Whether a model's answers can be what they say: checked on its golden sequences when it is
-opened."""
+"""Whether a model's outputs can be true, checked on its golden sequences when it is opened."""
 
 from __future__ import annotations
 
@@ -14,17 +13,17 @@ from edge_runtime.graph import Outputs
 from edge_runtime.model_file import ModelCard
 
 ROUNDING = 1e-5
-"""A probability is float32, and a sum of eight of them."""
+"""A probability is a float32, and so is a sum of eight of them."""
 
 
 def require_in_range(answers: Outputs, card: ModelCard, path: str | Path) -> None:
-    """Raise NotAModel that names the outputs whose numbers are out of their range."""
+    """Raise NotAModel that names the outputs whose numbers are out of range."""
     wrong = sorted({*_wrong(answers, card)})
     if wrong:
         raise NotAModel(
             f"its answers are out of range: {', '.join(wrong)}",
             where=path,
-            cause="a graph that was altered and sealed again",
+            cause="the graph was altered and sealed again",
             next_step="export the model again with holdfast export",
         )
 
@@ -36,11 +35,11 @@ def _wrong(answers: Outputs, card: ModelCard) -> Iterator[str]:
         yield "usable_sensors"
     for head in ("situation", *card.heads):
         name = "votes" if head == "situation" else f"votes_{head}"
-        votes, told = answers[name], card.raw["heads"][head]
+        votes, forest = answers[name], card.raw["heads"][head]
         whole = (votes >= 0) & (votes == np.floor(votes))
         if (
             not whole.all()
-            or (votes.sum(axis=1, dtype=np.float64) != told["trees"] << told["vote_bits"]).any()
+            or (votes.sum(axis=1, dtype=np.float64) != forest["trees"] << forest["vote_bits"]).any()
         ):
             yield name
     for name in ("p_situation", *(("p_class",) if card.has_weight else ())):

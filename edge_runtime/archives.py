@@ -1,9 +1,8 @@
-"""Zip archives of arrays (npz, skops): what they would unpack to is read from their headers before
-any of it is.
+"""Zip archives of arrays (npz, skops): their headers are checked before anything is unpacked.
 
-A zip archive can unpack to a thousand times its size, and an array can claim any shape, so both are
-looked at first. https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html and
-APPNOTE.TXT of PKWARE describe the headers.
+A zip archive can unpack to a thousand times its size, and an array can claim any shape.
+https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html and APPNOTE.TXT of PKWARE
+describe the headers.
 """
 
 from __future__ import annotations
@@ -28,33 +27,31 @@ NOT_AN_ARCHIVE = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What zipfile, zlib and numpy raise for files cut short, damaged, encrypted, pickled, or no
-archive at all."""
+"""What zipfile, zlib and numpy raise for no archive, or a damaged, encrypted or pickled one."""
 MOST_BYTES = 4 << 30
-"""Of all members together: two minutes of a camera, forty times the largest public set."""
+"""Of all members together: two minutes of a camera, or forty times the largest public data set."""
 MOST_RATIO, SMALL_BYTES = 500, 16 << 20
-"""Measured numbers shrink to a fifth, drawn pictures to a hundredth; a small archive of zeros does
-no harm."""
+"""Measured numbers shrink to a fifth and drawn pictures to a hundredth of their size.
+
+A small archive of zeros does no harm.
+"""
 MOST_DIRECTORY_BYTES = 1 << 20
-"""The list of members is read whole: some ten thousand of them."""
+"""The list of members is read as a whole; this is enough for some ten thousand members."""
 _END, _END_BYTES, _LONGEST_COMMENT = b"PK\x05\x06", 22, 65535
 _LOCATOR_64 = b"PK\x06\x07"
 _LOCATOR_64_BYTES = 20
 
 
 def require_modest_archive(path: Path) -> None:
-    """Raise TooLarge where an archive would unpack to too much, or its arrays claim more than there
-    is.
+    """Raise TooLarge where an archive unpacks to too much, or an array claims more than it has.
 
-    Raises one of NOT_AN_ARCHIVE for what is none.
+    Raises one of NOT_AN_ARCHIVE for a file that is no archive.
     """
     _require_short_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-        unpacked, packed = (
-            sum(one.file_size for one in members),
-            sum(one.compress_size for one in members),
-        )
+        unpacked = sum(one.file_size for one in members)
+        packed = sum(one.compress_size for one in members)
         if unpacked > MOST_BYTES:
             raise _too_large(f"it would unpack to {unpacked / 1e9:.1f} GB", path)
         if unpacked > SMALL_BYTES and unpacked > MOST_RATIO * packed:
@@ -62,7 +59,7 @@ def require_modest_archive(path: Path) -> None:
                 f"it would unpack to {unpacked // max(packed, 1)} times its size", path
             )
         if not {one.compress_type for one in members} <= {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-            raise ValueError("a compression that numpy and skops do not write")
+            raise ValueError("a compression method that numpy and skops do not write")
         for member in members:
             if member.filename.endswith(".npy"):
                 with archive.open(member) as opened:
@@ -70,14 +67,14 @@ def require_modest_archive(path: Path) -> None:
 
 
 def _require_claim(opened: IO[bytes], member: zipfile.ZipInfo, path: Path) -> None:
-    """The shape in an array's header must be what the archive says it has bytes for."""
+    """The shape in an array's header must match the member's size."""
     if np.lib.format.read_magic(opened) != (1, 0):
-        raise ValueError("an array with a header of another version")
+        raise ValueError("an array header of another version")
     shape, _, dtype = np.lib.format.read_array_header_1_0(opened)
     claimed, there = math.prod(shape) * dtype.itemsize, member.file_size - opened.tell()
     if not dtype.hasobject and claimed != there:
         raise _too_large(
-            f"its array {member.filename} claims {claimed} bytes and has {there}", path
+            f"its array {member.filename} claims {claimed} bytes but has {there}", path
         )
 
 
@@ -96,5 +93,5 @@ def _require_short_directory(path: Path) -> None:
 
 def _too_large(what: str, path: Path) -> TooLarge:
     return TooLarge(
-        what, where=path, cause="a damaged file, or one made to do harm", next_step="copy it again"
+        what, where=path, cause="a damaged or malicious file", next_step="copy the file again"
     )

@@ -1,24 +1,25 @@
-"""Real time: the machine's monotonic clock, which nobody sets, and which goes on while the machine
-is suspended."""
+"""Real time: a monotonic clock that cannot be set and that also counts while the machine sleeps."""
 
 from __future__ import annotations
 
 import time
 
 SINCE_BOOT = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-"""CLOCK_MONOTONIC stands still in a suspended machine: the samples before and after would seem to
-be neighbours."""
+"""CLOCK_MONOTONIC stops in a suspended machine.
+
+Samples around the gap would seem to be neighbours.
+"""
 
 
 class MonotonicClock:
-    """Time since the machine was started, and waiting for it."""
+    """Time since the machine was started, and waiting until a time."""
 
     def now_ns(self) -> int:
-        """ns since some moment of the machine's own."""
+        """ns since the machine was started."""
         return time.clock_gettime_ns(SINCE_BOOT)
 
     def wait_until(self, t_ns: int) -> None:
-        """Sleep until t_ns; at once where it is past."""
+        """Sleep until t_ns; return at once where it has passed."""
         remaining_ns = t_ns - self.now_ns()
         if remaining_ns > 0:
             time.sleep(1e-9 * remaining_ns)

@@ -1,4 +1,4 @@
-"""How our programs speak and end: one line an error, an exit code with a meaning, no traceback.
+"""How all programs of Holdfast report errors and end: one line for each error, and an exit code.
 
 Exit codes: 0 done, 1 failed, 2 usage, 3 data, 4 model, 5 output, 6 device, 130 interrupted.
 """
@@ -20,8 +20,7 @@ from edge_runtime.visible import one_line, visible_lines
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, with a usage error that is one line: what is wrong, what is allowed, the next
-    command."""
+    """argparse with usage errors of one line: what is wrong, what is allowed, the next command."""
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError instead of printing the whole usage."""
@@ -29,7 +28,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def seed(word: str) -> int:
-    """A seed from the command line: 0 .. 2^32 - 1, what every generator of ours takes."""
+    """A seed from the command line: 0 .. 2^32 - 1, the range that all generators take."""
     number = int(word) if word.isdecimal() else -1
     if not 0 <= number < 2**32:
         raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from 0 to {2**32 - 1}")
@@ -37,10 +36,9 @@ def seed(word: str) -> int:
 
 
 def path_argument(word: str) -> Path:
-    """A path from the command line; an empty one is a variable somebody forgot to set, not the
-    folder we are in."""
+    """A path from the command line. An empty one (a shell variable that is not set) is an error."""
     if not word.strip():
-        raise argparse.ArgumentTypeError("an empty path")
+        raise argparse.ArgumentTypeError("the path is empty")
     return Path(word)
 
 
@@ -53,7 +51,7 @@ def positive(word: str) -> float:
 
 
 def show(text: str) -> None:
-    """Print lines that may hold names from outside: a file's, a column's, a device's."""
+    """Print lines that may hold names from outside, such as those of files, columns or devices."""
     sys.stdout.write(f"{visible_lines(text)}\n")
 
 
@@ -63,7 +61,7 @@ def run_script(
     add_arguments: Callable[[argparse.ArgumentParser], None],
     run: Callable[[argparse.Namespace], int],
 ) -> int:
-    """A verb run as a script of its own: parse sys.argv, run, end as every program of ours ends."""
+    """A command run as a script: parse sys.argv, run it, and end like every program of Holdfast."""
 
     def main(argv: Sequence[str]) -> int:
         parser = Parser(
@@ -76,15 +74,16 @@ def run_script(
 
 
 def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
-    """Run a program's main; errors and warnings become one line each on stderr, unless --debug is
-    given.
+    """Run a program's main.
 
-    A stderr that takes nothing neither stops the program nor keeps it from ending.
+    Errors and warnings become one line each on stderr, except with --debug.
+
+    A stderr that takes no data neither blocks the program nor keeps it from ending.
     """
     hold_standard_descriptors()
-    with closing(stream_sink(sys.stderr)) as beside:
+    with closing(stream_sink(sys.stderr)) as on_stderr:
         if "--debug" not in argv:
-            warnings.showwarning = _one_line_to(beside)
+            warnings.showwarning = _one_line_to(on_stderr)
         try:
             code = main([word for word in argv if word != "--debug"])
             sys.stdout.flush()
@@ -92,11 +91,11 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
         except (HoldfastError, ModuleNotFoundError) as error:
             if "--debug" in argv:
                 raise
-            told = error if isinstance(error, HoldfastError) else _not_installed(error)
-            beside(f"error: {type(told).__name__}: {told}")
-            return told.exit_code
+            shown = error if isinstance(error, HoldfastError) else _not_installed(error)
+            on_stderr(f"error: {type(shown).__name__}: {shown}")
+            return shown.exit_code
         except KeyboardInterrupt:
-            beside("interrupted")
+            on_stderr("interrupted")
             return 130
         except BrokenPipeError:
             return 0
@@ -104,20 +103,18 @@ def finish(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
             if "--debug" in argv:
                 raise
             what = one_line(str(error))
-            beside(
-                f"error: OutputError: {what}; next: choose another place, or see the whole with --debug"
-            )
+            next_step = "choose another place to write to; --debug shows the whole error"
+            on_stderr(f"error: OutputError: {what}; next: {next_step}")
             return OutputError.exit_code
         finally:
             _forget_what_cannot_be_written(sys.stdout)
 
 
 def hold_standard_descriptors() -> None:
-    """Lead standard descriptors that are closed to /dev/null, before a file of ours gets such a
-    number.
+    """Open closed standard descriptors on /dev/null, before another file gets their numbers.
 
-    With the number it would get all that a library prints. /dev/null is only readable as stdout: a
-    result that is written there is an error, as it was before.
+    Such a file would receive all that a library prints. As stdout, /dev/null is opened read-only:
+    writing a result to a closed stdout stays an error.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
@@ -129,8 +126,10 @@ def hold_standard_descriptors() -> None:
 
 
 def _forget_what_cannot_be_written(stream: TextIO) -> None:
-    """Python writes the rest of a stream when it ends, and would tell of the same error once
-    more."""
+    """Drop what stdout cannot take.
+
+    Python flushes it at the end and would report the same error again.
+    """
     try:
         stream.flush()
     except OSError:
@@ -142,13 +141,13 @@ def _forget_what_cannot_be_written(stream: TextIO) -> None:
 def _not_installed(error: ModuleNotFoundError) -> UsageError:
     return UsageError(
         f"this needs the package {error.name}",
-        cause="only the live path is installed",
-        next_step="pip install 'holdfast[train,viz]'; holdfast doctor says what is missing",
+        cause="only the packages of the live path are installed",
+        next_step="pip install 'holdfast[train,viz]'; holdfast doctor shows what is missing",
     )
 
 
-def _one_line_to(beside: Callable[[str], object]) -> Callable[..., None]:
-    def tell(
+def _one_line_to(on_stderr: Callable[[str], object]) -> Callable[..., None]:
+    def show_warning(
         message: Warning | str,
         category: type[Warning],
         filename: str,
@@ -156,6 +155,6 @@ def _one_line_to(beside: Callable[[str], object]) -> Callable[..., None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        beside(f"warning: {category.__name__}: {one_line(str(message))}")
+        on_stderr(f"warning: {category.__name__}: {one_line(str(message))}")
 
-    return tell
+    return show_warning

@@ -38,9 +38,12 @@ Unit = Literal["N", "uT", "count"]
 UNITS: tuple[Unit, ...] = ("N", "uT", "count")
 State = Literal["unknown", "nothing", "grasp", "safe_slip", "risky_slip"]
 Reason = Literal["", "settling", "sensors", "repeats", "rate", "started_loaded", "late", "clock"]
-"""Why the state is unknown: the history is not whole yet, too few sensors are usable, the whole
-hand repeats itself, the rate is not the model's, the hand has not been empty since a loaded start,
-the answer is late, or the sample's stamp lies in the future."""
+"""Why the state is unknown.
+
+settling: the history is not whole yet. sensors: too few sensors are usable. repeats: the whole hand
+repeats itself. rate: the rate is not the model's. started_loaded: the hand has not been empty since
+a loaded start. late: the answer is late. clock: the sample's stamp lies in the future.
+"""
 CommandLink = Literal["none", "live", "expired"]
 """The user's commands: none has come yet, they come, or their sender went silent."""
 
@@ -78,18 +81,18 @@ class Sample:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the hand is told at one sample (the output contract; one JSON line each).
+    """The answer at one sample (the output contract; one JSON line each).
 
     t_acquired_ns, t_decided_ns, latency_us: monotonic clock. p_situation: the four situations,
     always. p_class and weight: None where the model knows no weight, and in "nothing" and
     "unknown". state and why: "unknown" wherever the samples or the time of the answer cannot be
-    believed, and why; "" where known. extra: further heads by name, such as p_risky_250ms.
-    detectors: which classical detectors fire. arm, act: the decision's debounced request.
-    act_ended: how the last act ended (edge_runtime/decision.py), None before the first and while
-    one lasts. opening, overridden, commands: what the user commands, whether an override lasts, and
-    whether the commands still come. late: older than two periods when it was given. started_loaded:
-    the hand held something at the start and has not been empty since; None where no stored bias
-    says what unloaded is. degraded: some sensor is missing, yet enough are left.
+    trusted, and the reason; "" where the state is known. extra: further heads by name, such as
+    p_risky_250ms. detectors: which classical detectors fire. arm, act: the decision's debounced
+    request. act_ended: how the last act ended (edge_runtime/decision.py), None before the first act
+    and during one. opening, overridden, commands: what the user commands, whether an override
+    lasts, and whether the commands still come. late: older than two periods when it was given.
+    started_loaded: the hand held something at the start and has not been empty since; None where no
+    stored bias says what unloaded is. degraded: some sensors are missing, yet enough are left.
     """
 
     sequence: int

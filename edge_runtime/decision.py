@@ -1,10 +1,10 @@
 """From one label a sample to one request: a pure integer state machine, no floats, no clock.
 
-arm: a risky slip has been seen for `arm_samples` in a row. act: for `act_samples` in a row; the
-hand should tighten. A risky label with less than `min_risky_permille` of the votes does not count
-(rejection by confidence).
+arm: `arm_samples` risky samples in a row. act: `act_samples` in a row; the hand should tighten. A
+risky label with less than `min_risky_permille` of the votes does not count (rejection by
+confidence).
 
-Once acting it goes on when the alarm ends, because letting go then would drop the object. An act
+An act continues when the alarm ends, because a hand that then let go would drop the object. An act
 ends
 
 - "released": the situation is "nothing" for `release_samples` in a row;
@@ -13,7 +13,7 @@ ends
 - "overridden": the user overrides. The override lasts until the hand has been empty (as above) or
   for `override_ms` after its last sample; meanwhile nothing arms and nothing is counted.
 
-While the state is unknown nothing is counted and nothing is released. docs/safety.md has the
+While the state is unknown, nothing is counted and nothing is released. docs/safety.md has the
 invariants as a table; tests/edge_runtime/test_decision_invariants.py searches every reachable
 state.
 """
@@ -46,8 +46,10 @@ def period_us(rate_hz: float) -> int:
 
 @dataclass(frozen=True)
 class DecisionRules:
-    """Parameters in samples, thousandths and ms; they travel in the model's metadata. Raises
-    ValueError."""
+    """Parameters in samples, thousandths and ms, stored in the model's metadata.
+
+    Raises ValueError.
+    """
 
     arm_samples: int = 1
     act_samples: int = 2
@@ -61,7 +63,7 @@ class DecisionRules:
             value, (least, most) = getattr(self, one.name), LIMITS[one.name]
             if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
                 raise ValueError(
-                    f"{one.name} = {value!r:.40}, which is no whole number from {least} to {most}"
+                    f"{one.name} = {value!r:.40}, not a whole number from {least} to {most}"
                 )
 
     def to_json(self) -> dict[str, int]:
@@ -71,8 +73,7 @@ class DecisionRules:
 
 @dataclass(frozen=True)
 class DecisionState:
-    """Risky samples in a row, samples of no contact in a row, what is requested now, and what time
-    is left.
+    """Risky samples in a row, empty samples in a row, the request, and the time left.
 
     override_us, evidence_us: until the override, and the act, end by themselves. ended: how the
     last act ended.
@@ -102,7 +103,7 @@ def decide(
     opening: bool = False,
     override: bool = False,
 ) -> DecisionState:
-    """Next state after one sample's label (UNKNOWN, or 0..3) and the risky share of the votes.
+    """The state after one sample's label (UNKNOWN, or 0..3) and the risky share of its votes.
 
     period_us: time from one sample to the next. opening, override: what the user commands at this
     sample.
@@ -121,7 +122,7 @@ def decide(
 def _counted(
     rules: DecisionRules, state: DecisionState, situation: int, risky: bool, period_us: int
 ) -> DecisionState:
-    """The runs and the time left after one known sample; what is requested is as before."""
+    """The runs and the time left after one known sample; the request is unchanged."""
     return replace(
         state,
         risky_run=min(state.risky_run + 1, rules.act_samples + rules.arm_samples) if risky else 0,
@@ -131,7 +132,7 @@ def _counted(
 
 
 def _known(rules: DecisionRules, state: DecisionState, opening: bool) -> DecisionState:
-    """What is requested, once a known sample is counted."""
+    """The request, after a known sample has been counted."""
     if opening:
         return _ended(rules, state, "opened") if state.act else _armed(rules, state)
     if state.risky_run >= rules.act_samples:

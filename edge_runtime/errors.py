@@ -1,20 +1,20 @@
 """Every error Holdfast raises on purpose, as one tree::
 
     HoldfastError                 exit code 1
-    |-- UsageError                2   a word on the command line is not what is allowed there
+    |-- UsageError                2   an argument on the command line is not allowed
     |-- DataError                 3   a recording or a data set cannot be used
     |   |-- DataNotFound              no such set, folder or file
     |   |-- EmptyRecording            no rows, or too few to work with
     |   |-- ColumnError               columns missing, unknown, doubled or out of order
     |   |-- NotANumber                text where a number belongs
-    |   |-- TooLarge                  larger than such a file can be, or says that it is
+    |   |-- TooLarge                  larger than such a file can be, or claims to be
     |   |-- TimeError                 time stands still, runs backwards, or has gaps
     |   |-- RateError                 a rate that does not fit the model, or carries no band
     |   |-- UnitError                 a unit that does not fit the model
     |   |-- ChannelError              a number of channels that does not fit
     |   |-- LabelError                what labels need (mass, action, truth) is missing or broken
-    |   |   `-- TagError              printed tags contradict each other, or the size they are said to have
-    |   |-- CardError                 a scene's card says what cannot be
+    |   |   `-- TagError              printed tags contradict each other, or their stated size
+    |   |-- CardError                 a scene's card holds impossible values
     |   |-- ClassMissing              a class without a single window
     |   `-- TooFewGroups              fewer people (or blocks) than a split needs
     |-- ModelError                4   a model file cannot be used
@@ -27,12 +27,12 @@
     |-- OutputError               5   a result cannot be written
     `-- DeviceError               6   the hand, or the camera beside it, cannot be read
         |-- DeviceNotFound            no such bridge, or no finger answers
-        |-- AccessDenied              the bridge is there and this user may not open it
+        |-- AccessDenied              the bridge is there, but this user may not open it
         |-- LibraryMissing            no libusb, or a driver's library is not installed
-        |-- DeviceLost                unplugged, or it fell off the bus
-        |-- TransferFailed            a time-out, a stall, or an answer that does not fit the question
+        |-- DeviceLost                unplugged, or no longer on the bus
+        |-- TransferFailed            a time-out, a stall, or an answer to another request
         |-- BusStuck                  SDA or SCL is held low
-        |-- WrongDevice               another chip, or one that does not take its configuration
+        |-- WrongDevice               another chip, or one that does not keep its configuration
         `-- CameraUnavailable         no camera, or one that cannot be opened
 
 Each message is one line that says what, where, the likely cause and the next step.
@@ -46,8 +46,10 @@ from edge_runtime.visible import one_line
 
 
 class HoldfastError(Exception):
-    """Root of all errors raised on purpose: what happened, where, likely why, and what to do
-    next."""
+    """Root of all errors raised on purpose.
+
+    What happened, where, the likely cause, the next step.
+    """
 
     exit_code = 1
 
@@ -70,7 +72,7 @@ class HoldfastError(Exception):
 
 
 class UsageError(HoldfastError):
-    """A word on the command line is not what is allowed there."""
+    """An argument on the command line is not allowed."""
 
     exit_code = 2
 
@@ -98,8 +100,7 @@ class NotANumber(DataError):
 
 
 class TooLarge(DataError):
-    """Input that is larger than such a file can be, or says that it is; refused before it is
-    read."""
+    """Input larger than such a file can be, or that claims to be; refused before it is read."""
 
 
 class TimeError(DataError):
@@ -123,12 +124,11 @@ class LabelError(DataError):
 
 
 class TagError(LabelError):
-    """Printed tags contradict each other, or the size they are said to have: no millimetre can be
-    believed."""
+    """Printed tags contradict each other, or their stated size: lengths in mm would be wrong."""
 
 
 class CardError(DataError):
-    """A scene's card says what cannot be: an unknown key, a value out of range, a contradiction."""
+    """A scene's card holds an unknown key, a value out of range, or a contradiction."""
 
 
 class ClassMissing(DataError):
@@ -188,7 +188,7 @@ class DeviceNotFound(DeviceError):
 
 
 class AccessDenied(DeviceError):
-    """The bridge is there, and this user may not open it."""
+    """The bridge is there, but this user may not open it."""
 
 
 class LibraryMissing(DeviceError):
@@ -196,11 +196,11 @@ class LibraryMissing(DeviceError):
 
 
 class DeviceLost(DeviceError):
-    """Unplugged, or it fell off the bus."""
+    """Unplugged, or no longer on the bus."""
 
 
 class TransferFailed(DeviceError):
-    """A time-out, a stall, or an answer that does not fit the question."""
+    """A time-out, a stall, or an answer to another request."""
 
 
 class BusStuck(DeviceError):
@@ -208,7 +208,7 @@ class BusStuck(DeviceError):
 
 
 class WrongDevice(DeviceError):
-    """Another chip at the address, or one that does not take its configuration."""
+    """Another chip at the address, or one that does not keep its configuration."""
 
 
 class CameraUnavailable(DeviceError):

@@ -1,7 +1,7 @@
-"""Golden sequences: what a model file must answer on any machine, replayed every time it is loaded.
+"""Golden sequences: answers stored in a model file, recomputed every time the file is loaded.
 
-The input is made by an integer formula, so that it is the same to the last bit everywhere and never
-comes from a recording: a pressed, shaken hand with lost, non-finite and out-of-range samples in it,
+The input is made by an integer formula, so that it is the same to the last bit on every machine and
+never comes from a recording: a pressed, shaken hand with lost, non-finite and out-of-range samples,
 from a zero state. Labels and flags must be equal; float64 within 1e-9, float32 within 1e-6
 relative.
 """
@@ -24,7 +24,7 @@ TOLERANCE = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-6}
 AMPLITUDE = {"N": 1.0 / 64.0, "uT": 2.0, "count": 8.0}
 DTYPES = ("float64", "float32", "int64", "int32", "bool")
 SKIPPED = ("features", "state_out")
-"""Not stored: labels, votes and probabilities depend on every one of them already."""
+"""Not stored, because labels, votes and probabilities depend on each of them."""
 
 
 def golden_length(settle_samples: int) -> int:
@@ -80,8 +80,7 @@ def golden_to_json(answers: Outputs) -> dict[str, Any]:
 
 
 def golden_from_json(text: str, where: str = "") -> Outputs:
-    """The inverse of `golden_to_json`, from the metadata's text; NotAModel where it is missing or
-    garbled."""
+    """The inverse of `golden_to_json`, from the metadata's text. Raises NotAModel."""
     try:
         return {
             name: np.frombuffer(base64.b64decode(entry["data"]), _dtype(entry["dtype"])).reshape(
@@ -98,22 +97,21 @@ def golden_from_json(text: str, where: str = "") -> Outputs:
 
 
 def _dtype(name: object) -> np.dtype[Any]:
-    """One of those a graph has; numpy knows many more words."""
+    """One of the types that a graph uses; numpy accepts many more names."""
     if name not in DTYPES:
         raise ValueError(name)
     return np.dtype(str(name))
 
 
 def check_golden(stored: Outputs, answers: Outputs, where: str = "") -> None:
-    """Raise GoldenMismatch naming the first output that is missing or differs by more than it
-    may."""
+    """Raise GoldenMismatch that names the first output that is missing or differs."""
     for name in {**answers, **stored}:
         if name not in stored or name not in answers or not _agree(stored[name], answers[name]):
             raise GoldenMismatch(
                 f"output {name!r} differs from the golden sequence stored in the file",
                 where=where,
-                cause="an onnxruntime that computes differently",
-                next_step="try another version of onnxruntime; holdfast doctor shows which is installed",
+                cause="this onnxruntime computes differently",
+                next_step="install another onnxruntime; holdfast doctor shows the installed one",
             )
 
 

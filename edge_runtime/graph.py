@@ -1,7 +1,8 @@
 """Running a step graph: one sample of B recordings at a time, with explicit state.
 
-The state lives in two buffers that take turns as input and output, so a step copies nothing and
-allocates nothing. B = 1 on the hand; training steps many recordings together through the same file.
+Two buffers hold the state, and each step swaps them as input and output. So a step copies nothing
+and allocates nothing. B = 1 on the hand; training steps many recordings together through the same
+file.
 """
 
 from __future__ import annotations
@@ -23,14 +24,13 @@ _DTYPES: dict[str, npt.DTypeLike] = {
     "tensor(int64)": np.int64,
 }
 BATCH = 64
-"""Recordings stepped together: enough to hide the call, few enough for the state to stay in
-cache."""
+"""Recordings stepped together: enough to hide the call, few enough to keep the state in cache."""
 
 Outputs = dict[str, npt.NDArray[Any]]
 
 
 def open_session(model: bytes) -> ort.InferenceSession:
-    """An onnxruntime session for one thread, no spinning: what a small board wants."""
+    """An onnxruntime session with one thread and no spinning, as suits a small board."""
     options = ort.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
@@ -71,8 +71,10 @@ class StepGraph:
         self._turn = 0
 
     def step(self) -> Outputs:
-        """Advance by the sample now in `sample` and `valid`; returns the output buffers
-        (overwritten next time)."""
+        """Advance by the sample in `sample` and `valid`.
+
+        Returns output buffers that the next step reuses.
+        """
         self._session.run_with_iobinding(self._bindings[self._turn])
         self._turn = 1 - self._turn
         if self._reset[0]:
@@ -80,7 +82,7 @@ class StepGraph:
         return self.out
 
     def reset(self) -> None:
-        """Forget everything before the next sample."""
+        """Start from a fresh state at the next sample."""
         self._reset[:] = True
 
     @property
@@ -113,11 +115,11 @@ def run_recordings(
     outputs: Sequence[str],
     rows: Sequence[npt.NDArray[np.int64]],
 ) -> list[Outputs]:
-    """Step many recordings together, each from a fresh state; keep the wanted rows of each.
+    """Step many recordings together, each from a fresh state, and keep the wanted rows of each.
 
     values: recordings [T_i, C]. rows: ascending row numbers to keep, per recording. Recordings of
-    like length share a batch; shorter ones are padded at the tail, and nothing of the padding is
-    kept.
+    similar length share a batch. Shorter ones are padded at the end, and no output of the padding
+    is kept.
     """
     results: list[Outputs] = [{} for _ in values]
     for batch in _batches(values):

@@ -1,7 +1,8 @@
-"""Whether what comes in can be believed at all, beside the graph's own guard: repeats, the rate, a
-loaded start.
+"""Whether the samples can be trusted, beside the graph's own guard.
 
-Each watch takes one sample at a time and answers yes or no; none knows a clock or a model.
+Repeats, the rate, a loaded start.
+
+Each watch takes one sample at a time and answers yes or no. No watch knows a clock or a model.
 """
 
 from __future__ import annotations
@@ -13,22 +14,23 @@ import numpy as np
 from edge_runtime.contract import RATE_TOLERANCE, BoolArray, FloatArray
 
 RING = 8
-"""A hand that is stuck in so many readings or fewer, over and over, repeats itself."""
+"""A hand repeats itself if it cycles through this many readings or fewer."""
 ONE_NUMBER = np.sqrt(np.array([2.0, 3.0, 5.0]))
-"""Makes one number of a sensor's three: two readings of different numbers hardly ever give the
-same, and never for long."""
+"""Combines a sensor's three numbers into one.
+
+Two different readings hardly ever give the same one.
+"""
 LEAST_SPAN = 8
-"""Samples: a rate is not judged on fewer."""
+"""The rate is not judged on fewer samples."""
 EMPTY_S = 0.2
-"""A hand that reads its unloaded bias for so long is empty."""
+"""A hand that reads its unloaded bias for this long is empty."""
 
 
 class RepeatWatch:
-    """Counts, for each sensor, readings in a row that equal an earlier one of its own at the same
-    distance.
+    """Counts, for each sensor, readings in a row that equal an earlier one at the same distance.
 
-    A live sensor has noise: no distance of 1 to RING readings fits for long. Readings are counted
-    only where the sensor is usable, so a lost sample in between does not hide that it is stuck.
+    A live sensor has noise, so no distance of 1 to RING readings fits for long. Readings count only
+    while the sensor is usable, so a lost sample in between does not hide that it is stuck.
     """
 
     def __init__(self, n_sensors: int, most: int) -> None:
@@ -38,8 +40,10 @@ class RepeatWatch:
         self._runs: FloatArray = np.zeros((RING, n_sensors))
 
     def stuck(self, values: FloatArray, usable: BoolArray) -> bool:
-        """Take a sample, values [C] and usable [S]; whether every usable sensor, at least one, is
-        stuck."""
+        """Take a sample, values [C] and usable [S].
+
+        Whether all usable sensors, at least one, are stuck.
+        """
         whole = bool(usable.all())
         reading = (values if whole else np.where(np.repeat(usable, 3), values, 0.0)).reshape(
             -1, 3
@@ -59,10 +63,11 @@ class RepeatWatch:
 
 
 class RateWatch:
-    """Compares the time that passed over the last `span` samples with what they should have taken.
+    """Compares the time of the last `span` samples with what they should have taken.
 
-    The rate is wrong where both the mean and the median of the intervals are: a gap spoils the mean
-    alone, and regular jitter the median alone. Losses that `sequence` counts spoil neither.
+    The rate is wrong where both the mean and the median of the intervals are wrong: a gap changes
+    the mean alone, and regular jitter the median alone. Losses that `sequence` counts change
+    neither.
     """
 
     def __init__(self, rate_hz: float, span: int) -> None:
@@ -79,30 +84,30 @@ class RateWatch:
         return self._within(t_ns - past[0][0], steps) or self._within(*self._median())
 
     def forget(self) -> None:
-        """Begin anew: the next stamp has nothing to do with the last."""
+        """Start again: the next stamp is not related to the last one."""
         self._past.clear()
 
     def _within(self, passed_ns: float, steps: int) -> bool:
         return abs(passed_ns / (steps * self._period_ns) - 1.0) <= RATE_TOLERANCE
 
     def _median(self) -> tuple[float, int]:
-        """The middle one of the intervals, each over the steps that its sequence numbers are
-        apart."""
+        """The median interval, each divided by the steps between its sequence numbers."""
         stamps = np.array(self._past, dtype=np.int64)
         steps = np.maximum(np.diff(stamps[:, 1]), 1)
         return float(np.median(np.diff(stamps[:, 0]) / steps)), 1
 
 
 class LoadedStart:
-    """Whether the hand has been seen empty since the start, as its stored unloaded bias says.
+    """Whether the hand has been empty since the start, judged by its stored unloaded bias.
 
-    Until then "nothing" must not be answered. loaded: it was not empty when first judged, and has
+    Until then the answer must not be "nothing". loaded: it was not empty when first judged, and has
     not been since.
     """
 
     def __init__(self, empty_below: float, rate_hz: float, least_sensors: int) -> None:
-        """empty_below: a finger whose force or field is larger, in the stream's unit, carries
-        something.
+        """empty_below.
+
+        A finger with a larger force or field, in the stream's unit, carries something.
 
         least_sensors: samples with fewer usable sensors are not judged.
         """
@@ -113,7 +118,7 @@ class LoadedStart:
 
     @property
     def loaded(self) -> bool:
-        """Whether the hand started while it held something, as far as has been seen."""
+        """Whether the hand held something at the start, as far as has been seen."""
         return not self.seen_empty and self._taken >= self._samples
 
     def take(self, values: FloatArray, usable: BoolArray) -> None:

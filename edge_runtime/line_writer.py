@@ -1,12 +1,11 @@
-"""Lines written to a file descriptor by a thread of its own: the caller never waits, whatever the
-descriptor does.
+"""Lines written to a file descriptor by a thread: the caller never waits for the descriptor.
 
-A write to a terminal, a pipe or a disk may take for ever: `poll` promises a terminal less room than
-a line needs, and a regular file is always "ready". So only a thread that nothing depends on writes.
-Between it and the caller stands a bounded queue; when the queue is full, its oldest line is
-dropped, because the newest is worth more.
+A write to a terminal, a pipe or a disk may never return: `poll` promises a terminal less room than
+a line needs, and a regular file is always "ready". So a thread on which nothing depends does the
+writing. Between it and the caller is a bounded queue. When the queue is full, its oldest line is
+dropped, because the newest line is worth more.
 
-A line is written whole or not at all. One that a full disk cut off is taken back from the file; a
+A line is written whole or not at all. A line that a full disk cuts off is removed from the file. A
 reader that goes away in the middle of a line gets no other half later, because the first error ends
 the writer.
 """
@@ -22,27 +21,25 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 
 STREAM_LINES = 128
-"""Lines that may wait for a terminal or a pipe: not quite a second at 150 Hz, and more than a
-summary has."""
+"""Lines that may wait for a terminal or a pipe: 0.85 s at 150 Hz, and more than a summary has."""
 FILE_LINES = 4096
 """Lines that may wait for a disk: half a minute at 150 Hz, about 4 MB."""
 CLOSING_S = 0.2
-"""So long closing waits for lines under way. `holdfast run` closes three times in a row and ends
-within a second."""
+"""Closing waits this long for the lines in the queue.
+
+`holdfast run` closes three times in a row and ends within a second.
+"""
 STUCK_S = 0.1
-"""A writer that has not finished one line in so long while it closes waits for something that is
-dead."""
+"""A writer that finishes no line in this time while it closes is taken as dead."""
 RETRY_S = 0.01
-"""Between attempts on a descriptor that is non-blocking and says that it is ready when it is
-not."""
+"""Pause between attempts on a non-blocking descriptor that wrongly reports to be ready."""
 
 
 class LineWriter:
-    """Hands lines to a thread that writes them to `handle`, which the writer owns from now on and
-    closes.
+    """Passes lines to a thread that writes them to `handle`; the writer owns and closes the handle.
 
-    handle: an open descriptor, or None for one that is closed already. header: the first line,
-    which no newer replaces. failure: the first error, or None. After it nothing more is written.
+    handle: an open descriptor, or None for one that is already closed. header: the first line,
+    which is never dropped. failure: the first error, or None; after it nothing more is written.
     offered, written: lines so far.
     """
 
@@ -62,13 +59,17 @@ class LineWriter:
 
     @property
     def dropped(self) -> int:
-        """Lines offered and not written; before `close` has returned, those that still wait are
-        among them."""
+        """Lines offered and not written.
+
+        Before `close` has returned, waiting lines are among them.
+        """
         return self.offered - self.written
 
     def put(self, line: str) -> bool:
-        """Queue one line, without its line break; False where it, or the oldest instead of it, is
-        dropped."""
+        """Queue one line; False where it, or the oldest line instead, is dropped.
+
+        line: without its line break.
+        """
         self.offered += 1
         if self.failure is not None or self._closed:
             return False
@@ -79,14 +80,16 @@ class LineWriter:
         return room
 
     def end(self) -> None:
-        """Take no more lines; those that wait are still written."""
+        """Take no more lines; the waiting ones are still written."""
         if not self._closed:
             self._closed = True
             self._waiting.put(None)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """`end`, and wait for the last line while lines are written, at most wait_s; the others are
-        dropped."""
+        """`end`, and wait for the last line while lines are written, at most wait_s.
+
+        Drop the others.
+        """
         self.end()
         if self.failure is not None or self._given_up:
             return
@@ -97,14 +100,16 @@ class LineWriter:
             self._give_up()
 
     def _goes_on(self, end_s: float) -> bool:
-        """Wait a little; whether the thread wrote lines meanwhile and is to write more before
-        end_s."""
+        """Wait a little.
+
+        Whether the thread wrote lines meanwhile and has more to write before end_s.
+        """
         before = self.written
         self._thread.join(max(0.0, min(STUCK_S, end_s - time.monotonic())))
         return self._thread.is_alive() and self.written > before and time.monotonic() < end_s
 
     def _give_up(self) -> None:
-        """Leave the thread in the write that it waits for; nothing follows it."""
+        """Leave the thread in the write that it waits for; nothing follows that write."""
         self._given_up = True
         while self._forget_one():
             pass
@@ -118,8 +123,10 @@ class LineWriter:
         return True
 
     def _write_all(self, handle: int, header: str | None) -> None:
-        """What the thread does: every line until the end or the first error, which a close can be
-        too."""
+        """The thread.
+
+        Write every line until the end or the first error, which may come from close.
+        """
         try:
             try:
                 if header is not None:
@@ -134,8 +141,10 @@ class LineWriter:
 
 
 def write_whole_line(handle: int, data: bytes) -> None:
-    """Write all of it, waiting as long as it takes. Raises OSError; a regular file is then as long
-    as it was before."""
+    """Write all of it, however long that takes. Raises OSError.
+
+    A regular file keeps its old length then.
+    """
     done = 0
     try:
         while done < len(data):
@@ -159,8 +168,10 @@ def _write_some(handle: int, data: bytes) -> int:
 
 
 def _take_back(handle: int, n_bytes: int) -> None:
-    """Shorten the file by the bytes just written, where they are its last ones (another program may
-    append too)."""
+    """Remove the bytes just written, if they are the file's last ones.
+
+    Another program may append to the same file.
+    """
     end = os.lseek(handle, 0, os.SEEK_CUR)
     if end == os.fstat(handle).st_size:
         os.ftruncate(handle, end - n_bytes)

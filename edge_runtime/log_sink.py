@@ -20,30 +20,29 @@ class Sink(Protocol):
 
     @property
     def failure(self) -> OSError | None:
-        """The error after which it takes nothing more, or None."""
+        """The error after which it takes no more lines, or None."""
         ...
 
     @property
     def dropped(self) -> int:
-        """How many lines it was handed and did not pass on."""
+        """How many lines it received and did not pass on."""
         ...
 
     def __call__(self, line: str) -> bool:
-        """Hand a line on; False where it, or an older one in its place, is dropped."""
+        """Pass a line on; False where this line, or an older one instead, is dropped."""
         ...
 
     def end(self) -> None:
-        """Take no more lines, without waiting for those under way."""
+        """Take no more lines, without waiting for those in the queue."""
         ...
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """`end`, and wait at most wait_s for the lines under way."""
+        """`end`, and wait at most wait_s for the lines in the queue."""
         ...
 
 
 class LogSink:
-    """A descriptor that a thread of its own writes; `close` also takes it from what is closed when
-    Python ends."""
+    """A descriptor written by its own thread; an open sink is also closed when Python ends."""
 
     kind: Kind = "log"
 
@@ -60,8 +59,10 @@ class LogSink:
 
     @property
     def dropped(self) -> int:
-        """Lines that were not written; those that still wait are among them until `close` has
-        returned."""
+        """Lines that were not written.
+
+        Before `close` has returned, waiting lines are among them.
+        """
         return self._writer.dropped
 
     def __call__(self, line: str) -> bool:
@@ -69,14 +70,16 @@ class LogSink:
         return self._writer.put(line)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """Wait at most wait_s for the lines under way; the descriptor is closed after the last of
-        them."""
+        """Wait at most wait_s for the waiting lines.
+
+        The descriptor is closed after the last one.
+        """
         atexit.unregister(self.close)
         self._writer.close(wait_s)
 
 
 class TextSink:
-    """A text object in memory, which has no descriptor and makes nobody wait."""
+    """A text object in memory: it has no descriptor, and writing to it never blocks."""
 
     kind: Kind = "log"
     failure: OSError | None = None
@@ -92,15 +95,14 @@ class TextSink:
         return True
 
     def end(self) -> None:
-        """Nothing is under way."""
+        """No line is waiting."""
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """Nothing is under way."""
+        """No line is waiting."""
 
 
 def stream_sink(stream: TextIO, name: str = "") -> Sink:
-    """A sink that writes to a stream's descriptor, one line at a time: what reads a pipe waits for
-    no buffer.
+    """A sink that writes line by line to a stream's descriptor, so no reader waits for a buffer.
 
     It stays open until its `close`, or until Python ends; the stream itself may be closed before.
     """
@@ -114,7 +116,7 @@ def stream_sink(stream: TextIO, name: str = "") -> Sink:
 
 
 def _own(handle: int) -> int | None:
-    """A descriptor for the same file that no other code closes; None where it is closed already."""
+    """A new descriptor for the same file, which no other code closes; None if it is closed."""
     try:
         return os.dup(handle)
     except OSError:

@@ -7,10 +7,9 @@ import gc
 
 
 def give_back() -> None:
-    """Return what loading left free to the system: the default model's 114 MB become 82. Nothing
-    where libc cannot.
+    """Return freed memory to the system, where libc can: the default model's 114 MB become 82.
 
-    onnxruntime takes a forest apart node by node, and glibc keeps the freed pieces for itself.
+    onnxruntime takes a forest apart node by node, and glibc keeps the freed pieces.
     """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

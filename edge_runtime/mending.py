@@ -1,7 +1,6 @@
-"""The end of a file of lines that a kill or a power cut has torn, moved to `<file>.torn`; nothing
-is deleted.
+"""Repair of a line file that a kill or a power cut has torn: its end moves to `<file>.torn`.
 
-A killed program leaves a part of a line; a power cut may leave zeros behind it.
+A killed program leaves a part of a line; a power cut may leave zeros behind it. Nothing is deleted.
 """
 
 from __future__ import annotations
@@ -18,32 +17,38 @@ TORN = ".torn"
 
 
 @dataclass(frozen=True)
-class Mended:
-    """What mending found: whole lines of data, bytes of a torn end, and the file they are in now
-    (None without)."""
+class MendResult:
+    """The result of a repair.
+
+    Whole lines of data, bytes of the torn end, and the file that has them.
+
+    torn is None where nothing was torn.
+    """
 
     rows: int
     cut_bytes: int
     torn: Path | None
 
 
-def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> Mended:
-    """Move the torn end of a file without a header aside; is_whole judges a last line without its
-    newline.
+def mend_lines(path: Path, is_whole: Callable[[bytes], bool]) -> MendResult:
+    """Move the torn end of a file without a header to its own file.
 
-    Raises EmptyRecording without a file, OutputError.
+    is_whole: judges a last line without its newline. Raises EmptyRecording without a file,
+    OutputError.
     """
     data = read_damaged(path)
     text = data.rstrip(b"\0")
     begin = text.rfind(b"\n") + 1
     kept_bytes = len(text) if begin == len(text) or is_whole(text[begin:]) else begin
     lines = [line for line in text[:kept_bytes].split(b"\n") if line.strip()]
-    return Mended(len(lines), len(data) - kept_bytes, move_aside(path, data, kept_bytes))
+    return MendResult(len(lines), len(data) - kept_bytes, move_aside(path, data, kept_bytes))
 
 
 def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
-    """Write data after kept_bytes beside a file, then cut the file there; an earlier torn end is
-    never replaced."""
+    """Copy the data after kept_bytes to a new file, then cut the original there; None without any.
+
+    An earlier torn end is never overwritten.
+    """
     torn = data[kept_bytes:]
     if not torn:
         return None
@@ -60,12 +65,18 @@ def move_aside(path: Path, data: bytes, kept_bytes: int) -> Path | None:
 
 
 def read_damaged(path: Path) -> bytes:
-    """A file as it is. Raises EmptyRecording without one, OutputError where it cannot be read."""
+    """A file's bytes.
+
+    Raises EmptyRecording without the file, OutputError where it cannot be read.
+    """
     try:
         return path.read_bytes()
     except FileNotFoundError:
         raise EmptyRecording(
-            "is not there", where=path, cause="killed at once", next_step="record again"
+            "does not exist",
+            where=path,
+            cause="the recorder was killed at once",
+            next_step="record again",
         ) from None
     except OSError as error:
         raise _unmended(path, error) from None
@@ -73,5 +84,7 @@ def read_damaged(path: Path) -> bytes:
 
 def _unmended(path: Path, error: OSError) -> OutputError:
     return OutputError(
-        f"cannot be mended ({error.strerror})", where=path, next_step="copy it, mend that"
+        f"cannot be repaired ({error.strerror})",
+        where=path,
+        next_step="copy the file and repair the copy",
     )

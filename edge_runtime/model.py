@@ -1,10 +1,9 @@
-"""A model file, opened: its seal, its graph, its card and its golden sequences are checked before
-it answers anything.
+"""A model file, opened: seal, graph, card and golden sequences are checked before it answers.
 
-The seal shows that a file is as it was sealed, not who sealed it: it can be made by anyone. So
-everything else is checked too, and in this order: seal, bytes (onnx_bytes.py), card, operators,
-shapes and trees (onnx_rules.py), all before onnxruntime opens the file; then what it answers on the
-golden sequences.
+The seal shows that a file is as it was sealed, not who sealed it: anyone can make one. So
+everything else is checked too, in this order: seal, bytes (onnx_bytes.py), card, operators, shapes
+and trees (onnx_rules.py), all before onnxruntime opens the file; then its answers on the golden
+sequences.
 """
 
 from __future__ import annotations
@@ -30,12 +29,11 @@ from edge_runtime.onnx_bytes import read_onnx
 from edge_runtime.onnx_rules import require_ours
 
 LONGEST_REASON = 200
-"""Characters of what onnxruntime says, which may be pages."""
+"""Characters of onnxruntime's message, which may be several pages long."""
 
 
 class Model:
-    """A model file whose seal holds, whose graph and card fit, and whose golden sequences were
-    reproduced."""
+    """A model file that has passed all checks: seal, graph, card and golden sequences."""
 
     def __init__(self, path: str | Path) -> None:
         check_runtime()
@@ -59,19 +57,18 @@ class Model:
 
 
 def read_model(data: bytes, path: str | Path) -> tuple[ModelCard, Outputs]:
-    """Card and golden sequences of a model file's bytes; NotAModel where card and graph are not
-    ours."""
+    """Card and golden sequences of a model file's bytes. Raises NotAModel."""
     try:
-        told = read_onnx(data)
-        require_own_seal(data, told.metadata)
+        onnx = read_onnx(data)
+        require_own_seal(data, onnx.metadata)
     except ValueError as error:
         raise _refusal(str(error), path) from None
-    card = read_card(told.metadata, path)
+    card = read_card(onnx.metadata, path)
     try:
-        require_ours(told, card)
+        require_ours(onnx, card)
     except ValueError as error:
         raise _refusal(str(error), path) from None
-    return card, golden_from_json(told.metadata.get(GOLDEN_KEY, ""), str(path))
+    return card, golden_from_json(onnx.metadata.get(GOLDEN_KEY, ""), str(path))
 
 
 def _opened(data: bytes, path: str | Path) -> ort.InferenceSession:
@@ -85,6 +82,6 @@ def _refusal(what: str, path: str | Path) -> NotAModel:
     return NotAModel(
         what,
         where=path,
-        cause="a file that another program made or altered and sealed again",
+        cause="another program made the file, or altered and sealed it again",
         next_step="export the model again with holdfast export",
     )

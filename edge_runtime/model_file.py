@@ -1,7 +1,7 @@
-"""The one file that goes onto the hand: its seal, and everything its metadata says.
+"""The one file that goes onto the hand: its seal, and the card in its metadata.
 
-The SHA-256 in the metadata is that of the file with its own 64 digits zeroed, so it is checked on
-the bytes alone, before any parser sees them.
+The SHA-256 in the metadata is that of the file with its own 64 digits zeroed. So it is checked on
+the bytes alone, before any parser reads them.
 """
 
 from __future__ import annotations
@@ -23,26 +23,30 @@ SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"
 GOLDEN_KEY = "holdfast.golden"
 FORMAT = 2
-"""2: the step takes its sample and state in rows of channels."""
+"""Format 2: the step takes its sample and state in rows of channels."""
 CARD_SUFFIX = ".json"
-"""The card beside a model file has its name with this."""
+"""The suffix of the card file beside a model file."""
 DIGITS = 64
 MOST_BYTES = 512 << 20
-"""The largest model for a hand (100 trees, full depth) has a tenth of it; onnxruntime reads 2
-GiB."""
+"""The largest model for a hand (100 trees, full depth) has a tenth of it.
+
+The limit of onnxruntime is 2 GiB.
+"""
 _MARKER = SEAL_KEY.encode() + b"\x12" + bytes([DIGITS])
-"""How the seal's key and the length of its value stand in the file (protobuf: field 2, 64
-bytes)."""
+"""The seal's key and the length of its value, as they are in the file (protobuf.
+
+Field 2, 64 bytes).
+"""
 
 WRONG_RUNTIMES = {"1.21.0": "crashes on a Raspberry Pi 4", "1.26.0": "mislabels binary forests"}
 
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What the file says about itself. `model_id` is the first 12 digits of its seal.
+    """The card of a model file. `model_id` is the first 12 digits of its seal.
 
-    range_limit, normal_floor: in the model's unit; what no sensor reads, and what a finger that
-    touches nothing reads at most.
+    range_limit, normal_floor: in the model's unit; a value that no sensor reads, and the largest
+    normal reading of a finger that touches nothing.
     """
 
     model_id: str
@@ -70,12 +74,27 @@ class ModelCard:
 def read_sealed(path: str | Path) -> bytes:
     """The bytes of a model file whose seal holds; NotAModel or BrokenSeal otherwise."""
     path = Path(path)
-    if path.suffix == CARD_SUFFIX:
-        model = path.with_suffix(".onnx")
-        raise NotAModel(
-            "a model's card to read, not the model",
+    data = _file_bytes(path)
+    start = _seal_at(data)
+    if start < 0:
+        raise _foreign(data, path)
+    if _digest(data, start) != data[start : start + DIGITS]:
+        raise BrokenSeal(
+            "the file is not as it was sealed",
             where=path,
-            next_step=f"name the model: {model}",
+            cause="it was altered, or a copy was cut short",
+            next_step="export it or copy it again",
+        )
+    return data
+
+
+def _file_bytes(path: Path) -> bytes:
+    """The bytes of a file that may be a model. Raises NotAModel, DataNotFound."""
+    if path.suffix == CARD_SUFFIX:
+        raise NotAModel(
+            "this is a model's card, not the model",
+            where=path,
+            next_step=f"name the model: {path.with_suffix('.onnx')}",
         )
     require_file(path)
     try:
@@ -92,20 +111,10 @@ def read_sealed(path: str | Path) -> bytes:
         ) from None
     if size > MOST_BYTES:
         raise NotAModel(
-            f"larger than {MOST_BYTES >> 20} MiB, which no model is",
+            f"larger than {MOST_BYTES >> 20} MiB, the largest size of a model",
             where=path,
-            cause="another file",
+            cause="it is another file",
             next_step="check the path",
-        )
-    start = _seal_at(data)
-    if start < 0:
-        raise _foreign(data, path)
-    if _digest(data, start) != data[start : start + DIGITS]:
-        raise BrokenSeal(
-            "the file is not what was sealed",
-            where=path,
-            cause="it was altered, or a copy was cut short",
-            next_step="export it or copy it again",
         )
     return data
 
@@ -125,8 +134,7 @@ def _digest(data: bytes, start: int) -> bytes:
 
 
 def require_own_seal(data: bytes, metadata: dict[str, str]) -> None:
-    """Raise ValueError where the digits that were checked are not the ones that the metadata name
-    as the seal."""
+    """Raise ValueError where the checked digits are not the seal that the metadata name."""
     start = _seal_at(data)
     if metadata.get(SEAL_KEY, "").encode() != data[start : start + DIGITS]:
         raise ValueError("its seal is not in its metadata")
@@ -137,12 +145,12 @@ def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
         return BrokenSeal(
             "the file ends before its seal",
             where=path,
-            cause="a copy that was cut short",
+            cause="a copy was cut short",
             next_step="export it or copy it again",
         )
     kind = "not a sealed Holdfast model"
     if data[:1] == b"\x80":
-        kind = "a Python pickle, which is never read here"
+        kind = "a Python pickle, which Holdfast never reads"
     elif data[:2] == b"PK":
         kind = "a zip archive (skops or numpy), not an ONNX file"
     elif not data:
@@ -156,7 +164,7 @@ def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
 
 
 def check_runtime(version: str = ort.__version__) -> None:
-    """Refuse versions of onnxruntime known to be wrong, by name."""
+    """Raise RuntimeRefused for a version of onnxruntime that is known to answer wrongly."""
     if version in WRONG_RUNTIMES:
         raise RuntimeRefused(
             f"onnxruntime {version} {WRONG_RUNTIMES[version]}",
@@ -165,13 +173,12 @@ def check_runtime(version: str = ort.__version__) -> None:
 
 
 def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
-    """The model card out of an opened file's metadata; NotAModel where something is missing or
-    cannot be."""
+    """The card in an opened file's metadata; NotAModel where something is missing or impossible."""
     try:
         raw = json_of(metadata[CARD_KEY])
         if raw["format"] != FORMAT:
             raise NotAModel(
-                f"format {raw['format']} of a model file, this version reads {FORMAT}",
+                f"the model file has format {raw['format']}, this version reads {FORMAT}",
                 where=path,
                 next_step="export the model again with this version",
             )
@@ -194,23 +201,25 @@ def read_card(metadata: dict[str, str], path: str | Path = "") -> ModelCard:
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise NotAModel(
-            f"its metadata lack or garble {error}", where=path, next_step="export the model again"
+            f"its metadata are incomplete or wrong: {error}",
+            where=path,
+            next_step="export the model again",
         ) from None
 
 
 MOST = 10_000
-"""Of sensors, or samples to settle: more than any model has, and few enough for loading to end."""
+"""Of sensors, or of samples to settle: more than any model has, and few enough to load in time."""
 
 
 def _count(value: object, least: int = 0, most: int = MOST) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-        raise ValueError(f"{value!r:.40}, which is no number from {least} to {most}")
+        raise ValueError(f"{value!r:.40}, not a whole number from {least} to {most}")
     return value
 
 
 def _rate_hz(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= 1e5:
-        raise ValueError(f"{value!r:.40}, which is no rate")
+        raise ValueError(f"{value!r:.40}, not a sampling rate")
     return float(value)
 
 
@@ -220,25 +229,25 @@ def _above_zero(value: object) -> float:
         or not isinstance(value, int | float)
         or not 0.0 < value < float("inf")
     ):
-        raise ValueError(f"{value!r:.40}, which is no size in the model's unit")
+        raise ValueError(f"{value!r:.40}, not a positive number in the model's unit")
     return float(value)
 
 
 def _words(value: object) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
-        raise ValueError(f"{value!r:.40}, which is no list of names")
+        raise ValueError(f"{value!r:.40}, not a list of names")
     return tuple(value)
 
 
 def _classes(value: object) -> tuple[str, ...]:
     classes = _words(value)
     if classes not in (CLASSES, SITUATIONS):
-        raise ValueError(f"{value!r:.40}, which are not the classes of this version")
+        raise ValueError(f"{value!r:.40}, not the classes of this version")
     return classes
 
 
 def _decision(value: object) -> DecisionRules:
-    """Whole numbers by the names of DecisionRules; none stands for its default."""
+    """Whole numbers by the names of DecisionRules; a missing one has its default."""
     if not isinstance(value, dict) or not set(value) <= set(LIMITS):
-        raise ValueError(f"{value!r:.40}, which are no rules of a decision")
+        raise ValueError(f"{value!r:.40}, not decision rules")
     return DecisionRules(**value)

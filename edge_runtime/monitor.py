@@ -31,16 +31,15 @@ from edge_runtime.onnx_rules import ANSWERS, WEIGHS
 
 NOW_NS = MonotonicClock().now_ns
 OLDEST_PERIODS = 2.0
-"""An answer that is older when it is given is late: it says so, and its state is unknown."""
+"""An answer that is older than this is late: `late` is set, and its state is unknown."""
 
 
 class GripMonitor:
     """Feeds prepared samples to a model and turns its outputs into predictions.
 
-    clock_ns: the monotonic clock that the samples' stamps come from; None for a replay, whose
-    answers are never late and whose latency is the time that computing took. bias_known: the
-    samples' bias was measured on the unloaded hand and stored, so that a start under load can be
-    seen.
+    clock_ns: the monotonic clock of the samples' stamps; None for a replay, whose answers are never
+    late and whose latency is the computing time. bias_known: the samples' bias was measured on the
+    unloaded hand and stored, so that a start under load can be detected.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class GripMonitor:
         self._oldest_ns = round(OLDEST_PERIODS * 1e9 / self.card.rate_hz)
         self._handed_in_ns = 0
         self.stepped_ns = 0
-        """When the graph was done with the last sample."""
+        """When the graph finished the last sample."""
         self.reset()
 
     def feed(
@@ -65,17 +64,16 @@ class GripMonitor:
         override: bool = False,
         commands: CommandLink = "none",
     ) -> Prediction:
-        """One sample in, one prediction out. values [C] are prepared (bias removed), in the model's
-        unit.
+        """One sample in, one prediction out. values [C]: without bias, in the model's unit.
 
         Samples that never came (a gap in t_ns) count as lost: the graph is stepped over them, and a
         gap of more than 20 ms makes the state unknown until the history is whole again. A sample
         that comes twice, with the same time and the same sequence, is answered again and counts
         once. Raises ChannelError, and TimeError where time runs backwards.
 
-        The state is unknown, and `why` says so, where the samples cannot be believed
+        The state is unknown, and `why` says so, where the samples cannot be trusted
         (edge_runtime/health.py): the whole hand repeats itself, the rate is not the model's, or the
-        answer is late. (One finger that repeats itself is for the driver to find, by the chip's own
+        answer is late. (The driver detects one finger that repeats itself, by the chip's own
         counter.) opening, override, commands: what the user commands now.
         """
         self._require_fit(sample)
@@ -91,7 +89,7 @@ class GripMonitor:
         return self._predict(sample, came_before, opening, override, commands)
 
     def reset(self) -> None:
-        """Forget the stream; the next sample starts afresh and unsettled."""
+        """Forget the stream; the next sample starts fresh and unsettled."""
         card = self.card
         self._graph.reset()
         self._decision = DecisionState()
@@ -107,8 +105,7 @@ class GripMonitor:
         self._stuck, self._rate_fits = False, True
 
     def lose_track(self) -> None:
-        """Forget the stream and not what is requested: unknown until settled again; an active
-        request continues."""
+        """Forget the stream: unknown until settled again; an active request continues."""
         self._graph.reset()
         self._rate.forget()
         self._last_t_ns = None
@@ -123,7 +120,7 @@ class GripMonitor:
             )
 
     def _bridge_gap(self, t_ns: int) -> None:
-        """Step over the samples that are missing since the last one, as invalid ones."""
+        """Step over the samples that are missing since the last one, as invalid samples."""
         passed_ns = 0 if self._last_t_ns is None else t_ns - self._last_t_ns
         if passed_ns < 0:
             raise TimeError(
@@ -134,12 +131,12 @@ class GripMonitor:
         self._last_t_ns = t_ns
         missing = round(passed_ns * 1e-9 * self.card.rate_hz) - 1
         self._graph.valid[:] = False
-        # one more than is bridged, and it is all the same
+        # the state is the same for every longer gap
         for _ in range(min(missing, self.card.gap_samples + 1)):
             self._graph.step()
 
     def _watch(self, sample: Sample) -> None:
-        """Show the sample to everything that judges whether samples can be believed."""
+        """Pass the sample to every watch that judges whether samples can be trusted."""
         self._last_sequence = sample.sequence
         inside = np.abs(sample.values) < self.card.range_limit  # False for NaN
         usable = sample.valid & inside.reshape(-1, 3).all(axis=1)
@@ -152,7 +149,7 @@ class GripMonitor:
         return [*ANSWERS, *(WEIGHS if self.card.has_weight else ()), *self.card.heads]
 
     def _now_ns(self, sample: Sample) -> int:
-        """Now, by the clock; in a replay the sample's time plus what computing has taken."""
+        """The clock's time; in a replay, the sample's time plus the computing time."""
         if self._clock_ns is not None:
             return self._clock_ns()
         return sample.t_ns + time.perf_counter_ns() - self._handed_in_ns
@@ -176,7 +173,7 @@ class GripMonitor:
         return replace(prediction, late=age_ns > 0)
 
     def _why_unknown(self) -> Reason:
-        """Why the state cannot be known, or "" where it is."""
+        """Why the state is unknown, or "" where it is known."""
         out = self._graph.out
         if out["unknown"][0]:
             return "sensors" if out["settled"][0] else "settling"
@@ -254,8 +251,7 @@ _STATES: tuple[State, ...] = ("nothing", "grasp", "safe_slip", "risky_slip")
 
 
 def _risky_permille(votes: Any) -> int:
-    """Risky share of the integer votes in thousandths (of eight classes, the last two are
-    risky)."""
+    """Risky share of the votes in thousandths (of eight classes, the last two are risky)."""
     risky = votes[len(votes) * 3 // 4 :].sum()
     return int(1000 * int(risky) // int(votes.sum()))
 

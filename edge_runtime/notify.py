@@ -1,8 +1,7 @@
-"""Tells systemd that the service has started and that samples are still being answered
-(sd_notify(3)).
+"""Tells systemd that the service has started and that it still answers samples (sd_notify(3)).
 
-The protocol is one datagram a message to the socket that NOTIFY_SOCKET names; without that variable
-nothing is sent.
+The protocol sends one datagram for each message to the socket in NOTIFY_SOCKET; without that
+variable nothing is sent.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ EVERY_NS = 100_000_000
 def service_watchdog(
     environment: Mapping[str, str] = os.environ,
 ) -> Iterator[Callable[[int], None]]:
-    """What is called with the time (ns) after every answer; says READY at the first, then
-    WATCHDOG=1, and STOPPING.
+    """A function to call with the time (ns) after every answer.
 
-    It never waits and never raises: a service manager that does not listen delays no sample.
+    It sends READY at the first call, then WATCHDOG=1; STOPPING is sent at the end. It never waits
+    and never raises: a service manager that does not listen delays no sample.
     """
     path = environment.get("NOTIFY_SOCKET", "")
     if not path:
@@ -33,25 +32,25 @@ def service_watchdog(
         sender.setblocking(False)
         life = _Life(sender, "\0" + path[1:] if path.startswith("@") else path)
         yield life.sign
-        life.tell("STOPPING=1")
+        life.send("STOPPING=1")
 
 
 class _Life:
-    """One service's signs of life."""
+    """The signs of life of one service."""
 
     def __init__(self, sender: socket.socket, address: str) -> None:
         self._sender, self._address = sender, address
         self._last_ns: int | None = None
 
     def sign(self, now_ns: int) -> None:
-        """An answer has been given at now_ns."""
+        """An answer was given at now_ns."""
         if self._last_ns is None:
-            self.tell("READY=1")
+            self.send("READY=1")
         if self._last_ns is None or now_ns - self._last_ns >= EVERY_NS:
-            self.tell("WATCHDOG=1")
+            self.send("WATCHDOG=1")
             self._last_ns = now_ns
 
-    def tell(self, message: str) -> None:
-        """One datagram, lost where it cannot be sent at once."""
+    def send(self, message: str) -> None:
+        """Send one datagram; it is lost where it cannot be sent at once."""
         with suppress(OSError):
             self._sender.sendto(message.encode(), self._address)

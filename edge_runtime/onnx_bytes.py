@@ -1,9 +1,9 @@
-"""A model file's graph, read from its bytes: only what our exporter writes, before onnxruntime sees
-any of it.
+"""A model file's graph, read from its bytes before onnxruntime sees any of it.
 
-Field numbers are those of https://github.com/onnx/onnx/blob/main/onnx/onnx.proto. A field that the
-exporter never writes has no number here and is refused: subgraphs, local functions, external data,
-sequences, optionals, sparse tensors, training graphs, text.
+Only what our exporter writes is accepted. Field numbers are those of
+https://github.com/onnx/onnx/blob/main/onnx/onnx.proto. A field that the exporter never writes has
+no number here and is refused: subgraphs, local functions, external data, sequences, optionals,
+sparse tensors, training graphs, text.
 """
 
 from __future__ import annotations
@@ -66,13 +66,13 @@ DIMENSION: Schema = {1: Field("dim_value", VARINT), 2: Field("dim_param", LENGTH
 
 FLOAT, INT32, INT64, BOOL, DOUBLE = 1, 6, 7, 9, 11
 DTYPES: dict[int, str] = {FLOAT: "<f4", INT32: "<i4", INT64: "<i8", BOOL: "|b1", DOUBLE: "<f8"}
-"""TensorProto.DataType -> how its raw data lies in the file."""
+"""TensorProto.DataType -> the type of its raw data in the file."""
 INT, STRING, FLOATS, INTS, STRINGS = 2, 3, 6, 7, 8
-"""AttributeProto.AttributeType: what an attribute of ours may be."""
+"""AttributeProto.AttributeType: the types that our attributes have."""
 _TYPE_TAG = b"\xa0\x01"
 """The tag of AttributeProto.type (field 20), which protobuf writes last."""
 TREE_MODES = (b"LEAF", b"BRANCH_LEQ")
-"""The only list of words that a graph of ours has: what each node of a tree is."""
+"""The only list of words in a graph of ours: what each node of a tree is."""
 MOST_ELEMENTS = 10_000_000
 """Of one tensor, when a single sample is stepped."""
 
@@ -81,7 +81,7 @@ Value = int | bytes | npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Node:
-    """One operator: its attributes by name, whole numbers, words or arrays."""
+    """One operator; its attributes by name are whole numbers, words or arrays."""
 
     domain: str
     op_type: str
@@ -91,9 +91,11 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Declared:
-    """An input or an output as the file declares it: element type and dimensions, a word where it
-    is a batch."""
+class TensorSpec:
+    """An input or output as the file declares it.
+
+    Element type, and dimensions (a word for the batch).
+    """
 
     element: int
     shape: tuple[int | str, ...]
@@ -101,20 +103,22 @@ class Declared:
 
 @dataclass(frozen=True)
 class OnnxModel:
-    """Everything a model file of ours says."""
+    """Everything that a model file of ours holds."""
 
     ir_version: int
     opsets: dict[str, int]
     metadata: dict[str, str]
     nodes: tuple[Node, ...]
     constants: dict[str, npt.NDArray[Any]]
-    inputs: dict[str, Declared]
-    outputs: dict[str, Declared]
+    inputs: dict[str, TensorSpec]
+    outputs: dict[str, TensorSpec]
 
 
 def read_onnx(data: bytes) -> OnnxModel:
-    """The model in the bytes; ValueError, in plain words, where it holds anything that our exporter
-    never writes."""
+    """The model in the bytes.
+
+    Raises ValueError, in plain words, for what our exporter never writes.
+    """
     reader = Reader()
     model = reader.message(memoryview(data), MODEL)
     graph = reader.message(_one(model, "graph"), GRAPH)
@@ -143,7 +147,7 @@ def _one(message: Message, name: str) -> Any:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise ValueError("a name in it comes twice")
+        raise ValueError("a name occurs twice in it")
     return found
 
 
@@ -172,10 +176,12 @@ def _node(reader: Reader, data: memoryview) -> Node:
 
 
 def _attribute(data: memoryview) -> tuple[str, Value]:
-    """Name first, value, type last: the order in which every protobuf library writes an
-    AttributeProto."""
+    """Name first, value, type last.
+
+    The order in which protobuf libraries write an AttributeProto.
+    """
     if bytes(data[:1]) != b"\x0a" or bytes(data[-3:-1]) != _TYPE_TAG:
-        raise ValueError("an attribute is not written as ours are")
+        raise ValueError("an attribute is not written as holdfast export writes it")
     length, at = varint(data, 1)
     name, value = data[at : at + length], data[at + length : -3]
     if at + length > len(data) - 3:
@@ -191,9 +197,7 @@ def _attribute_value(data: memoryview, kind: int) -> Value:
     if kind == STRINGS:
         return listed_words(data, 0x4A, TREE_MODES)
     if kind not in (INT, STRING):
-        raise ValueError(
-            f"an attribute is of a type ({kind}) that holdfast export never writes, such as a subgraph"
-        )
+        raise ValueError(f"an attribute has a type ({kind}) that holdfast export never writes")
     name = "i" if kind == INT else "s"
     message = Reader().message(
         data, {3: Field("i", VARINT)} if kind == INT else {4: Field("s", LENGTH)}
@@ -208,25 +212,25 @@ def _signed(value: int) -> int:
 
 
 def _tensor(message: Message) -> tuple[str, npt.NDArray[Any]]:
-    """A constant: its dimensions and its raw data must say the same size."""
+    """A constant; its dimensions and its raw data must have the same size."""
     dtype = DTYPES.get(_one(message, "data_type"))
     shape = tuple(message.get("dims", ()))
     raw = message.get("raw_data", [memoryview(b"")])[0]
     if dtype is None:
-        raise ValueError("a constant is of a type that holdfast export never writes")
+        raise ValueError("a constant has a type that holdfast export never writes")
     if (
         math.prod(shape) > MOST_ELEMENTS
         or math.prod(shape) * np.dtype(dtype).itemsize != len(raw)
         or not len(raw)
     ):
-        raise ValueError("a constant is not as large as it says")
+        raise ValueError("a constant has another size than it claims")
     values = np.frombuffer(raw, dtype).reshape(shape)
     if np.isnan(values).any() or (values.dtype == np.float32 and not np.isfinite(values).all()):
         raise ValueError("a constant is not finite")
     return text(_one(message, "name")), values
 
 
-def _declared(reader: Reader, data: memoryview) -> tuple[str, Declared]:
+def _declared(reader: Reader, data: memoryview) -> tuple[str, TensorSpec]:
     value = reader.message(data, VALUE)
     tensor = reader.message(
         _one(reader.message(_one(value, "type"), TYPE), "tensor_type"), TENSOR_TYPE
@@ -235,7 +239,7 @@ def _declared(reader: Reader, data: memoryview) -> tuple[str, Declared]:
         raise ValueError("an input or output has no shape")
     dims = reader.message(_one(tensor, "shape"), SHAPE).get("dim", ())
     shape = tuple(_dimension(reader.message(one, DIMENSION)) for one in dims)
-    return text(_one(value, "name")), Declared(_one(tensor, "elem_type"), shape)
+    return text(_one(value, "name")), TensorSpec(_one(tensor, "elem_type"), shape)
 
 
 def _dimension(message: Message) -> int | str:

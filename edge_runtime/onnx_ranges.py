@@ -1,9 +1,8 @@
-"""Whether a computed index can leave its table: the bounds of what our guard computes, from the
-state and the flags.
+"""Whether a computed index can leave its table, by the bounds of what the guard graph computes.
 
-The guard walks through a table: place + share of good channels -> next place, which is the state of
-the next sample. An index outside of the table ends the step with an error, perhaps only on the one
-sample that leads there.
+The guard walks through a table: position + share of good channels -> next position, which is in the
+state of the next sample. An index outside the table ends the step with an error, perhaps only at
+the one sample that leads there. The bounds follow from the state and the flags.
 """
 
 from __future__ import annotations
@@ -14,16 +13,16 @@ from collections.abc import Callable
 import numpy as np
 
 from edge_runtime.onnx_bytes import BOOL, Node, OnnxModel
-from edge_runtime.onnx_shapes import Tensor
+from edge_runtime.onnx_tensors import Tensor
 
 Bounds = tuple[float, float]
 ANYTHING: Bounds = (-math.inf, math.inf)
 MOST_LEVELS = 16
-"""Operators between an index and what bounds it; ours has four."""
+"""Operators between an index and what bounds it; our graph has four."""
 
 
 def require_indices(model: OnnxModel, tensors: dict[str, Tensor]) -> None:
-    """Raise ValueError where a Gather's computed index may be outside of its table."""
+    """Raise ValueError where a computed index of a Gather may be outside its table."""
     ranges = _Ranges(model, tensors)
     for node in model.nodes:
         if node.op_type == "Gather" and tensors[node.inputs[1]].values is None:
@@ -37,14 +36,14 @@ def require_indices(model: OnnxModel, tensors: dict[str, Tensor]) -> None:
 
 
 class _Ranges:
-    """Bounds of tensors by name, followed backwards; anything where no rule bounds them."""
+    """Bounds of tensors by name, followed backwards; ANYTHING where no rule bounds them."""
 
     def __init__(self, model: OnnxModel, tensors: dict[str, Tensor]) -> None:
         self._tensors = tensors
         self._made_by = {name: node for node in model.nodes for name in node.outputs}
 
     def of(self, name: str, levels: int = MOST_LEVELS) -> Bounds:
-        """The least and the most that the tensor's numbers can be."""
+        """The least and the greatest value that the tensor can have."""
         tensor, node = self._tensors[name], self._made_by.get(name)
         if tensor.values is not None:
             return float(tensor.values.min()), float(tensor.values.max())
@@ -54,7 +53,7 @@ class _Ranges:
         return rule(self, node, name, levels - 1) if rule and node and levels else ANYTHING
 
     def cast(self, node: Node, name: str, levels: int) -> Bounds:
-        """Cutting to a whole number moves it towards zero: -0.5 becomes 0."""
+        """Conversion to a whole number moves a value towards zero: -0.5 becomes 0."""
         least, most = self.of(node.inputs[0], levels)
         return math.trunc(least) if math.isfinite(least) else least, most
 
@@ -64,7 +63,7 @@ class _Ranges:
         return a + c, b + d
 
     def product(self, node: Node, name: str, levels: int) -> Bounds:
-        """Of what is 0 to 1 with a constant matrix: its columns' negative and positive sums."""
+        """Of values from 0 to 1 with a constant matrix: its columns' negative and positive sums."""
         weights = self._tensors[node.inputs[1]].values
         if weights is None or weights.ndim != 2 or self.of(node.inputs[0], levels) != (0.0, 1.0):
             return ANYTHING
@@ -73,17 +72,19 @@ class _Ranges:
         )
 
     def gather(self, node: Node, name: str, levels: int) -> Bounds:
-        """Whatever the index, what its table holds."""
+        """For any index: the range of its table."""
         return self.of(node.inputs[0], levels)
 
     def split(self, node: Node, name: str, levels: int) -> Bounds:
-        """A field of the state: zero after a reset, else what the last sample handed on in its
-        place."""
+        """A field of the state.
+
+        Zero after a reset, else the value that the last sample left there.
+        """
         packed = self._made_by.get("state_out")
         if not _is_state(self._made_by.get(node.inputs[0]), self._tensors) or packed is None:
             return ANYTHING
-        place = self._rows(node.outputs)[name]
-        following = [one for one, rows in self._rows(packed.inputs).items() if rows == place]
+        position = self._rows(node.outputs)[name]
+        following = [one for one, rows in self._rows(packed.inputs).items() if rows == position]
         if (
             packed.op_type != "Concat"
             or not following
@@ -94,13 +95,13 @@ class _Ranges:
         return min(least, 0.0), max(most, 0.0)
 
     def _rows(self, names: tuple[str, ...]) -> dict[str, tuple[int, int]]:
-        """Which rows of the state each part is: first, and one past the last."""
+        """The rows of the state that each part has: first, and one past the last."""
         ends = np.cumsum([self._tensors[name].shape[1] for name in names]).tolist()
         return dict(zip(names, zip([0, *ends], ends, strict=False), strict=True))
 
 
 def _is_state(node: Node | None, tensors: dict[str, Tensor]) -> bool:
-    """Where(a flag, 0, state): a state begins as zeros, and a flag makes it zeros again."""
+    """Whether it is Where(flag, 0, state): a state begins as zeros, and a flag resets it."""
     if node is None or node.op_type != "Where" or node.inputs[2] != "state":
         return False
     zero = tensors[node.inputs[1]].values

@@ -1,9 +1,8 @@
-"""What a model file may hold: the operators our exporter writes, and the inputs and outputs that
-its card names.
+"""What a model file may hold: our exporter's operators, and the inputs and outputs of its card.
 
-Checked on the bytes, before onnxruntime sees them. What passes cannot fail on a later sample: votes
-are whole and sum to what the card says, a situation is 0 to 3, and every output has the type and
-shape that the monitor reads.
+Checked on the bytes, before onnxruntime sees them. A file that passes cannot fail at a later
+sample: votes are whole and have the sum that the card says, a situation is 0 to 3, and every output
+has the type and shape that the monitor reads.
 """
 
 from __future__ import annotations
@@ -14,9 +13,10 @@ from typing import Any
 from edge_runtime.contract import SITUATIONS
 from edge_runtime.golden import golden_length
 from edge_runtime.model_file import ModelCard
-from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, Declared, Node, OnnxModel
+from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, Node, OnnxModel, TensorSpec
 from edge_runtime.onnx_ranges import require_indices
-from edge_runtime.onnx_shapes import Tensor, shapes_of
+from edge_runtime.onnx_shapes import shapes_of
+from edge_runtime.onnx_tensors import Tensor
 from edge_runtime.onnx_trees import require_trees
 
 IR_VERSION = 10
@@ -70,23 +70,24 @@ ALLOWED: dict[tuple[str, str], frozenset[str]] = {
     ("", "Transpose"): frozenset({"perm"}),
     ("ai.onnx.ml", "TreeEnsembleRegressor"): frozenset(_TREES),
 }
-"""(domain, operator) -> the attributes it may have: what export/ writes, over all its options, and
-nothing else."""
+"""(domain, operator) -> the attributes that it may have.
+
+All that export/ writes, with any options.
+"""
 
 STEP = ("settled", "unknown", "usable_sensors", "detectors", "features", "state_out")
 ANSWERS = ("votes", "situation", "p_situation", "detectors", "settled", "unknown", "usable_sensors")
 WEIGHS = ("p_class", "weight")
-"""Outputs that the monitor takes from a graph: always, and where it knows light and heavy."""
+"""Outputs that the monitor reads: always (ANSWERS), and where the model knows light and heavy."""
 INPUTS = ("sample", "valid", "reset", "state")
 _HEAD = re.compile(r"p_[a-z0-9_]{1,60}")
 MOST_TREES, MOST_BITS = 100_000, 16
 MOST_GOLDEN = 1_000_000
-"""Numbers of the golden input, which are made one by one; the default model: 4,536."""
+"""Numbers of the golden input, which are made one by one; the default model has 4,536."""
 
 
 def require_ours(model: OnnxModel, card: ModelCard) -> None:
-    """Raise ValueError, in plain words, where the file is not what our exporter would have written
-    for this card."""
+    """Raise ValueError, in plain words, where the file is not what our exporter writes."""
     require_allowed(model)
     _require_heads(card)
     _require_inputs(model, card)
@@ -100,41 +101,40 @@ def require_ours(model: OnnxModel, card: ModelCard) -> None:
 
 
 def require_allowed(model: OnnxModel) -> None:
-    """Raise ValueError for an operator, an attribute or an operator set that our exporter never
-    writes."""
+    """Raise ValueError for an operator, attribute or operator set that our exporter omits."""
     if model.ir_version != IR_VERSION or model.opsets != OPSETS:
-        raise ValueError(f"it is of IR version {model.ir_version} and operator sets {model.opsets}")
+        raise ValueError(f"it has IR version {model.ir_version} and operator sets {model.opsets}")
     for node in model.nodes:
         kind = (node.domain, node.op_type)
         if kind not in ALLOWED:
             raise ValueError(
-                f"it holds the operator {kind[0]}:{kind[1]}, which holdfast export never writes"
+                f"it has the operator {kind[0]}:{kind[1]}, which holdfast export never writes"
             )
         more = sorted(set(node.attributes) - ALLOWED[kind])
         if more or not node.outputs:
             raise ValueError(
-                f"operator {node.op_type} has attributes that holdfast export never writes: {more!s:.80}"
+                f"operator {node.op_type} has attributes that holdfast export never writes: "
+                f"{more!s:.80}"
             )
 
 
 def _require_heads(card: ModelCard) -> None:
-    """A further head is a probability of its own, never a name that the graph already has for
-    something else."""
+    """A further head is a probability of its own; its name must be new to the graph."""
     taken = {*INPUTS, *STEP, *ANSWERS, *WEIGHS}
     for name in card.heads:
         if name in taken or not _HEAD.fullmatch(name):
             raise ValueError(
-                f"its card names a head {name!r}, which is no name of a further probability"
+                f"its card names a head {name!r}, which cannot be the name of a further probability"
             )
 
 
 def _require_inputs(model: OnnxModel, card: ModelCard) -> None:
-    rows = model.inputs.get("state", Declared(0, ("B", 0, 0))).shape[1:2]
+    rows = model.inputs.get("state", TensorSpec(0, ("B", 0, 0))).shape[1:2]
     wanted = {
-        "sample": Declared(DOUBLE, ("B", 1, card.n_channels)),
-        "valid": Declared(BOOL, ("B", 1, card.n_channels // 3)),
-        "reset": Declared(BOOL, ("B", 1, 1)),
-        "state": Declared(DOUBLE, ("B", *rows, card.n_channels)),
+        "sample": TensorSpec(DOUBLE, ("B", 1, card.n_channels)),
+        "valid": TensorSpec(BOOL, ("B", 1, card.n_channels // 3)),
+        "reset": TensorSpec(BOOL, ("B", 1, 1)),
+        "state": TensorSpec(DOUBLE, ("B", *rows, card.n_channels)),
     }
     whole = all(isinstance(size, int) for size in rows)
     if model.inputs != wanted or not whole:
@@ -142,8 +142,7 @@ def _require_inputs(model: OnnxModel, card: ModelCard) -> None:
 
 
 def _require_outputs(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]) -> None:
-    """Names, types and shapes as the card says them, as the file declares them and as the operators
-    make them."""
+    """Names, types and shapes: card, file and operators must agree."""
     wanted = _outputs_of(model, card)
     if set(model.outputs) != set(wanted):
         raise ValueError(
@@ -151,33 +150,32 @@ def _require_outputs(model: OnnxModel, card: ModelCard, tensors: dict[str, Tenso
         )
     for name, expected in wanted.items():
         made = tensors.get(name, Tensor(0, ()))
-        batched = Declared(made.element, ("B", *made.shape[1:]) if made.shape[:1] == (1,) else ())
+        batched = TensorSpec(made.element, ("B", *made.shape[1:]) if made.shape[:1] == (1,) else ())
         if not model.outputs[name] == batched == expected:
-            raise ValueError(f"its output {name} is not of the type and shape that its card says")
+            raise ValueError(f"its output {name} has not the type and shape that its card says")
 
 
-def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, Declared]:
-    """What a graph with this card publishes. How many features there are is the graph's own
-    affair."""
-    features = model.outputs.get("features", Declared(FLOAT, ("B", 1))).shape
+def _outputs_of(model: OnnxModel, card: ModelCard) -> dict[str, TensorSpec]:
+    """The outputs of a graph with this card. The number of features is free."""
+    features = model.outputs.get("features", TensorSpec(FLOAT, ("B", 1))).shape
     wanted = {
-        "settled": Declared(BOOL, ("B",)),
-        "unknown": Declared(BOOL, ("B",)),
-        "usable_sensors": Declared(INT32, ("B",)),
-        "detectors": Declared(BOOL, ("B", len(card.detectors))),
-        "features": Declared(FLOAT, features),
-        "votes": Declared(FLOAT, ("B", len(card.classes))),
-        "p_situation": Declared(FLOAT, ("B", len(SITUATIONS))),
-        "situation": Declared(INT64, ("B",)),
+        "settled": TensorSpec(BOOL, ("B",)),
+        "unknown": TensorSpec(BOOL, ("B",)),
+        "usable_sensors": TensorSpec(INT32, ("B",)),
+        "detectors": TensorSpec(BOOL, ("B", len(card.detectors))),
+        "features": TensorSpec(FLOAT, features),
+        "votes": TensorSpec(FLOAT, ("B", len(card.classes))),
+        "p_situation": TensorSpec(FLOAT, ("B", len(SITUATIONS))),
+        "situation": TensorSpec(INT64, ("B",)),
         "state_out": model.inputs["state"],
     }
     if card.has_weight:
         wanted |= {
-            "p_class": Declared(FLOAT, ("B", len(card.classes))),
-            "weight": Declared(BOOL, ("B",)),
+            "p_class": TensorSpec(FLOAT, ("B", len(card.classes))),
+            "weight": TensorSpec(BOOL, ("B",)),
         }
     for name in card.heads:
-        wanted |= {name: Declared(FLOAT, ("B",)), f"votes_{name}": Declared(FLOAT, ("B", 2))}
+        wanted |= {name: TensorSpec(FLOAT, ("B",)), f"votes_{name}": TensorSpec(FLOAT, ("B", 2))}
     return wanted
 
 
@@ -186,7 +184,7 @@ def _words(names: Any) -> str:
 
 
 def _require_votes(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]) -> None:
-    """Votes come from trees alone, and a situation is the greatest of four."""
+    """Votes come from trees alone, and a situation is the largest of four."""
     made_by = {name: node for node in model.nodes for name in node.outputs}
     situation = made_by["situation"]
     if situation.op_type != "ArgMax" or tensors[situation.inputs[0]].shape != (1, len(SITUATIONS)):

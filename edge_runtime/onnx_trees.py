@@ -1,10 +1,9 @@
-"""The trees of a TreeEnsembleRegressor: every walk ends in a leaf, and every leaf gives the same
-number of votes.
+"""The trees of a TreeEnsembleRegressor: every walk ends in a leaf, and all leaves give equal votes.
 
-onnxruntime follows whatever children a node names and reads whatever feature it names: trees that
-loop never end, and a feature outside of the row is memory that is not ours. So it is proved for all
-trees before they are opened, whatever row is fed later: the votes of a sample are whole numbers,
-and their sum is trees x 2^vote_bits.
+onnxruntime follows any child that a node names and reads any feature: trees with a loop never end,
+and a feature outside the row is foreign memory. So this is proved for all trees before they are
+opened, for any later row: the votes of a sample are whole numbers, and their sum is trees x
+2^vote_bits.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from edge_runtime.onnx_bytes import Node
 from edge_runtime.protobuf import IntArray
 
 MOST_DEPTH = 1000
-"""onnxruntime calls itself once a level when it reads a tree."""
+"""onnxruntime recurses once for each level when it reads a tree."""
 EXACT_FLOAT32 = 2**24
 NODES = (
     "nodes_treeids",
@@ -33,21 +32,20 @@ TARGETS = ("target_treeids", "target_nodeids", "target_ids")
 def require_trees(
     node: Node, n_features: int, n_targets: int, n_trees: int, vote_bits: int
 ) -> None:
-    """Raise ValueError where a walk could leave the trees or the row, or a leaf's votes are not
-    2^vote_bits."""
+    """Raise ValueError where a walk could leave its tree or row, or a leaf's votes are wrong.
+
+    A leaf must give 2^vote_bits votes.
+    """
     _require_settings(node, n_targets)
     tree, number, feature, below, otherwise = (_column(node, name, np.int64) for name in NODES)
-    branch, threshold = (
-        _column(node, "nodes_modes", np.bool_),
-        _column(node, "nodes_values", np.float32),
-    )
-    if len(
-        {len(one) for one in (tree, number, feature, below, otherwise, branch, threshold)}
-    ) != 1 or not len(tree):
+    branch = _column(node, "nodes_modes", np.bool_)
+    threshold = _column(node, "nodes_values", np.float32)
+    columns = (tree, number, feature, below, otherwise, branch, threshold)
+    if len({len(column) for column in columns}) != 1 or not len(tree):
         raise ValueError("its trees' columns are not of one length")
     starts = _starts(tree, number, n_trees)
     if (feature >= n_features).any():
-        raise ValueError("a tree asks for a feature that is not there")
+        raise ValueError("a tree uses a feature that does not exist")
     _require_ends(starts[tree] + np.array([below, otherwise]), starts, tree, branch)
     _require_votes(node, starts, branch, n_targets, 1 << vote_bits)
     if n_trees << vote_bits >= EXACT_FLOAT32:
@@ -75,8 +73,10 @@ def _column(node: Node, name: str, dtype: type[np.generic]) -> npt.NDArray[Any]:
 
 
 def _starts(tree: IntArray, number: IntArray, n_trees: int) -> IntArray:
-    """[trees + 1] where each tree's nodes begin; trees and nodes are numbered from 0 on, in
-    order."""
+    """[trees + 1] where each tree's nodes begin.
+
+    Trees and nodes must be numbered from 0, in order.
+    """
     at = np.arange(len(tree))
     starts = np.flatnonzero(number == 0)
     fits = len(starts) == n_trees and tree[0] == 0 and starts[0] == 0
@@ -92,22 +92,20 @@ def _starts(tree: IntArray, number: IntArray, n_trees: int) -> IntArray:
 def _require_ends(
     children: IntArray, starts: IntArray, tree: IntArray, branch: npt.NDArray[np.bool_]
 ) -> None:
-    """Every node but a root has one parent, before it in the same tree, so no walk comes to a node
-    twice."""
+    """Every node but a root has one parent, before it in its tree: no walk visits a node twice."""
     behind = (children > np.arange(len(branch))) & (children < starts[tree + 1])
     if not (behind | ~branch).all():
-        raise ValueError("a tree names a child that is not behind it, so a walk may never end")
+        raise ValueError("a node's child does not come after it, so a walk may never end")
     left, right = np.where(branch, children, 0)
     parents = np.bincount(left, minlength=len(branch)) + np.bincount(right, minlength=len(branch))
     parents[starts[:-1]] += 1
     if (parents[1:] != 1).any():
-        raise ValueError("a tree's node has not one parent")
+        raise ValueError("a node of a tree has no parent, or several")
     _require_depth(left, right, starts[:-1])
 
 
 def _require_depth(left: IntArray, right: IntArray, level: IntArray) -> None:
-    """Level by level from the roots; at each level only the nodes of that level. Leaves have the
-    child 0."""
+    """Level by level from the roots, only the nodes of that level. Leaves have the child 0."""
     for _ in range(MOST_DEPTH):
         level = np.concatenate([left[level], right[level]])
         level = level[level > 0]
@@ -125,7 +123,7 @@ def _require_votes(
         raise ValueError("its votes' columns are not of one length")
     n_trees = len(starts) - 1
     if (tree >= n_trees).any() or (number >= np.diff(starts)[np.minimum(tree, n_trees - 1)]).any():
-        raise ValueError("a vote is for a node that is not there")
+        raise ValueError("a vote is for a node that does not exist")
     whole = (weights >= 0) & (weights == np.floor(weights))
     given = np.bincount(starts[tree] + number, weights, minlength=len(branch))
     if (

@@ -1,7 +1,7 @@
-"""What happens to raw channels before the step graph sees them: sign of the magnet, then bias.
+"""What happens to raw channels before the step graph: the sign of the magnet, then the bias.
 
-The same object is used by training, replay and the live path, and its parameters travel in
-the model's metadata, so that what a model saw in training is what it sees on the hand.
+Training, replay and the live path use the same object, and its parameters are in the model's
+metadata. So a model sees on the hand what it saw in training.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from edge_runtime.contract import NORMAL_AXIS, FloatArray
 
 MOST_ROWS = 100_000
-"""A bias is taken from fewer: a hand would have to rest for ten minutes."""
+"""A bias is taken from fewer rows; these would be ten minutes of a resting hand."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Preparation:
 
     bias_rows: how many rows the bias is taken from (0: the stream is already tared). statistic:
     mean or median over these rows, each channel on its own; non-finite rows do not count.
-    flip_negative_normal: turn z round where its first value is below -flip_beyond (a magnet mounted
-    upside down). flip_beyond: in the stream's unit; above the noise, or a stream that is tared
-    already is turned at random.
+    flip_negative_normal: turn z round where its first value is below -flip_beyond (a reversed
+    magnet). flip_beyond: in the stream's unit, above the noise; otherwise a stream that is already
+    tared would be turned at random.
     """
 
     bias_rows: int = 0
@@ -34,12 +34,15 @@ class Preparation:
     flip_beyond: float = 0.0
 
     def apply(self, raw: FloatArray) -> FloatArray:
-        """[T, C] raw -> [T, C] prepared, same unit. Only the first `bias_rows` rows decide how."""
+        """[T, C] raw -> [T, C] prepared, same unit.
+
+        Only the first `bias_rows` rows decide sign and bias.
+        """
         sign, bias = self.learn(raw)
         return raw * sign - bias
 
     def learn(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(sign [C], bias [C]) that the first rows [T, C] give: prepared = raw * sign - bias."""
+        """(sign [C], bias [C]) from the first rows [T, C]: prepared = raw * sign - bias."""
         sign = self._sign(raw) if self.flip_negative_normal else np.ones(raw.shape[1])
         return sign, self._bias(raw * sign)
 
@@ -66,7 +69,7 @@ class Preparation:
 
 
 def preparation_from_json(value: dict[str, Any]) -> Preparation:
-    """The inverse of `to_json`. Raises TypeError or ValueError for what is none."""
+    """The inverse of `to_json`. Raises TypeError or ValueError for wrong values."""
     made = Preparation(**value)
     whole = isinstance(made.bias_rows, int) and not isinstance(made.bias_rows, bool)
     if (
@@ -77,6 +80,7 @@ def preparation_from_json(value: dict[str, Any]) -> Preparation:
         raise ValueError(f"bias_rows {made.bias_rows!r:.40} or statistic {made.statistic!r:.40}")
     if not isinstance(made.flip_negative_normal, bool) or not 0.0 <= made.flip_beyond < 1e9:
         raise ValueError(
-            f"flip_negative_normal {made.flip_negative_normal!r:.9}, flip_beyond {made.flip_beyond!r:.40}"
+            f"flip_negative_normal {made.flip_negative_normal!r:.9}, "
+            f"flip_beyond {made.flip_beyond!r:.40}"
         )
     return made

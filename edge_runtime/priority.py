@@ -1,8 +1,7 @@
-"""Real-time priority for the thread that reads a hand: woken when it is due, whatever else the
-machine computes.
+"""Real-time priority for the thread that reads a hand, so it wakes on time on a busy machine.
 
-Linux gives it to root, to a process with CAP_SYS_NICE, and up to `ulimit -r` to everybody else;
-where it does not, all works as before, only that a busy machine may wake the reader late.
+Linux grants it to root, to a process with CAP_SYS_NICE, and to others up to `ulimit -r`. Without it
+everything works as before, only a busy machine may wake the reader late.
 """
 
 from __future__ import annotations
@@ -12,14 +11,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 PRIORITY = 10
-"""Before every ordinary program, after the kernel's own threads that serve USB and the clock
-(50)."""
+"""Above every ordinary program, below the kernel's threads that serve USB and the clock (50)."""
 
 
 @contextmanager
 def real_time() -> Iterator[bool]:
-    """Whether this thread has real-time priority (SCHED_FIFO) until the end; its threads and
-    children never have."""
+    """Give this thread real-time priority (SCHED_FIFO) within the block; yields whether it has it.
+
+    Its threads and children never have it.
+    """
     if not hasattr(os, "sched_setscheduler"):
         yield False
         return
@@ -36,7 +36,7 @@ def real_time() -> Iterator[bool]:
 
 
 def _give_back(policy: int, param: os.sched_param) -> None:
-    """As it was, but that only the system may take the mark away that children do not inherit."""
+    """Restore the old policy; only the system may remove the reset-on-fork mark."""
     try:
         os.sched_setscheduler(0, policy, param)
     except PermissionError:

@@ -1,5 +1,4 @@
-"""Before anything from outside is read to its end: is it a file, how long is it, is its JSON fit to
-be read?"""
+"""Checks before an input is read to its end: its kind, its length, and the depth of its JSON."""
 
 from __future__ import annotations
 
@@ -11,14 +10,13 @@ from typing import Any
 from edge_runtime.errors import DataNotFound, TooLarge
 
 MOST_LEVELS = 32
-"""Nothing of ours nests deeper; a thousand brackets in a row end Python's own stack."""
+"""Our files nest less deeply; a thousand brackets in a row exhaust Python's stack."""
 
 
 def require_file(path: Path) -> None:
-    """Raise DataNotFound for a device or a pipe, which may never end, and for a path that cannot be
-    one.
+    """Raise DataNotFound for a device or a pipe, which may never end, and for an invalid path.
 
-    Where there is nothing, whoever opens it says so; and so for a folder.
+    For a missing file and for a folder, the code that opens it raises the error.
     """
     try:
         mode = path.stat().st_mode
@@ -27,22 +25,25 @@ def require_file(path: Path) -> None:
     except (OSError, ValueError) as error:
         what = error.strerror if isinstance(error, OSError) else str(error)
         raise DataNotFound(
-            f"no path of a file ({what})", where=repr(str(path))[:80], next_step="check it"
+            f"not a valid path ({what})", where=repr(str(path))[:80], next_step="check the path"
         ) from None
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise DataNotFound(
-            "a device or a pipe where a file belongs",
+            "a device or a pipe, not a file",
             where=path,
-            next_step="write it to a file first, and name that",
+            next_step="write the data to a file first, and name that file",
         )
 
 
 MOST_DOCUMENT_BYTES = 16 << 20
-"""Of a JSON or TOML file, or of the text of one: ours have a few thousand."""
+"""Of a JSON or TOML file, or of its text; ours have a few thousand."""
 MOST_LINE_BYTES = 128 << 10
-"""Of a table's line; a hand of 64 sensors needs 5,000. Python's csv takes no longer cell either."""
+"""Of one line of a table; a hand of 64 sensors needs 5,000.
+
+Python's csv has the same limit a cell.
+"""
 MOST_TABLE_BYTES = 4 << 30
-"""A table of six sensors would have to run for a day and a half."""
+"""A table of six sensors reaches it after a day and a half."""
 CHUNK_BYTES = 64 << 10
 
 
@@ -61,8 +62,7 @@ def text_of(path: Path) -> str:
 
 
 def require_lines(path: Path) -> None:
-    """Raise TooLarge where a table is too large to read, or has a line that is no line; what
-    opening it raises."""
+    """Raise TooLarge for a table or a line that is too long; raises also what opening it raises."""
     with path.open("rb") as file:
         if path.stat().st_size > MOST_TABLE_BYTES:
             raise TooLarge(
@@ -77,7 +77,7 @@ def require_lines(path: Path) -> None:
                 raise TooLarge(
                     f"line {number} is longer than {MOST_LINE_BYTES} bytes",
                     where=path,
-                    cause="another file, or line ends that were lost",
+                    cause="it is another file, or its line ends were lost",
                     next_step="copy it again",
                 )
             begun = (
@@ -89,8 +89,7 @@ def require_lines(path: Path) -> None:
 
 
 def json_of(text: str | bytes) -> Any:
-    """json.loads that has one error only: ValueError, also for what is nested too deep or too
-    long."""
+    """json.loads with one kind of error: ValueError, also for text that is too long or too deep."""
     if len(text) > MOST_DOCUMENT_BYTES:
         raise ValueError("too long")
     try:

@@ -1,5 +1,7 @@
-"""Prepared samples as a CSV that replays to the same decisions: Time, X1 .. Zn, valid1 .. validn,
-all digits kept."""
+"""Prepared samples as a CSV that replays to the same decisions: Time, X1 .. Zn, valid1 .. validn.
+
+All digits are kept.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ class SampleFile:
 
 @contextmanager
 def sample_file(path: Path, n_channels: int) -> Iterator[SampleFile]:
-    """A new file, written by a thread of its own. Raises OutputError."""
+    """A new file, written by its own thread. Raises OutputError."""
     sensors = n_channels // 3
     header = ",".join(
         [TIME_COLUMN, *channel_names(sensors), *(f"valid{k}" for k in range(1, sensors + 1))]

@@ -1,10 +1,10 @@
 """Where predictions go: a text stream, a file, a UDP port; one JSON line each.
 
 The loop never waits for a sink. Streams and files are logs: a thread of their own writes them
-(line_writer.py), what they do not take in time is dropped whole and counted, and a log that fails
-is left out, told and counted, while the loop goes on. A UDP port is written by the loop itself,
-which a socket never delays; a controller may listen there, so it counts as acting. Only the loss of
-every acting sink leaves a run without a purpose.
+(line_writer.py). Lines that they do not take in time are dropped whole and counted. A log that
+fails is left out, reported and counted, while the loop goes on. The loop itself writes to a UDP
+port, because a socket never delays it. A controller may listen there, so a UDP port counts as
+acting. A run ends without purpose only when every acting sink is lost.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ from edge_runtime.output import to_json_line
 
 
 class UdpSink:
-    """A datagram a line. A port where no program listens is no failure: a controller may start
-    later."""
+    """One datagram for each line. A port without a listener is no failure.
+
+    A controller may start later.
+    """
 
     kind: Kind = "acting"
     failure: OSError | None = None
@@ -38,8 +40,10 @@ class UdpSink:
         self._sender, self._target = sender, target
 
     def __call__(self, line: str) -> bool:
-        """Send it; False where the system does not take it now: a full buffer, a network that is
-        down."""
+        """Send it; False where the system does not take it.
+
+        A full buffer, a network that is down.
+        """
         try:
             self._sender.sendto(line.encode(), self._target)
         except OSError:
@@ -48,16 +52,18 @@ class UdpSink:
         return True
 
     def end(self) -> None:
-        """Nothing is under way."""
+        """No line is waiting."""
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """Nothing is under way."""
+        """No line is waiting."""
 
 
 @contextmanager
 def file_sink(path: Path, name: str = "", header: str | None = None) -> Iterator[Sink]:
-    """A new file, a line at a time, after its header. Raises OutputError where it exists or cannot
-    be made."""
+    """A new file, a line at a time, after its header.
+
+    Raises OutputError if it exists or is not writable.
+    """
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     except OSError as error:
@@ -73,11 +79,11 @@ def file_sink(path: Path, name: str = "", header: str | None = None) -> Iterator
 
 @contextmanager
 def udp_sink(address: str) -> Iterator[Sink]:
-    """A datagram a line to HOST:PORT. Raises UsageError."""
+    """One datagram for each line to HOST:PORT. Raises UsageError."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise UsageError(
-            f"{address!r} is no address", next_step="HOST:PORT, such as 127.0.0.1:9000"
+            f"{address!r} is not an address", next_step="give HOST:PORT, such as 127.0.0.1:9000"
         )
     try:
         family, kind, proto, _, target = socket.getaddrinfo(
@@ -85,7 +91,7 @@ def udp_sink(address: str) -> Iterator[Sink]:
         )[0]
     except OSError as error:
         raise UsageError(
-            f"{address!r}: {error.strerror}", next_step="HOST:PORT, such as 127.0.0.1:9000"
+            f"{address!r}: {error.strerror}", next_step="give HOST:PORT, such as 127.0.0.1:9000"
         ) from None
     with socket.socket(family, kind, proto) as sender:
         sender.setblocking(False)
@@ -93,22 +99,23 @@ def udp_sink(address: str) -> Iterator[Sink]:
 
 
 class Outlets:
-    """All sinks of a run: hands each prediction to every living one, and notices those that fail.
+    """All sinks of a run: passes each prediction to every working sink, and detects failures.
 
-    sinks: take predictions. others: take other lines (samples), are closed with them. watched: only
-    noticed. tell: says on stderr what fails. failures: the error by the sink's name.
+    sinks: take predictions. others: take other lines (samples), and are closed with them. watched:
+    only checked for failures. say: receives a line for each failure. failures: the error by the
+    sink's name.
     """
 
     def __init__(
         self,
         sinks: Sequence[Sink],
-        tell: Callable[[str], object],
+        say: Callable[[str], object],
         *,
         others: Sequence[Sink] = (),
         watched: Sequence[Sink] = (),
     ) -> None:
         self.failures: dict[str, OSError] = {}
-        self._sinks, self._tell = list(sinks), tell
+        self._sinks, self._say = list(sinks), say
         self._all = [*sinks, *others]
         self._living = [*self._all, *watched]
         self._acting = [sink for sink in sinks if sink.kind == "acting"]
@@ -119,18 +126,18 @@ class Outlets:
         return sum(sink.dropped for sink in self._all)
 
     def lost(self) -> dict[str, str]:
-        """Why a sink failed, in words, by its name."""
+        """The reason why a sink failed, by its name."""
         return {name: str(error.strerror or error) for name, error in self.failures.items()}
 
     def emit(self, prediction: Prediction) -> int:
-        """Hand it to all sinks that live; how many dropped a line."""
+        """Pass it to all working sinks; returns how many dropped a line."""
         line = to_json_line(prediction)
         dropped = sum([not sink(line) for sink in self._sinks])
         self.look()
         return dropped
 
     def look(self) -> None:
-        """Leave out each sink that has failed since, and tell so once."""
+        """Leave out each sink that has failed since the last look, and report it once."""
         for sink in self._living:
             if sink.failure is not None:
                 self._leave_out(sink, sink.failure)
@@ -139,17 +146,18 @@ class Outlets:
         self._living = [one for one in self._living if one is not sink]
         self._sinks = [one for one in self._sinks if one is not sink]
         self.failures[sink.name] = why
-        self._tell(
-            f"{sink.name} takes no more lines ({self.lost()[sink.name]}); it is dropped, control goes on"
-        )
+        reason = self.lost()[sink.name]
+        self._say(f"{sink.name} takes no more lines ({reason}); it is dropped, control goes on")
 
     def none_acts(self) -> bool:
-        """Whether there were acting sinks and all are lost: no answer can reach a hand any more."""
+        """Whether there were acting sinks and all of them failed: no answer can reach a hand."""
         return bool(self._acting) and all(sink.failure is not None for sink in self._acting)
 
     def close(self, wait_s: float = CLOSING_S) -> None:
-        """End all at once, and wait at most wait_s for all of them together; then notice what
-        failed at the end."""
+        """End all sinks at once and wait at most wait_s for all together.
+
+        Report those that failed.
+        """
         for sink in self._all:
             sink.end()
         end_s = time.monotonic() + wait_s

@@ -1,13 +1,12 @@
-"""A trial's tactile.csv while it is recorded: append-only, one line a sample, nothing lost but the
-line under way.
+"""A trial's tactile.csv during recording: append-only, one line a sample.
 
     Time, X1, Y1, Z1 .. Zn, host_ns, sequence, valid1 .. validn
 
-Every line is one write to the system, so a killed program loses at most the sample it was writing.
-The disk is told once a second of the samples' time, by a thread: a slow card delays no sample, a
-power cut costs about that second. `mend` moves a torn last line aside, and nothing else: a header
-that was edited, rows with another number of cells or text among the samples are damage of another
-kind. Such a file is refused as it is, for a person to mend.
+Every line is one write to the system, so a killed program loses at most the sample that it was
+writing. Once a second of sample time, a thread syncs the file to the disk: a slow card delays no
+sample, and a power cut costs about that second. `mend` moves a torn last line to another file, and
+nothing else. An edited header, rows with another number of cells, or text among the samples are
+damage of another kind: such a file is refused unchanged, for a person to correct.
 """
 
 from __future__ import annotations
@@ -19,22 +18,24 @@ from queue import SimpleQueue
 
 from edge_runtime.contract import BoolArray, FloatArray, channel_names
 from edge_runtime.errors import ColumnError, EmptyRecording, NotANumber, OutputError
-from edge_runtime.mending import Mended, move_aside, read_damaged
+from edge_runtime.mending import MendResult, move_aside, read_damaged
 from edge_runtime.trial_file import TIME_COLUMN, check_columns
 
 SYNC_EVERY_NS = 1_000_000_000
 MOST_SENSORS = 64
 IN_NUMBERS = b"0123456789+-.einfa"
-"""What a number is written with, nan and inf too."""
+"""The characters of numbers, nan and inf."""
 UNCHANGED, EDITED = (
     "nothing was changed",
-    "a header or a line that was edited, or a newline that was lost",
+    "a header or a line was edited, or a newline was lost",
 )
 
 
 class TactileFile:
-    """A new file for n_channels. rows: lines that are whole. Raises OutputError; what was whole by
-    then stays."""
+    """A new file for n_channels. rows: whole lines. Raises OutputError.
+
+    Lines written before it stay.
+    """
 
     def __init__(self, path: Path, n_channels: int) -> None:
         self.path, self.rows, self._size = path, 0, 0
@@ -54,8 +55,10 @@ class TactileFile:
     def write(
         self, t_ns: int, host_ns: int, sequence: int, values: FloatArray, valid: BoolArray
     ) -> float:
-        """One sample, values with all their digits, nan where nothing came; returns its Time, s
-        from the first."""
+        """Write one sample with all digits, nan where nothing came.
+
+        Returns its Time, s from the first.
+        """
         if not self.rows:
             self._first_ns = self._synced_ns = t_ns
         time_ns = t_ns - self._first_ns
@@ -69,13 +72,12 @@ class TactileFile:
         self.rows += 1
         if t_ns - self._synced_ns >= SYNC_EVERY_NS:
             self._synced_ns = t_ns
-            self._sync.ask()
+            self._sync.request()
         return 1e-9 * time_ns
 
     def close(self) -> None:
-        """Everything on the disk, the file closed. Raises OutputError where the disk would not take
-        it."""
-        self._sync.ask()
+        """Sync and close the file. Raises OutputError where the disk fails."""
+        self._sync.request()
         self._sync.close()
         self._file.close()
         self._raise_unsynced()
@@ -100,46 +102,46 @@ class TactileFile:
             f"cannot write ({error.strerror})",
             where=self.path,
             cause="a full disk, no permission, or an old file",
-            next_step="make room; what was recorded by then is kept",
+            next_step="make room; the recording up to here is kept",
         )
 
 
 def header_line(n_sensors: int) -> str:
-    """The first line of a file of so many sensors, without its newline."""
+    """The first line of a file with this many sensors, without its newline."""
     head = [TIME_COLUMN, *channel_names(n_sensors), "host_ns", "sequence"]
     return ",".join([*head, *(f"valid{k}" for k in range(1, n_sensors + 1))])
 
 
 class _Sync:
-    """fsync beside the loop, one for each time it is asked."""
+    """fsync in a thread, once for each request."""
 
     def __init__(self, handle: int) -> None:
         self.failed: OSError | None = None
-        self._handle, self._asked = handle, SimpleQueue[bool]()
+        self._handle, self._requests = handle, SimpleQueue[bool]()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def ask(self) -> None:
-        self._asked.put(True)
+    def request(self) -> None:
+        self._requests.put(True)
 
     def close(self) -> None:
-        self._asked.put(False)
+        self._requests.put(False)
         self._thread.join()
 
     def _run(self) -> None:
-        while self._asked.get():
+        while self._requests.get():
             try:
                 os.fsync(self._handle)
             except OSError as error:
                 self.failed = error
 
 
-def mend(path: Path) -> Mended:
-    """Move what stands after the last whole row of a tactile.csv aside.
+def mend(path: Path) -> MendResult:
+    """Move what follows the last whole row of a tactile.csv to another file.
 
-    A whole row without its newline is whole. Raises EmptyRecording where the file ends before its
-    header does, ColumnError or NotANumber where header and rows disagree, and OutputError; the file
-    is then as it was.
+    A whole row without its newline is whole. Raises EmptyRecording where the file ends within its
+    header, ColumnError or NotANumber where header and rows disagree, and OutputError; the file is
+    then unchanged.
     """
     data = read_damaged(path)
     header, newline, body = data.rstrip(b"\0").partition(b"\n")
@@ -152,12 +154,14 @@ def mend(path: Path) -> Mended:
         _require_row(line, n_cells, path, number)
     kept_bytes = len(header) + 1 + sum(map(len, whole))
     rows = sum(1 for line in whole if line.strip())
-    return Mended(rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes))
+    return MendResult(rows, len(data) - kept_bytes, move_aside(path, data, kept_bytes))
 
 
 def _require_header(header: bytes, lines: list[bytes], path: Path) -> int:
-    """How many cells a row has by the header. Raises ColumnError, which says what the rows need
-    above them."""
+    """How many cells a row has by the header.
+
+    Raises ColumnError, with the header that the rows need.
+    """
     columns = [name.strip() for name in header.decode("utf-8-sig", "replace").split(",")]
     try:
         check_columns(columns, path)
@@ -170,7 +174,7 @@ def _require_header(header: bytes, lines: list[bytes], path: Path) -> int:
 
 
 def _is_torn(line: bytes, n_cells: int) -> bool:
-    """Whether a last line is the beginning of a row, or has the zeros of a power cut in it."""
+    """Whether a last line is the beginning of a row, or holds zeros from a power cut."""
     if b"\0" in line:
         return True
     *whole, last = line.rstrip(b"\r\n").split(b",")
@@ -180,8 +184,10 @@ def _is_torn(line: bytes, n_cells: int) -> bool:
 
 
 def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
-    """Raise ColumnError or NotANumber for a line that is no row of the header's; an empty line is
-    none at all."""
+    """Raise ColumnError or NotANumber for a line that is not a row of the header's.
+
+    Ignore empty lines.
+    """
     cells = line.split(b",")
     if not line.strip():
         return
@@ -190,18 +196,18 @@ def _require_row(line: bytes, n_cells: int, path: Path, number: int) -> None:
         raise ColumnError(what, where=path, cause=EDITED, next_step=_by_hand(len(cells)))
     if not all(map(_is_number, cells)):
         raise NotANumber(
-            f"line {number} is no row of numbers: {UNCHANGED}",
+            f"line {number} is not a row of numbers: {UNCHANGED}",
             where=path,
             cause="zeros of a power cut, or two recordings in one file",
-            next_step="mend that line by hand",
+            next_step="correct that line by hand",
         )
 
 
 def _by_hand(n_cells: int) -> str:
-    """The next step, with the recorder's header where rows of n_cells have one (3 + 4 a sensor)."""
+    """The next step, with the recorder's header if rows of n_cells fit one (3 + 4 a sensor)."""
     sensors, rest = divmod(n_cells - 3, 4)
     fits = not rest and 0 < sensors <= MOST_SENSORS
-    return "mend it by hand" + (
+    return "correct it by hand" + (
         f"; the recorder's header is {header_line(sensors)}" if fits else ""
     )
 
@@ -215,17 +221,19 @@ def _is_number(cell: bytes) -> bool:
 
 
 def _without_rows(line: bytes, path: Path) -> EmptyRecording | ColumnError:
-    """The error of a file with one line only: the recorder's header or its beginning, or something
-    else."""
+    """The error of a file with one line.
+
+    The beginning of the recorder's header, or something else.
+    """
     if any(
         header_line(sensors).encode().startswith(line) for sensors in range(1, MOST_SENSORS + 1)
     ):
         return EmptyRecording(
-            "not even a header", where=path, cause="killed at once", next_step="record again"
+            "the header is incomplete", where=path, cause="killed at once", next_step="record again"
         )
     return ColumnError(
-        f"one line, and no header of the recorder's: {UNCHANGED}",
+        f"one line, which is not the recorder's header: {UNCHANGED}",
         where=path,
         cause=EDITED,
-        next_step="mend it by hand",
+        next_step="correct it by hand",
     )

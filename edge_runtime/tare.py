@@ -1,7 +1,7 @@
-"""Taking the bias off a stream as it comes: the preparation a model was trained with, live.
+"""Removing the bias from a live stream, as the model's preparation does for a recording.
 
-A recording is prepared as a whole; a live stream has only its past. The first unloaded rows decide,
-and until they have come every sensor is invalid, so that the state is unknown and not a guess.
+A recording is prepared as a whole; a live stream has only its past. The first unloaded rows decide.
+Until they have come, every sensor is invalid, so the state is unknown and not a guess.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from edge_runtime.preparation import Preparation
 
 
 class Tare:
-    """Prepares samples one by one. values [C] in, [C] out, and which sensors [S] can be believed.
+    """Prepares samples one by one: values [C] in, [C] out, and which sensors [S] can be trusted.
 
-    A sensor's bias is taken from its own first valid, finite rows, so one that comes late is tared
-    late. What comes out for a whole recording without invalid rows is what Preparation.apply gives.
+    A sensor's bias comes from its own first valid, finite rows, so a sensor that comes late is
+    tared late. For a whole recording without invalid rows the result equals Preparation.apply.
 
     resting [C]: what the unloaded hand reads, where that is known (`holdfast bias`); then the first
     rows may be loaded.
@@ -41,7 +41,7 @@ class Tare:
         return self._known
 
     def prepare(self, values: FloatArray, valid: BoolArray) -> tuple[FloatArray, BoolArray]:
-        """One sample; where a bias is not known yet the sensor is invalid."""
+        """Prepare one sample; a sensor without a known bias is invalid."""
         if not self._known.all():
             finite = np.isfinite(values).reshape(-1, 3).all(axis=1)
             for sensor in np.flatnonzero(valid & finite & ~self._known):

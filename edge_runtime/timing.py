@@ -1,5 +1,7 @@
-"""Timing on a noisy machine: things to compare take turns, so that a slow moment hits them
-alike."""
+"""Timing on a noisy machine.
+
+The things to compare are interleaved, so a slow moment hits all alike.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,10 @@ CALLS_A_TURN = 100
 def time_in_turns(
     calls: Mapping[str, Callable[[], object]], turns: int = TURNS, calls_a_turn: int = CALLS_A_TURN
 ) -> dict[str, FloatArray]:
-    """Wall-clock us of every single call, [turns x calls_a_turn] each, the first turn left out as
-    warm-up."""
+    """Wall-clock us of every call, [turns x calls_a_turn] each.
+
+    The first turn is warm-up and left out.
+    """
     times: dict[str, list[float]] = {name: [] for name in calls}
     for turn in range(turns + 1):
         for name, call in calls.items():
@@ -32,8 +36,10 @@ def time_in_turns(
 
 
 def busy_wait(microseconds: float) -> Callable[[], None]:
-    """A call that does nothing for so long: its tail is the machine's own jitter, the floor of any
-    other tail."""
+    """A call that does nothing for this time.
+
+    Its tail is the machine's own jitter (the reference).
+    """
     wait_ns = round(1000 * microseconds)
 
     def wait() -> None:

@@ -1,8 +1,8 @@
 """One trial as a CSV file: `Time` in seconds first, then X1,Y1,Z1 .. Xn,Yn,Zn.
 
-A recording of ours adds columns of its own (host_ns, device_us, sequence, valid1 .. validn); any
-other column is an error, because a column nobody knows is a column somebody forgot. Where there is
-a sequence, samples it left out were lost: they are no gap but rows that are not valid.
+The recorder adds columns of its own (host_ns, device_us, sequence, valid1 .. validn). Any other
+column is an error, because it may be a mistake. If there is a column `sequence`, the samples that
+it skips were lost; they become invalid rows instead of a gap.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ TIME_COLUMN = "Time"
 RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")
 MIN_ROWS = 2
 GAP_STEPS = 5.0
-"""A step longer than this many median steps is a gap that splits the trial; rows lost in a shorter
-one are filled in as invalid, so that nobody downstream takes their neighbours for neighbours in
-time."""
+"""A step of more than this many median steps is a gap that splits the trial.
+
+Rows lost in a shorter step are filled in as invalid, so that no later stage takes the rows around
+them for neighbours in time.
+"""
 LONGEST_S, LATEST_S = 1e6, 1e12
 MOST_LOST = 2
-"""A trial of which more than one sample in so many is lost is none."""
+"""A trial is refused if more than one sample in this many is lost."""
 IntArray = npt.NDArray[np.int64]
 
 
@@ -46,8 +48,10 @@ class Trial:
 
     @property
     def rate_hz(self) -> float:
-        """Sampling rate by the median time of a tenth of the trial: a single step is rounded, a
-        late sample is one."""
+        """Sampling rate by the median time of a tenth of the trial.
+
+        Single steps are rounded or late.
+        """
         lag = 1 + len(self.t_s) // 10
         return lag / float(np.median(self.t_s[lag:] - self.t_s[:-lag]))
 
@@ -63,34 +67,33 @@ def read_trial(path: str | Path) -> Trial:
     n_sensors = check_columns(header, path)
     table = _table(path, header)
     counted = table[:, header.index("sequence")] if "sequence" in header else None
-    t_s = _check_time(table[:, 0], path, gaps_told=counted is not None)
+    t_s = _check_time(table[:, 0], path, gaps_counted=counted is not None)
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
     return _with_lost_rows(
-        trial, _places_by_time(t_s) if counted is None else _places_told(counted, path)
+        trial, _places_by_time(t_s) if counted is None else _places_by_sequence(counted, path)
     )
 
 
 def _places_by_time(t_s: FloatArray) -> IntArray:
-    """[T] place of every row in a stream at the usual step."""
+    """[T] the index of every row in a stream with the usual step."""
     steps = np.diff(t_s)
     places: IntArray = np.zeros(len(t_s), dtype=np.int64)
     places[1:] = np.cumsum(np.maximum(1, np.round(steps / np.median(steps))))
     return places
 
 
-def _places_told(counted: FloatArray, path: Path) -> IntArray:
-    """[T] the same from the column `sequence`, which knows what was lost, however much. Raises
-    TimeError."""
+def _places_by_sequence(counted: FloatArray, path: Path) -> IntArray:
+    """[T] the same from the column `sequence`, which counts every lost sample. Raises TimeError."""
     if (
         not (np.abs(counted) < LATEST_S).all()
         or (np.diff(counted) < 1.0).any()
         or (counted % 1.0 != 0.0).any()
     ):
         raise TimeError(
-            "sequence is not a count that goes up",
+            "the column sequence does not count up",
             where=path,
-            cause="lines were moved, or two recordings in one file",
+            cause="lines were moved, or the file holds two recordings",
             next_step="record again",
         )
     place: IntArray = (counted - counted[0]).astype(np.int64)
@@ -98,7 +101,7 @@ def _places_told(counted: FloatArray, path: Path) -> IntArray:
         raise TimeError(
             f"{place[-1] + 1 - len(place)} of {place[-1] + 1} samples were lost",
             where=path,
-            cause="a machine too slow for this rate, or one that slept",
+            cause="the machine is too slow for this rate, or it was suspended",
             next_step="record again, at a lower rate",
         )
     return place
@@ -130,14 +133,14 @@ def _header(path: Path) -> list[str]:
         raise NotANumber(
             f"cannot be read as a CSV text file ({type(error).__name__})",
             where=path,
-            cause="a binary file or a folder where a trial belongs",
+            cause="it is a binary file or a folder, not a trial",
             next_step="give a CSV file in the layout Time,X1,Y1,Z1,..",
         ) from None
     if not header:
         raise EmptyRecording(
             "the file is empty",
             where=path,
-            cause="an interrupted copy",
+            cause="the copy was interrupted",
             next_step="record or copy it again",
         )
     return [name.strip() for name in header]
@@ -208,7 +211,7 @@ def _table(path: Path, header: list[str]) -> FloatArray:
         raise EmptyRecording(
             f"{len(table)} rows of data",
             where=path,
-            cause="a recording that stopped at once",
+            cause="the recording stopped at once",
             next_step="record it again",
         )
     return table
@@ -233,13 +236,13 @@ def _bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError | None:
                 return ColumnError(
                     f"line {number} has {len(row)} cells, the header has {len(header)}",
                     where=path,
-                    cause="a line cut off while it was written",
+                    cause="the line was cut off while it was written",
                     next_step="remove that line",
                 )
             for name, cell in zip(header, row, strict=False):
                 if not _is_number(cell):
                     return NotANumber(
-                        f"line {number}, column {name}: {cell!r:.40} is no number",
+                        f"line {number}, column {name}: {cell!r:.40} is not a number",
                         where=path,
                         cause="text or an empty cell in the data",
                         next_step="write nan for a value that was lost",
@@ -255,13 +258,13 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def _check_time(time_s: FloatArray, path: Path, *, gaps_told: bool = False) -> FloatArray:
+def _check_time(time_s: FloatArray, path: Path, *, gaps_counted: bool = False) -> FloatArray:
     """Time from zero, or a TimeError that names the line."""
-    told = np.abs(time_s) < LATEST_S
-    if not told.all():
-        line = int(np.flatnonzero(~told)[0]) + 2
+    plausible = np.abs(time_s) < LATEST_S
+    if not plausible.all():
+        line = int(np.flatnonzero(~plausible)[0]) + 2
         raise TimeError(
-            f"line {line}: time is not finite, or beyond any clock",
+            f"line {line}: time is not finite, or impossibly large",
             where=path,
             next_step="remove that line",
         )
@@ -272,11 +275,11 @@ def _check_time(time_s: FloatArray, path: Path, *, gaps_told: bool = False) -> F
         raise TimeError(
             f"line {at + 3}: time {word}",
             where=path,
-            cause="a clock that was set, or two recordings in one file",
+            cause="the clock was set, or the file holds two recordings",
             next_step="split the file there",
         )
     median = float(np.median(steps))
-    if steps.max() > GAP_STEPS * median and not gaps_told:
+    if steps.max() > GAP_STEPS * median and not gaps_counted:
         at = int(np.argmax(steps))
         raise TimeError(
             f"line {at + 3}: a gap of {steps[at]:.6g} s where {median:.6g} s is usual",
@@ -288,7 +291,7 @@ def _check_time(time_s: FloatArray, path: Path, *, gaps_told: bool = False) -> F
         raise TimeError(
             f"{time_s[-1] - time_s[0]:.4g} s in steps of {median:.4g} s",
             where=path,
-            next_step="time is in seconds",
+            next_step="give the column Time in seconds",
         )
     from_zero: FloatArray = time_s - time_s[0]
     return from_zero

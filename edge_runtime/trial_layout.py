@@ -1,11 +1,13 @@
-"""How a trial lies on disk, and what its words mean: file names, actions, objects, events.
+"""The files of a trial, and the meaning of its names: file names, actions, objects, events.
 
-One owner for what recording, simulation, training and evaluation share::
+Recording, simulation, training and evaluation share this module::
 
-    <object>/<action>/trial_<n>.csv          samples; beside it trial_<n>.truth.json, .onset.json, .frames.npz
-    <object>/<action>/trial_<n>/             of the recorder: tactile.csv, events.jsonl, meta.json, tactile.truth.json
+    <object>/<action>/trial_<n>.csv     samples; beside it trial_<n>.truth.json, .onset.json and
+                                        .frames.npz
+    <object>/<action>/trial_<n>/        of the recorder: tactile.csv, events.jsonl, meta.json and
+                                        tactile.truth.json
 
-It imports no numpy, so that the command line can name actions at once.
+It imports no numpy, so that the command line can list actions at once.
 """
 
 from __future__ import annotations
@@ -31,8 +33,7 @@ SITUATION_OF_ACTION = MappingProxyType(
         "nothing": "nothing",
     }
 )
-"""What an action makes of the grip, from load onset to the empty hand: a word of
-contract.SITUATIONS."""
+"""The situation of an action from load onset to the empty hand: one of contract.SITUATIONS."""
 VOLUNTARY_ACTIONS = tuple(
     name for name, situation in SITUATION_OF_ACTION.items() if situation == "safe_slip"
 )
@@ -50,7 +51,7 @@ MASSES_G = MappingProxyType(
         "apple": 20.3,
     }
 )
-"""The thesis' objects and its test object, g."""
+"""The objects of the thesis (docs/glossary.md) and its test object, g."""
 
 
 def truth_path(trial: Path) -> Path:
@@ -59,23 +60,26 @@ def truth_path(trial: Path) -> Path:
 
 
 def read_events(path: Path) -> list[dict[str, Any]]:
-    """The lines of an events.jsonl, a torn last one left out; none without a file. Raises
-    LabelError."""
+    """The lines of an events.jsonl without a torn last one; none without a file.
+
+    Raises LabelError.
+    """
     try:
         *lines, last = text_of(path).split("\n") if path.exists() else [""]
         events = [json_of(line) for line in [*lines, *_if_whole(last)] if line.strip()]
         if not all(isinstance(event, dict) for event in events):
-            raise ValueError("no object")
+            raise ValueError("not an object")
         return events
     except (OSError, ValueError) as error:
         raise LabelError(
-            f"a line is no JSON object ({type(error).__name__})", where=path, next_step="mend it"
+            f"a line is not a JSON object ({type(error).__name__})",
+            where=path,
+            next_step="correct it",
         ) from None
 
 
 def _if_whole(line: str) -> list[str]:
-    """A last line without its newline, if it is whole: of a JSON object nothing but all of it is
-    one."""
+    """The last line if it is whole. No part of a JSON object is a JSON object itself."""
     try:
         json_of(line)
     except ValueError:

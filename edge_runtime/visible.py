@@ -1,5 +1,4 @@
-"""Text from outside, made safe for a terminal: escapes, control characters and marks that turn text
-round are shown."""
+"""Text from outside, made safe for a terminal: control characters are shown, not obeyed."""
 
 from __future__ import annotations
 
@@ -8,10 +7,9 @@ LONGEST_LINE = 2000
 
 
 def visible(text: str) -> str:
-    r"""The text, with what does not print written as its escape: ESC as \x1b, a right-to-left
-    override as \u202e.
+    r"""The text, with what does not print as its escape: ESC as \x1b, an RTL override as \u202e.
 
-    A terminal obeys such characters: they move its cursor, rename its window or hide what stands
+    A terminal obeys such characters: they move its cursor, rename its window or hide the text
     before them.
 
     >>> visible("cup\x1b[2J")
@@ -25,8 +23,7 @@ def visible(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """The same on one line, white space as single spaces, cut in the middle where it is very
-    long."""
+    """The same on one line: white space as single spaces, a very long text shortened inside."""
     line = visible(" ".join(text.split()))
     if len(line) <= LONGEST_LINE:
         return line

@@ -1,5 +1,4 @@
-"""Results appear whole or not at all: written under a temporary name beside the target, then
-renamed.
+"""Results appear whole or not at all: written under a temporary name, then renamed.
 
 A new file has the permissions that the umask leaves; a file that replaces another one keeps the
 other's.
@@ -20,11 +19,11 @@ from typing import BinaryIO
 from edge_runtime.errors import OutputError
 
 UNFINISHED = ".unfinished"
-"""The end of a folder's name until all of it is written."""
+"""The end of a folder's name until everything in it is written."""
 
 
 def write_whole(path: str | Path, data: bytes | str) -> Path:
-    """Write a file so that nobody ever sees half of it; OutputError where that cannot be done."""
+    """Write a file so that no reader ever sees a part of it. Raises OutputError."""
     path = Path(path)
     content = data.encode() if isinstance(data, str) else data
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
@@ -44,7 +43,7 @@ def write_whole(path: str | Path, data: bytes | str) -> Path:
 
 
 def _keep_permissions(path: Path, file: BinaryIO) -> None:
-    """Give a new, still empty file the permissions of the one it will replace, if there is one."""
+    """Give a new, still empty file the permissions of the file that it will replace, if any."""
     if path.exists():
         before, now = (stat.S_IMODE(one.st_mode) for one in (path.stat(), os.fstat(file.fileno())))
         if before != now:
@@ -53,13 +52,14 @@ def _keep_permissions(path: Path, file: BinaryIO) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A new folder to fill, which gets its name when the block has ended and is removed when the
-    block fails.
+    """A new folder to fill.
+
+    It gets its name when the block ends, and is removed when the block fails.
 
     Until then it is called `<folder>.unfinished`, so that a killed program leaves nothing that
-    looks whole. In a folder that exists (an empty one) it is `<folder>/.unfinished`, and what is in
-    it moves up at the end. Raises OutputError: nothing can be written, or the unfinished folder of
-    another run is there.
+    looks whole. In a folder that exists and is empty it is `<folder>/.unfinished`, and its content
+    moves up at the end. Raises OutputError where nothing can be written, or where the unfinished
+    folder of another run exists.
     """
     unfinished = (
         folder / UNFINISHED if folder.is_dir() else folder.with_name(folder.name + UNFINISHED)
@@ -68,9 +68,9 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         unfinished.mkdir(parents=True)
     except FileExistsError:
         raise OutputError(
-            "is there already",
+            "exists already",
             where=unfinished,
-            cause="another run is writing it, or one was killed",
+            cause="another run is writing it, or a run was killed",
             next_step="wait for that run, or remove this folder",
         ) from None
     except OSError as error:
@@ -84,7 +84,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 
 def _give_name(unfinished: Path, folder: Path) -> None:
-    """Rename a finished folder, or move what is in it up. Raises OutputError."""
+    """Rename a finished folder, or move its content up. Raises OutputError."""
     try:
         if unfinished.parent != folder:
             unfinished.rename(folder)
@@ -97,8 +97,7 @@ def _give_name(unfinished: Path, folder: Path) -> None:
 
 
 def require_writable(folder: str | Path) -> None:
-    """See that a folder, or the place it would be made in, takes a file, before long work is lost
-    on it.
+    """Check, before long work starts, that a folder or the place for it takes a file.
 
     Leaves nothing behind. Raises OutputError.
     """
@@ -112,7 +111,7 @@ def require_writable(folder: str | Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file if it is there; OutputError where that cannot be done."""
+    """Remove a file if it exists. Raises OutputError."""
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
@@ -123,6 +122,6 @@ def _unwritable(path: Path, error: OSError) -> OutputError:
     return OutputError(
         f"cannot write ({error.strerror})",
         where=path,
-        cause="no permission, a full disk, or a file where a folder belongs",
+        cause="no permission, a full disk, or a file in place of a folder",
         next_step="choose another place to write to",
     )

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, judge, write."""
-    from drivers.calibration import write_bias
+    from drivers.calibration_file import write_bias
     from edge_runtime.writing import require_writable
     from holdfast.hand_bias import measure_bias, require_good
     from holdfast.live_sources import open_live

@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.bus import Bus, Transfer
 from drivers.layout import masks_of, muxes_of, read_layout
-from drivers.mux import joined
+from drivers.mux import enable_channels
 from drivers.scanning import as_layout, look_at
 from drivers.tmag5273 import PACKET_BYTES, RESULTS
 from edge_runtime.command import show
@@ -57,7 +57,8 @@ def rate_line(bus: Bus, layout: str) -> str:
         if finger.behind not in (frozenset(), behind):
             behind = finger.behind
             transfers += [
-                joined(mux, mask) for mux, mask in masks_of(behind, muxes_of(fingers)).items()
+                enable_channels(mux, mask)
+                for mux, mask in masks_of(behind, muxes_of(fingers)).items()
             ]
         transfers.append(Transfer(finger.address, bytes([RESULTS]), PACKET_BYTES))
     times = []

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge on probings left out, print, write."""
-    from drivers.calibration import write_calibration
+    from drivers.calibration_file import write_calibration
     from holdfast.calibration.judging import as_json, in_words, judge
     from holdfast.calibration.reading import read_studies
     from training.progress import stages

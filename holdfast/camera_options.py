@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edge_runtime.command import positive
 
 if TYPE_CHECKING:
-    from drivers.camera.sources import Source
+    from drivers.camera.sources import FrameSource
 
 FPS, EXPOSURE_MS = 60.0, 2.0
 SIDE_MM = (1.0, 200.0)
@@ -37,7 +37,7 @@ def printed_mm(word: str) -> float:
     return side_mm
 
 
-def stored(path: Path, say: Callable[[str], None]) -> Source:
+def stored(path: Path, say: Callable[[str], None]) -> FrameSource:
     """Frames on disk or a recorded folder as a source. Raises a DataError or LibraryMissing."""
     from drivers.camera.library import load_depthai
     from drivers.camera.recording import read_recorded

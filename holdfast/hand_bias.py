@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.calibration import Bias, bias_of
+from drivers.bias import Bias, bias_of
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import DataError
 from edge_runtime.live import Source

@@ -27,7 +27,7 @@ def force_of(path: Path | None) -> Callable[[FloatArray], FloatArray] | None:
     """The map from field to force in a calibration file, or None. Raises a DataError."""
     if path is None:
         return None
-    from drivers.calibration import read_calibration
+    from drivers.calibration_file import read_calibration
 
     return read_calibration(path).apply
 
@@ -36,7 +36,7 @@ def resting_of(path: Path | None, source: Source) -> FloatArray | None:
     """A bias file [C] that fits the source, or None. Raises a DataError."""
     if path is None:
         return None
-    from drivers.calibration import read_bias
+    from drivers.calibration_file import read_bias
 
     bias = read_bias(path)
     if bias.unit != source.unit or len(bias.values) != source.n_channels:

@@ -16,7 +16,7 @@ from edge_runtime.commands import command_port
 from edge_runtime.contract import FloatArray, Prediction, Sample
 from edge_runtime.errors import OutputError, RateError
 from edge_runtime.fit import require_fit
-from edge_runtime.live import Command, Measured, Source, Summary, run_live
+from edge_runtime.live import Command, Source, SourceReading, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.notify import service_watchdog
 from edge_runtime.sample_file import SampleFile, sample_file
@@ -35,7 +35,7 @@ PACE_READS = 3
 STDOUT, STDERR = "stdout", "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 """Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
-Emit = Callable[[Prediction, Sample, Measured], int | None]
+Emit = Callable[[Prediction, Sample, SourceReading], int | None]
 
 
 def run_live_verb(args: argparse.Namespace) -> int:
@@ -84,7 +84,7 @@ class _Outputs:
         else:
             self._beside(line)
 
-    def emit(self, prediction: Prediction, sample: Sample, measured: Measured) -> int:
+    def emit(self, prediction: Prediction, sample: Sample, measured: SourceReading) -> int:
         """Pass on one answer; returns how many lines were dropped."""
         dropped = self.outlets.emit(prediction)
         if self._samples:

@@ -23,10 +23,11 @@ import numpy as np
 
 from drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
 from drivers.bus import Bus
-from drivers.hand import Crc, Hand
+from drivers.fingers import Crc
+from drivers.hand import Hand
 from drivers.layout import read_layout
 from drivers.live_hand import LiveHand
-from drivers.paced import Paced
+from drivers.paced import PacedReplay
 from drivers.tmag5273 import Setup
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import UsageError
@@ -81,7 +82,7 @@ def open_live(
     """
     source = _source_url(url)
     if source.scheme not in HANDS:
-        return Paced(open_source(url), clock.now_ns)
+        return PacedReplay(open_source(url), clock.now_ns)
     if source.scheme == "virtual":
         _require_known(source, VIRTUAL_KEYS)
         hand = _virtual(source, clock, say)
@@ -172,13 +173,13 @@ def _started(
 
 def _virtual(source: SourceUrl, clock: Any, say: Callable[[str], None]) -> VirtualHand:
     from drivers.virtual.faults import read_fault
-    from drivers.virtual.hand import LAYOUTS, VirtualHand
+    from drivers.virtual.hand import WIRINGS, VirtualHand
 
     layout = source.text("layout", "mux")
     name = layout.partition("@")[0]
-    if name not in LAYOUTS:
+    if name not in WIRINGS:
         raise UsageError(
-            "a virtual hand has no such layout", next_step=f"layout={' or layout='.join(LAYOUTS)}"
+            "a virtual hand has no such layout", next_step=f"layout={' or layout='.join(WIRINGS)}"
         )
     seed = source.number("seed", 0)
     hand = VirtualHand(

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
 from edge_runtime.line_writer import STREAM_LINES, STUCK_S, write_whole_line
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 
 REFRESH_HZ = 8
 BAR = 30
@@ -37,13 +37,13 @@ class View:
 
     def __init__(self, unit: str, console: Console) -> None:
         self._unit, self._console = unit, console
-        self._newest: tuple[Prediction, Sample, Measured] | None = None
+        self._newest: tuple[Prediction, Sample, SourceReading] | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
         self._height = 0
         self._done = Event()
         self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
 
-    def show(self, prediction: Prediction, sample: Sample, measured: Measured) -> None:
+    def show(self, prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         """Set what the next picture shows."""
         self._newest = (prediction, sample, measured)
 
@@ -109,7 +109,7 @@ def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
         view.stop()
 
 
-def picture(prediction: Prediction, sample: Sample, measured: Measured, unit: str) -> Group:
+def picture(prediction: Prediction, sample: Sample, measured: SourceReading, unit: str) -> Group:
     """State and request, the four situations as bars, and every finger with its faults."""
     request = "  ACT" if prediction.act else "  arm" if prediction.arm else ""
     style = f"bold {COLOURS[prediction.state]}"

@@ -17,7 +17,7 @@ from edge_runtime.errors import TagError, UsageError
 from holdfast.camera_options import add_camera_options, stored
 
 if TYPE_CHECKING:
-    from drivers.camera.sources import Source
+    from drivers.camera.sources import FrameSource
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _source(args: argparse.Namespace) -> Source:
+def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError, a DataError or LibraryMissing."""
     from drivers.camera.sources import OAK, Lens, Oak
     from holdfast.messages import say

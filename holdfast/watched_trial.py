@@ -13,7 +13,7 @@ from edge_runtime.reading import require_lines
 from edge_runtime.trial_layout import FRAMES_SUFFIX, TACTILE
 
 if TYPE_CHECKING:
-    from drivers.camera.onset import Motion
+    from drivers.camera.motion import Motion
 
 OBJECT_TAG, HAND_TAG = 0, 1
 
@@ -49,7 +49,7 @@ def watched(
     folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None
 ) -> WatchedTrial:
     """Read a watched folder; trial: what its label belongs to. Raises LabelError if it is void."""
-    from drivers.camera.onset import motion
+    from drivers.camera.motion import motion
     from drivers.camera.recording import TAGS, read_about, read_tracks, require_whole
 
     about = read_about(folder)

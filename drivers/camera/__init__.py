@@ -1,6 +1,6 @@
-"""A camera that watches the object: lossless video and the tracks of printed tags. A bench
-instrument, not on the hand.
+"""A camera that films the object: lossless video and the tracks of printed tags.
 
-One graph of depthai (graph.py) whatever the frames come from (sources.py): an OAK camera, frames on
-disk, or a folder recorded before. It leaves a folder (recording.py) that is read with numpy alone.
+It is a bench instrument, not part of the hand. One depthai graph (graph.py) serves every source of
+frames (sources.py): an OAK camera, frames on disk, or a recorded folder. It leaves a folder
+(recording.py) that numpy alone can read.
 """

@@ -1,10 +1,9 @@
-"""The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source of the frames
-differs.
+"""The graph: frames -> lossless video, and -> tags -> tags.csv. Only the source differs.
 
-Traps of depthai that its form comes from: no Python runs in depthai's threads (an error there ends
-the interpreter), so answers are pulled; the inputs block, because by default they drop frames; what
-is queued when a pipeline stops is lost, so the queues are emptied first; and a video that could not
-be written says nothing, so it is read again.
+Four properties of depthai shape this code. An error in a callback ends the interpreter, so no
+Python runs in depthai's threads and answers are pulled. By default inputs drop frames, so they
+block here. What is queued when a pipeline stops is lost, so the queues are emptied first. A video
+that could not be written raises no error, so it is read again.
 """
 
 from __future__ import annotations
@@ -31,21 +30,25 @@ from drivers.camera.recording import (
     require_same_stamps,
     write_about,
 )
-from drivers.camera.sources import LONGEST_WAIT_S, Source
+from drivers.camera.sources import LONGEST_WAIT_S, FrameSource
 from edge_runtime.errors import DeviceLost, EmptyRecording, HoldfastError, OutputError, TimeError
 
 FAMILY, QUAD_DECIMATE, THREADS = "36h11", 2, 1
-"""Decimation 4, the default, loses tags of 30 px; two threads on a busy machine take ten times as
-long as one."""
+"""Decimation 4, the default, loses tags of 30 px.
+
+On a busy machine two threads take 10 times as long.
+"""
 ANSWERS = 30
 LIVE_WAIT_S = 0.1
 EMPTY_POLLS, POLL_S = 6, 0.01
 
 
 @dataclass(frozen=True)
-class Watched:
-    """What came of it: frames with tags read, lost between them, stamps that ran backwards, frames
-    in the video."""
+class CameraResult:
+    """The result of a run.
+
+    Frames with tags read, lost frames, stamps that went back, frames in the video.
+    """
 
     frames: int
     lost: int
@@ -54,17 +57,17 @@ class Watched:
 
 
 def watch(
-    source: Source,
+    source: FrameSource,
     out: Path,
     *,
     say: Callable[[str], None],
     stopped: Callable[[], bool] = lambda: False,
-) -> Watched:
+) -> CameraResult:
     """Run the graph on a source until it ends or is stopped, and leave a recording in `out`.
 
-    Whatever goes wrong on the way, what was recorded by then is kept, camera.json says why the
-    trial is void, and the error is raised: CameraUnavailable, DeviceLost, TransferFailed,
-    OutputError, or what the source raises.
+    Whatever goes wrong, the recording so far is kept, camera.json says why the trial is void, and
+    the error is raised: CameraUnavailable, DeviceLost, TransferFailed, OutputError, or what the
+    source raises.
     """
     dai = load_depthai(say)
     try:
@@ -77,15 +80,15 @@ def watch(
 class _Watch:
     """One run of the graph."""
 
-    def __init__(self, dai: Any, pipeline: Any, source: Source, out: Path) -> None:
+    def __init__(self, dai: Any, pipeline: Any, source: FrameSource, out: Path) -> None:
         self.dai, self.pipeline, self.source, self.out = dai, pipeline, source, out
         self.last = -1
         self.last_s = -math.inf
         self.frames = self.lost = self.backwards = 0
         _require_empty(out)
 
-    def run(self, stopped: Callable[[], bool]) -> Watched:
-        """Watch, then look at the video, then say in camera.json how it went."""
+    def run(self, stopped: Callable[[], bool]) -> CameraResult:
+        """Record, then check the video, then write the result to camera.json."""
         self._about("interrupted")
         failed: HoldfastError | None = None
         try:
@@ -97,7 +100,7 @@ class _Watch:
         self._about(str(failed) if failed else None, in_video)
         if failed is not None:
             raise failed
-        return Watched(self.frames, self.lost, self.backwards, in_video)
+        return CameraResult(self.frames, self.lost, self.backwards, in_video)
 
     def _film(self, stopped: Callable[[], bool]) -> None:
         record, tagger = self._record(), self._tagger()
@@ -110,7 +113,7 @@ class _Watch:
             finally:
                 _drain(record)
                 self.pipeline.stop()
-                self.pipeline.wait()  # no callback was given to this one, so it may be waited for
+                self.pipeline.wait()  # safe to wait for: no callback runs in its threads
 
     def _record(self) -> Any:
         record = self.pipeline.create(self.dai.node.RecordVideo)
@@ -131,8 +134,10 @@ class _Watch:
     def _pull(
         self, step: Callable[[], bool], stopped: Callable[[], bool], answers: Any, tags: TagFile
     ) -> None:
-        """Pass frames on and pull what is known of them; an error of the source is raised when all
-        it sent is read."""
+        """Pass frames on and take answers.
+
+        The source's error is raised once its frames are answered.
+        """
         sent, failed = 0, None
         live = self.source.last_lost > 0
         try:
@@ -155,8 +160,7 @@ class _Watch:
             raise failed
 
     def _take(self, answers: Any, tags: TagFile, wait_s: float) -> bool:
-        """Write down what is known by now, waiting a little for the first; whether there was
-        anything."""
+        """Write down the answers so far, waiting a little for the first; whether there were any."""
         try:
             message = answers.get(timedelta(seconds=wait_s)) if wait_s else answers.tryGet()
             any_yet = message is not None
@@ -177,17 +181,19 @@ class _Watch:
         )
 
     def _in_video(self) -> tuple[int, HoldfastError | None]:
-        """Frames the video really holds, and what is wrong with it: depthai says nothing where it
-        cannot write."""
+        """Frames that the video really holds, and what is wrong with it.
+
+        Depthai reports no write errors.
+        """
         if not self.frames:
             return 0, EmptyRecording(
-                "not one frame", where=self.source.name, cause="stopped at once"
+                "no frame was recorded", where=self.source.name, cause="it was stopped at once"
             )
         if self.backwards:
             return 0, TimeError(
-                f"{self.backwards} frames are not later than the one before",
+                f"{self.backwards} frames are not later than the frame before",
                 where=self.out / TAGS,
-                cause="the camera's clock and this machine's were being matched anew",
+                cause="the camera's clock was being aligned with this machine's",
                 next_step="record again",
             )
         try:
@@ -209,7 +215,7 @@ class _Watch:
             f"{len(missing)} of {self.frames} frames are not in the video",
             where=self.out / VIDEO,
             cause="a full disk, or a machine too slow for lossless video",
-            next_step="make room; fewer frames a second",
+            next_step="make room, or record fewer frames a second",
         )
 
     def _about(self, void: str | None, in_video: int = 0) -> None:
@@ -236,7 +242,7 @@ class _Watch:
 
 
 def _corners(found: Any) -> dict[int, Corners]:
-    """Corners [8] by tag, top left first, clockwise; a tag seen twice in a frame is nowhere."""
+    """Corners [8] by tag, top left first, clockwise; a tag seen twice in one frame is left out."""
     ids = [one.id for one in found]
     square = ("topLeft", "topRight", "bottomRight", "bottomLeft")
     return {
@@ -247,8 +253,10 @@ def _corners(found: Any) -> dict[int, Corners]:
 
 
 def _drain(record: Any) -> None:
-    """Wait until the video's queue has stood empty for a while; stopping throws away what is in
-    it."""
+    """Wait until the video's queue has been empty for a while.
+
+    Stopping would discard what is in it.
+    """
     empty, until_s = 0, time.monotonic() + LONGEST_WAIT_S
     while empty < EMPTY_POLLS and time.monotonic() < until_s:
         empty = empty + 1 if record.input.getSize() == 0 else 0
@@ -259,8 +267,8 @@ def _lost(name: str) -> DeviceLost:
     return DeviceLost(
         "frames stopped coming",
         where=name,
-        cause="unplugged, its power dipped, or a node of the graph stopped",
-        next_step="the trial is void, what came before is kept; short cable, own power, then record again",
+        cause="it was unplugged, its power dipped, or a node of the graph stopped",
+        next_step="record again, with a short cable and its own power; the frames so far are kept",
     )
 
 
@@ -270,5 +278,5 @@ def _require_empty(out: Path) -> None:
         raise OutputError(
             f"holds {there[0]} already",
             where=out,
-            next_step="name a new folder, or remove it yourself",
+            next_step="name a new folder, or remove this one",
         )

@@ -1,4 +1,4 @@
-"""depthai, imported late and told first to send nothing: the one place that imports it."""
+"""The only import of depthai: late, and with its telemetry switched off first."""
 
 from __future__ import annotations
 
@@ -22,25 +22,26 @@ QUIET = {
     "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0",
     "OPENCV_FOR_THREADS_NUM": "1",
 }
-"""What depthai is told unless the user has said otherwise: send nothing, save no dumps, ask no
-network, search 1.5 s and not ten, log errors only, leave the signals alone (its handler makes a
-file-size limit kill the process), and write video in one thread (the others wait for each frame
-busily, thousands of turns a second, a sixth of a core)."""
+"""Environment of depthai unless the user has set it: no telemetry, no dumps, no network.
+
+It also searches 1.5 s instead of ten, logs errors only, and installs no signal handler (with it, a
+file-size limit kills the process). Video is written by one thread, because further threads wait for
+each frame busily, with thousands of wake-ups a second and a sixth of a core.
+"""
 ABSENT = (
     "not plugged in, no USB here, or a cable for power only",
-    "lsusb -d 03e7: shows it; another cable or port",
+    "lsusb -d 03e7: lists the camera if it is there; try another cable or port",
 )
 DENIED = (
     "no udev rule for the vendor 03e7",
-    "add the rule of docs/camera.md, then plug it in anew",
+    "add the rule in docs/camera.md, then unplug the camera and plug it in",
 )
 
 
 def load_depthai(say: Callable[[str], None]) -> Any:
-    """depthai, after QUIET has been put into the environment, which is said in one line once.
-    Raises LibraryMissing.
+    """Import depthai after putting QUIET into the environment; say so once. Raises LibraryMissing.
 
-    It reads its environment once, when it is imported: setting it later is too late.
+    depthai reads its environment once, when it is imported; a later change has no effect.
     """
     if there := sys.modules.get("depthai"):
         return there
@@ -49,24 +50,22 @@ def load_depthai(say: Callable[[str], None]) -> Any:
     differs = [
         f"{name}={os.environ[name]}" for name, value in QUIET.items() if os.environ[name] != value
     ]
-    told = f"; left as you set it: {', '.join(differs)}" if differs else ""
-    say(
-        f"camera: depthai sends usage data unless told not to; told not to, and to look for cameras on USB only{told}"
-    )
+    kept = f"; your own settings stay: {', '.join(differs)}" if differs else ""
+    say(f"camera: depthai's usage data are switched off; it looks for cameras on USB only{kept}")
     try:
         return import_module("depthai")
     except ImportError as error:
         raise LibraryMissing(
             f"depthai does not load ({error})",
             where="camera",
-            cause="it comes with the extra `camera` only",
+            cause="only the extra `camera` installs it",
             next_step="pip install 'holdfast[camera]'",
         ) from None
 
 
 @contextmanager
 def opening() -> Iterator[None]:
-    """Whatever depthai raises on the way to a camera, as CameraUnavailable."""
+    """Turn what depthai raises on the way to a camera into CameraUnavailable."""
     try:
         yield
     except RuntimeError as error:

@@ -1,13 +1,13 @@
-"""What watching leaves in a folder, and how it is read.
+"""The folder of a camera recording, and how it is read.
 
-    camera.mkv     the frames, lossless (FFV1)         camera.mcap    their stamps and numbers
-    tags.csv       sequence, t_s, tag, x1, y1 .. y4    a line a tag and frame, from the first frame on; a line without
-                                                       a tag where a frame shows none. t_s: middle
-                                                       of the exposure
-    camera.json    source, fps, exposure, tag, clock, counts, gaps, and why the trial is void, if it is
+    camera.mkv     the frames, lossless (FFV1)
+    camera.mcap    the frames' stamps and numbers
+    tags.csv       sequence, t_s, tag, x1, y1 .. y4: one line for each tag and frame, or one line
+                   without a tag where a frame shows none. t_s is the middle of the exposure
+    camera.json    source, fps, exposure, tag, clock, counts, gaps; and why the trial is void, if so
 
-tags.csv is written line by line, so a killed recording keeps its tracks. Nothing here but the video
-needs depthai.
+tags.csv is written line by line, so a killed recording keeps its tracks. Only the video needs
+depthai; everything else is read with numpy alone.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class TagFile:
             raise self._failed(error) from None
 
     def write(self, sequence: int, t_s: float, tags: dict[int, Corners]) -> None:
-        """The tags of one frame, corners [8] as float32 in as many digits as bring them back."""
+        """The tags of one frame; corners [8] as float32, with all digits."""
         head = f"{sequence},{t_s:.6f}"
         lines = [
             ",".join([head, str(tag), *(f"{x:.9g}" for x in at)])
@@ -73,7 +73,7 @@ class TagFile:
         return OutputError(
             f"cannot write ({error.strerror})",
             where=self.path,
-            cause="a full disk, no permission, or an old one",
+            cause="a full disk, no permission, or a file from before",
             next_step="name a new folder on a disk with room",
         )
 
@@ -95,8 +95,10 @@ class TagFile:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Tags of a recording: sequence [K], t_s [K] (middle of exposure), corners [K, 4, 2] px by tag,
-    nan if unseen."""
+    """Tags of a recording: sequence [K], t_s [K] (middle of exposure), corners [K, 4, 2] px by tag.
+
+    Corners are nan where the tag is not seen.
+    """
 
     sequence: npt.NDArray[np.int64]
     t_s: FloatArray
@@ -108,8 +110,10 @@ class Tracks:
 
 
 def read_tracks(folder: Path) -> Tracks:
-    """tags.csv of a folder. Raises DataNotFound, ColumnError, NotANumber, EmptyRecording,
-    TimeError."""
+    """tags.csv of a folder.
+
+    Raises DataNotFound, ColumnError, NotANumber, EmptyRecording, TimeError.
+    """
     path = folder / TAGS
     try:
         require_lines(path)
@@ -117,27 +121,29 @@ def read_tracks(folder: Path) -> Tracks:
             rows = list(csv.reader(lines))
     except FileNotFoundError:
         raise DataNotFound(
-            f"no {TAGS}", where=folder, next_step="holdfast watch makes one"
+            f"no {TAGS}", where=folder, next_step="record with holdfast watch"
         ) from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise NotANumber(
-            f"cannot be read ({type(error).__name__})", where=path, next_step="watch again"
+            f"cannot be read ({type(error).__name__})", where=path, next_step="record again"
         ) from None
     if not rows or rows[0] != COLUMNS:
         raise ColumnError(
-            "other columns", where=path, next_step=f"the columns are {','.join(COLUMNS)}"
+            "unexpected columns", where=path, next_step=f"expected: {','.join(COLUMNS)}"
         )
-    # a killed program's last line
+    # a killed program leaves an incomplete last line
     body = rows[1:-1] if rows[-1] and len(rows[-1]) < len(COLUMNS) else rows[1:]
     if not body:
         raise EmptyRecording(
-            "no frame", where=path, cause="stopped at once", next_step="record again"
+            "no frame", where=path, cause="it was stopped at once", next_step="record again"
         )
     try:
         return _tracks(body, path)
     except (ValueError, IndexError):
         raise NotANumber(
-            "a line that is not numbers", where=path, next_step="watch the video again"
+            "a line does not hold numbers",
+            where=path,
+            next_step="read the video again: holdfast watch",
         ) from None
 
 
@@ -160,7 +166,7 @@ def write_about(folder: Path, about: dict[str, Any]) -> None:
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """camera.json with the numbers that are needed. Raises DataNotFound, NotANumber."""
+    """camera.json with the numbers that every reader needs. Raises DataNotFound, NotANumber."""
     path = folder / ABOUT
     try:
         about = json_of(text_of(path))
@@ -168,11 +174,11 @@ def read_about(folder: Path) -> dict[str, Any]:
         return dict(about)
     except FileNotFoundError:
         raise DataNotFound(
-            f"no {ABOUT}", where=folder, next_step="holdfast watch makes one"
+            f"no {ABOUT}", where=folder, next_step="record with holdfast watch"
         ) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise NotANumber(
-            f"cannot be used ({type(error).__name__})", where=path, next_step="mend it"
+            f"cannot be used ({type(error).__name__})", where=path, next_step="correct it by hand"
         ) from None
 
 
@@ -202,21 +208,25 @@ def require_same_stamps(frames: list[Frame], tracks: Tracks, lens: Lens, folder:
         raise ColumnError(
             f"{len(off)} frames of the video have stamps that {TAGS} does not have",
             where=folder,
-            cause=f"{STAMPS} is broken or of another recording",
+            cause=f"{STAMPS} is damaged or from another recording",
             next_step="record again",
         )
 
 
-def require_whole(found: int, told: object, where: Path) -> None:
-    """Raise EmptyRecording where a file holds fewer frames than camera.json told when it was
-    complete."""
-    if isinstance(told, int) and found < told:
+def require_whole(found: int, expected: object, where: Path) -> None:
+    """Raise EmptyRecording where a file has fewer frames than camera.json says."""
+    if isinstance(expected, int) and found < expected:
         raise EmptyRecording(
-            f"holds {found} of its {told} frames",
+            f"holds {found} of its {expected} frames",
             where=where,
             cause="an interrupted copy, or a broken disk",
             next_step="copy it again from where it was recorded",
         )
+
+
+def _frame(message: Any, images: bool) -> Frame:
+    image = _image(message) if images else NO_IMAGE
+    return Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image)
 
 
 def _image(message: Any) -> npt.NDArray[np.uint8]:
@@ -225,13 +235,12 @@ def _image(message: Any) -> npt.NDArray[np.uint8]:
 
 
 def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame]:
-    """The frames of a recorded folder, in order, a few held at a time. Raises DataNotFound,
-    EmptyRecording.
+    """The frames of a recorded folder, in order, a few in memory at a time.
 
-    The end of the file stops depthai's pipeline at once, so frames are taken by a callback on a
-    queue of one, in depthai's own thread (a queue that is pulled loses the last ones); it waits
-    while nobody takes them on. It must not raise, and nothing may wait for the pipeline: either
-    would end the interpreter.
+    The end of the file stops depthai's pipeline at once, and a queue that is pulled would lose the
+    last frames. So a callback in depthai's own thread takes them from a queue of one; it waits
+    while no frame is taken further. The callback must not raise, and nothing may wait for the
+    pipeline: either would end the interpreter. Raises DataNotFound, EmptyRecording.
     """
     pipeline, output = _replayed(folder, dai)
     ahead: Queue[Frame | str] = Queue(AHEAD)
@@ -240,41 +249,35 @@ def read_video(folder: Path, dai: Any, *, images: bool = True) -> Iterator[Frame
     def take(message: Any) -> None:
         threads.add(get_native_id())
         try:
-            image = _image(message) if images else NO_IMAGE
-            _hand_on(
-                Frame(message.getSequenceNum(), message.getTimestamp().total_seconds(), image),
-                ahead,
-                over,
-            )
-        except Exception as error:  # it would end the interpreter
+            _hand_on(_frame(message, images), ahead, over)
+        except Exception as error:  # an error in a callback would end the interpreter
             _hand_on(f"{type(error).__name__}: {error}", ahead, over)
 
     output.addCallback(take)
-    found: Frame | str | None = None
+    last: Frame | str | None = None
     try:
         pipeline.start()
         while pipeline.isRunning() or not ahead.empty():
             with suppress(Empty):
-                found = ahead.get(timeout=POLL_S)
-                if isinstance(found, str):
+                last = ahead.get(timeout=POLL_S)
+                if isinstance(last, str):
                     break
-                yield found
+                yield last
     finally:
         over.set()
         pipeline.stop()
         _wait_for_end(threads)
-    if not isinstance(found, Frame):
+    if not isinstance(last, Frame):
         raise EmptyRecording(
-            f"the video cannot be read ({found or 'no frame'})",
+            f"the video cannot be read ({last or 'no frame'})",
             where=folder / VIDEO,
-            cause="cut off, or not ours",
+            cause="it was cut off, or another program wrote it",
             next_step=f"{TAGS} may still hold the tracks: holdfast onset",
         )
 
 
 def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
-    """A pipeline that plays a folder's video as fast as it is taken, and the queue it comes out
-    of."""
+    """A pipeline that plays a folder's video as fast as it is read, and its output queue."""
     for name in (VIDEO, STAMPS):
         if not (folder / name).is_file():
             raise DataNotFound(
@@ -291,14 +294,17 @@ def _replayed(folder: Path, dai: Any) -> tuple[Any, Any]:
 
 
 def _wait_for_end(threads: set[int]) -> None:
-    """Until depthai's threads have ended. To let go of the pipeline before is to wait for them with
-    the interpreter held, which they wait for themselves."""
+    """Wait until depthai's threads have ended.
+
+    Releasing the pipeline earlier waits for these threads with the interpreter lock held, and they
+    wait for that lock.
+    """
     while any(Path(f"/proc/self/task/{thread}").exists() for thread in threads):
         time.sleep(POLL_S)
 
 
 def _hand_on(found: Frame | str, ahead: Queue[Frame | str], over: Event) -> None:
-    """Wait for room, unless nobody wants any more."""
+    """Wait for room in the queue, until the reader has stopped."""
     while not over.is_set():
         with suppress(Full):
             ahead.put(found, timeout=POLL_S)

@@ -1,5 +1,4 @@
-"""Where frames come from: an OAK camera, frames on disk (.npz), a recorded folder. The graph behind
-is the same."""
+"""Where frames come from: an OAK camera, frames on disk (.npz), or a recorded folder."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ Image = npt.NDArray[np.uint8]
 OAK = "oak"
 LENS = ("fps", "exposure_ms", "tag_mm")
 OAK_SIZE = (640, 400)
-"""Lossless video of more pixels at 60 frames a second does not fit one core."""
+"""One core cannot write lossless video of more pixels at 60 frames a second."""
 OAK_ISO = 800
 QUEUE = 4
 POLL_S = 0.001
@@ -30,13 +29,12 @@ LONGEST_WAIT_S = 10.0
 SLOWEST_FPS = 0.5
 """depthai takes whole frames a second."""
 LOSSLESS_LAST = 20
-"""A camera goes on filming while it is stopped: so many frames at the end may have tags and no
-picture."""
+"""A camera films on while it is stopped: this many last frames may have tags and no picture."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture [H, W]: its number, and the end of its exposure, s."""
+    """One picture [H, W], its number, and the end of its exposure, s."""
 
     sequence: int
     end_s: float
@@ -45,11 +43,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Lens:
-    """What holds for all frames: fps, exposure, printed side of the tags, and whose clock the
-    stamps are.
+    """What holds for all frames.
 
-    clock: "monotonic" (this machine's), or "trial" (from the trial's first sample). apart_mm:
-    between the tags' centres in the first frames, if somebody measured it.
+    Rate, exposure, printed side of the tags, and the clock of the stamps.
+
+    clock: "monotonic" (this machine's), or "trial" (from the trial's first sample). apart_mm: the
+    measured distance between the tags' centres in the first frames, or None.
     """
 
     fps: float
@@ -59,21 +58,23 @@ class Lens:
     apart_mm: float | None = None
 
     @classmethod
-    def of(cls, told: Any, clock: str) -> Lens:
-        """From numbers by name. Raises ValueError where one is not positive, or there is less than
-        a frame a second."""
-        fps, exposure_ms, tag_mm = (float(told[name]) for name in LENS)
-        apart_mm = None if told.get("apart_mm") is None else float(told["apart_mm"])
-        numbers = (fps - SLOWEST_FPS, exposure_ms, tag_mm, 1.0 if apart_mm is None else apart_mm)
-        if not all(math.isfinite(number) and number > 0.0 for number in numbers):
+    def of(cls, numbers: Any, clock: str) -> Lens:
+        """From numbers by name.
+
+        Raises ValueError where a number is not positive or fps is below 0.5.
+        """
+        fps, exposure_ms, tag_mm = (float(numbers[name]) for name in LENS)
+        apart_mm = None if numbers.get("apart_mm") is None else float(numbers["apart_mm"])
+        positive = (fps - SLOWEST_FPS, exposure_ms, tag_mm, 1.0 if apart_mm is None else apart_mm)
+        if not all(math.isfinite(number) and number > 0.0 for number in positive):
             raise ValueError(
                 f"fps {fps}, exposure_ms {exposure_ms}, tag_mm {tag_mm}, apart_mm {apart_mm}"
             )
         return cls(fps, exposure_ms, tag_mm, clock, apart_mm)
 
 
-class Source(Protocol):
-    """A place frames come from. last_lost: frames at the end that a stop may cost the video."""
+class FrameSource(Protocol):
+    """A source of frames. last_lost: frames at the end that a stop may cost the video."""
 
     name: str
     lens: Lens
@@ -83,16 +84,17 @@ class Source(Protocol):
         """A pipeline without nodes. Raises CameraUnavailable."""
 
     def connect(self, dai: Any, pipeline: Any, inputs: Sequence[Any]) -> Callable[[], bool]:
-        """Lead the frames to inputs of nodes; what it returns passes on the next one, and is False
-        at the end."""
+        """Connect the frames to these inputs.
+
+        Returns a step that passes one frame on; False at the end.
+        """
 
     def close(self) -> None:
-        """Let go of the device, if there is one."""
+        """Release the device, if there is one."""
 
 
 class Stored:
-    """Frames that are there already, or that somebody makes, through a pipeline without a
-    device."""
+    """Frames from disk or from an iterable, through a pipeline without a device."""
 
     last_lost = 0
 
@@ -104,7 +106,7 @@ class Stored:
         return dai.Pipeline(createImplicitDevice=False)
 
     def connect(self, dai: Any, pipeline: Any, inputs: Sequence[Any]) -> Callable[[], bool]:
-        """One queue an input; each step puts one frame into all of them, from our thread."""
+        """One queue for each input; each step puts one frame into all of them, from our thread."""
         queues = [one.createInputQueue(maxSize=QUEUE, blocking=True) for one in inputs]
         frames = iter(self.frames)
 
@@ -120,14 +122,13 @@ class Stored:
         return step
 
     def close(self) -> None:
-        """Let go of what the frames are read from."""
+        """Close the generator that the frames come from, if it is one."""
         if isinstance(self.frames, Generator):
             self.frames.close()
 
 
 class Oak:
-    """An OAK camera on USB, global shutter, exposure fixed by hand; frames are stamped on this
-    machine's clock.
+    """An OAK camera on USB, global shutter, fixed exposure, stamps on this machine's clock.
 
     A camera that falls off the bus does not come back within a trial: the trial is void.
     """
@@ -153,8 +154,10 @@ class Oak:
     def connect(  # pragma: no cover - only with a camera; its names are checked against the library
         self, dai: Any, pipeline: Any, inputs: Sequence[Any]
     ) -> Callable[[], bool]:
-        """Frames go from the camera to the inputs by themselves; a step only asks whether the time
-        is up."""
+        """The camera sends frames to the inputs by itself.
+
+        A step only checks whether the time is up.
+        """
         with opening():
             camera = pipeline.create(dai.node.Camera).build(sensorFps=self.lens.fps)
             camera.initialControl.setManualExposure(round(1e3 * self.lens.exposure_ms), OAK_ISO)
@@ -175,8 +178,8 @@ def _message(dai: Any, frame: Frame) -> Any:
         raise EmptyRecording(
             f"frames of {frame.image.shape[1]} x {frame.image.shape[0]} pixels",
             where="camera",
-            cause="video of an odd width or height is not lossless",
-            next_step="cut a row or column off every frame",
+            cause="a video with an odd width or height is not lossless",
+            next_step="remove one row or column from every frame",
         )
     message = dai.ImgFrame()
     message.setType(dai.ImgFrame.Type.GRAY8)
@@ -189,22 +192,24 @@ def _message(dai: Any, frame: Frame) -> Any:
 
 
 def _put(dai: Any, queue: Any, message: Any, pipeline: Any) -> None:
-    """Wait for room; TransferFailed where the graph has stopped or takes nothing for ten
-    seconds."""
+    """Wait for room.
+
+    Raises TransferFailed where the graph stopped or takes nothing for ten seconds.
+    """
     until_s = time.monotonic() + LONGEST_WAIT_S
     while not _taken(dai, queue, message):
         if not pipeline.isRunning() or time.monotonic() > until_s:
             raise TransferFailed(
                 "the graph takes no more frames",
                 where="depthai",
-                cause="a node of it stopped",
-                next_step="again with DEPTHAI_LEVEL=info, which says why",
+                cause="a node of the graph stopped",
+                next_step="run again with DEPTHAI_LEVEL=info, which logs the reason",
             )
         time.sleep(POLL_S)
 
 
 def _taken(dai: Any, queue: Any, message: Any) -> bool:
-    """Whether there was room; a queue that a stopping graph has closed has none."""
+    """Whether the queue took it; a queue that a stopping graph has closed takes nothing."""
     try:
         return bool(queue.trySend(message))
     except dai.MessageQueue.QueueException:
@@ -212,32 +217,12 @@ def _taken(dai: Any, queue: Any, message: Any) -> bool:
 
 
 def read_frames(path: Path) -> Stored:
-    """Frames of a scene or of anybody: `frames` [K, H, W] uint8, `time_s` [K] ends of exposure, and
-    the lens's numbers.
+    """Frames of an .npz file, with their stamps and the numbers of the lens.
 
-    Raises DataNotFound, EmptyRecording, ColumnError, TimeError.
+    The file holds `frames` [K, H, W] uint8, `time_s` [K] ends of exposure, and LENS. Raises
+    DataNotFound, EmptyRecording, ColumnError, TimeError.
     """
-    try:
-        require_modest_archive(path)
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            missing = [name for name in ("frames", "time_s", *LENS) if name not in file.files]
-            if missing:
-                raise ColumnError(
-                    f"no {', '.join(missing)}",
-                    where=path,
-                    next_step="docs/camera.md says what is in it",
-                )
-            images, ends_s = file["frames"], np.asarray(file["time_s"], dtype=np.float64)
-            lens = Lens.of(file, "trial")
-    except FileNotFoundError:
-        raise DataNotFound("no such file", where=path, next_step="check the path") from None
-    except NOT_AN_ARCHIVE as error:
-        raise EmptyRecording(
-            f"cannot be read as frames ({type(error).__name__})",
-            where=path,
-            cause="an interrupted copy, or another file",
-            next_step="copy it again, or simulate it again",
-        ) from None
+    images, ends_s, lens = _read_arrays(path)
     if (
         images.ndim != 3
         or images.dtype != np.uint8
@@ -247,8 +232,8 @@ def read_frames(path: Path) -> Stored:
         raise EmptyRecording(
             f"frames are {images.dtype} {images.shape} and stamps {ends_s.shape}",
             where=path,
-            cause="pictures and stamps of different recordings, or not grey",
-            next_step="uint8 [K, H, W] and [K]",
+            cause="the pictures are not grey, or the stamps are from another recording",
+            next_step="store frames as uint8 [K, H, W] and time_s as [K]",
         )
     require_forward(ends_s, path)
     frames = (
@@ -258,12 +243,37 @@ def read_frames(path: Path) -> Stored:
     return Stored(path.name, lens, frames)
 
 
+def _read_arrays(path: Path) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64], Lens]:
+    """`frames`, `time_s` and the lens of an .npz file, with arrays of any type and shape."""
+    try:
+        require_modest_archive(path)
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            missing = [name for name in ("frames", "time_s", *LENS) if name not in file.files]
+            if missing:
+                raise ColumnError(
+                    f"lacks {', '.join(missing)}",
+                    where=path,
+                    next_step="docs/camera.md describes the file",
+                )
+            ends_s = np.asarray(file["time_s"], dtype=np.float64)
+            return file["frames"], ends_s, Lens.of(file, "trial")
+    except FileNotFoundError:
+        raise DataNotFound("no such file", where=path, next_step="check the path") from None
+    except NOT_AN_ARCHIVE as error:
+        raise EmptyRecording(
+            f"cannot be read as frames ({type(error).__name__})",
+            where=path,
+            cause="an interrupted copy, or another file",
+            next_step="copy it again, or simulate it again",
+        ) from None
+
+
 def require_forward(ends_s: npt.NDArray[np.float64], where: Path) -> None:
     """Raise TimeError where a stamp is not later than the one before."""
     if not (np.isfinite(ends_s).all() and (np.diff(ends_s) > 0.0).all()):
         raise TimeError(
-            "frames stand still or run backwards in time",
+            "a frame is not later than the frame before",
             where=where,
-            cause="a driver that stamps wrongly",
+            cause="a camera driver with wrong stamps",
             next_step="record again",
         )

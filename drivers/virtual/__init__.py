@@ -1,6 +1,5 @@
-"""The virtual hand: emulated bridges with register-level chips behind them, at the lowest seam (USB
-or ioctl).
+"""The virtual hand: emulated bridges with register-level chips, at the lowest seam (USB or ioctl).
 
-Nothing in the drivers knows it is there: they are given another pyusb backend. It follows the data
-sheets and the bridges' protocols, not our drivers.
+The drivers do not know that it is there: they get another pyusb backend. It follows the data sheets
+and the bridges' protocols, not our drivers.
 """

@@ -1,5 +1,4 @@
-"""A TMAG5273 at register level: what the data sheet says it does, converting a field as time goes
-by."""
+"""A TMAG5273 at register level, as the data sheet says, in a field that changes with time."""
 
 from __future__ import annotations
 
@@ -31,8 +30,9 @@ from drivers.virtual.conversion import (
     temperature_raw,
 )
 from drivers.virtual.faults import Faults
+from drivers.virtual.registers import LAST, RegisterFile
 
-Field = Callable[[float], Sequence[float]]
+FieldSource = Callable[[float], Sequence[float]]
 """Time in s -> the field at the chip, [3] in uT."""
 Temperature = Callable[[float], float]
 """Time in s -> degC of the chip."""
@@ -40,10 +40,8 @@ WAKE_AND_SLEEP = 3
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 ASLEEP = (SLEEP, WAKE_AND_SLEEP)
 NOISE_UT = np.array([125.0, 125.0, 68.0])
-"""Of one conversion (SYLS045A 6.7); averaging divides it by the root of the averages."""
+"""Noise of one conversion (SLYS045A 6.7); averaging divides it by the root of the averages."""
 NOISE_ROWS = 4096
-LAST = max(register.address for register in REGISTERS.values())
-BY_ADDRESS = {register.address: register for register in REGISTERS.values()}
 STATUS = REGISTERS["CONV_STATUS"].address
 TEMPERATURE, ANGLE = REGISTERS["T_MSB_RESULT"].address, REGISTERS["ANGLE_RESULT_MSB"].address
 RESULT_READY = 0x01
@@ -52,29 +50,32 @@ RESTARTING = tuple(
     REGISTERS[name]
     for name in ("DEVICE_CONFIG_1", "DEVICE_CONFIG_2", "SENSOR_CONFIG_1", "T_CONFIG")
 )
-"""A write to one of these begins conversions anew."""
-CONFIGURATION_BYTES = REGISTERS["I2C_ADDRESS"].address
+"""A write to one of these registers restarts the conversions."""
 MOST_CHECKED_CHANNELS = 3
-"""In a packet of 16 bits a channel there is no room for a check byte after more."""
+"""A packet of 16 bits a channel has no room for a check byte after more channels."""
 IDS = (REGISTERS["MANUFACTURER_ID_LSB"].address, REGISTERS["MANUFACTURER_ID_MSB"].address)
 WRONG_ID = 0x00
 CHECKED_BYTES = 4
-"""Register bytes before the check byte of a register read with CRC; longer reads have none
-(SYLS045A 7.5.1.3.3)."""
+"""Register bytes before the check byte of a register read with CRC (SLYS045A 7.5.1.3.3).
+
+Longer reads have no check byte.
+"""
 NOTHING_SENT = 0xFF
 """What a master reads where no chip pulls SDA low."""
 
 
 class Chip:
-    """One chip. number: 1 .. 6, what faults call it; version 1 or 2; seed: of its noise, None for
-    none."""
+    """One chip. number: 1 .. 6, its name in faults; version 1 or 2; seed.
+
+    Of its noise, None for none.
+    """
 
     def __init__(
         self,
         number: int,
         factory_address: int,
         version: int,
-        field: Field,
+        field: FieldSource,
         clock: Clock,
         faults: Faults,
         *,
@@ -93,13 +94,10 @@ class Chip:
         self.power_on()
 
     def power_on(self) -> None:
-        """Every register as after power-up, the factory address too."""
-        self._bytes = bytearray(LAST + 1)
-        for register in REGISTERS.values():
-            self._bytes[register.address] = register.reset
+        """Every register as after power-up, and the factory address."""
+        self._registers = RegisterFile(self.factory_address, self.version)
+        self._bytes = self._registers.bytes
         self.address = self.factory_address
-        self._bytes[REGISTERS["I2C_ADDRESS"].address] = self.factory_address << 1
-        self._bytes[REGISTERS["DEVICE_ID"].address] = self.version
         self._configured()
         self._pointer = 0
         self._next_address: int | None = None
@@ -139,15 +137,17 @@ class Chip:
         return True
 
     def write(self, byte: int) -> bool:
-        """The register's address first (its highest bit starts a conversion), then values, address
-        by address."""
+        """The register's address first, then values in order.
+
+        The address's highest bit starts a conversion.
+        """
         if self._first_byte:
             self._first_byte = False
             self._pointer = byte & ~TRIGGER
             if (
                 byte & TRIGGER
                 and self._mode == STANDBY
-                and not self._field_of("DEVICE_CONFIG_2", "TRIGGER_MODE")
+                and not self._registers.field("DEVICE_CONFIG_2", "TRIGGER_MODE")
             ):
                 self._begin()
             return True
@@ -156,7 +156,7 @@ class Chip:
         return True
 
     def read(self) -> int:
-        """The next register, or the next byte of a packet where 1-byte reads are on."""
+        """The next register, or the next byte of a packet in 1-byte mode."""
         if self._packet is not None:
             byte = (
                 self._packet[self._packet_at]
@@ -172,8 +172,7 @@ class Chip:
         return byte
 
     def _read_checked(self) -> int:
-        """A register read with CRC_EN: four registers, the check byte over these four, and then
-        nothing."""
+        """A register read with CRC_EN: four registers, their check byte, and then nothing."""
         if len(self._sent) > CHECKED_BYTES:
             return NOTHING_SENT
         if len(self._sent) == CHECKED_BYTES:
@@ -202,14 +201,9 @@ class Chip:
         return byte
 
     def _store(self, address: int, byte: int) -> None:
-        register = BY_ADDRESS.get(address)
+        mode, register = self._mode, self._registers.store(address, byte)
         if register is None:
             return
-        mode = self._mode
-        kept = (
-            self._bytes[address] & ~register.writable & 0xFF & ~(register.write_one_clears & byte)
-        )
-        self._bytes[address] = kept | byte & register.writable
         if register is REGISTERS["I2C_ADDRESS"] and byte & 1:
             self._next_address = byte >> 1
             self._bytes[address] = byte & 0xFE
@@ -218,27 +212,25 @@ class Chip:
             self._restart(mode)
 
     def _configured(self) -> None:
-        """What the registers ask for, read once and not with every conversion."""
-        self._mode = self._field_of("DEVICE_CONFIG_2", "OPERATING_MODE")
-        configuration = bytes(self._bytes[:CONFIGURATION_BYTES])
+        """Decode the registers once, not at every conversion."""
+        self._mode = self._registers.field("DEVICE_CONFIG_2", "OPERATING_MODE")
+        configuration = self._registers.configuration
         self._settings = settings(configuration, self.version)
         self._interrupts = interrupts(configuration)
-        self._reads_as = self._field_of("DEVICE_CONFIG_1", "I2C_RD")
-        self._checked = bool(self._field_of("DEVICE_CONFIG_1", "CRC_EN"))
-
-    def _field_of(self, register: str, name: str) -> int:
-        return REGISTERS[register].read(self._bytes[REGISTERS[register].address], name)
+        self._reads_as = self._registers.field("DEVICE_CONFIG_1", "I2C_RD")
+        self._checked = bool(self._registers.field("DEVICE_CONFIG_1", "CRC_EN"))
 
     # -- conversions
 
     def _set_mode(self, mode: int) -> None:
-        address = REGISTERS["DEVICE_CONFIG_2"].address
-        self._bytes[address] = self._bytes[address] & ~3 & 0xFF | mode
+        self._registers.set_mode(mode)
         self._configured()
 
     def _restart(self, mode_before: int) -> None:
-        """A changed configuration begins its conversions anew; a chip that falls asleep forgets its
-        results."""
+        """A changed configuration restarts the conversions.
+
+        A chip that falls asleep forgets its results.
+        """
         if self._mode in ASLEEP:
             self._forget()
         if self._mode in (CONTINUOUS, WAKE_AND_SLEEP):
@@ -255,7 +247,7 @@ class Chip:
         self._started_ns, self._done, self._crossings = self._clock.now_ns(), 0, 0
 
     def _completed(self, period_s: float) -> int:
-        """How many periods have passed since conversions began, none where nothing is converted."""
+        """Periods that have passed since conversions began; 0 where the chip does not convert."""
         if (
             self._started_ns is None
             or not (self._settings.axes or self._settings.temperature)
@@ -265,8 +257,7 @@ class Chip:
         return (self._clock.now_ns() - self._started_ns) // round(1e9 * period_s)
 
     def _update(self) -> None:
-        """Finish the conversions that have been completed by now; only the last one leaves its
-        result."""
+        """Complete the conversions that are due by now; only the last one leaves its result."""
         done = self._completed(self._settings.lasts_s)
         if self._mode == STANDBY:
             done = min(done, 1)
@@ -277,10 +268,12 @@ class Chip:
         self._convert(self._middle_s(done * self._settings.lasts_s))
 
     def _doze(self) -> None:
-        """Wake-and-sleep mode until now: every result is lost in the next sleep, unless it keeps
-        the chip awake."""
-        asked = self._settings
-        period_s = asked.sleep_s + SHORTEST_WAKE_S + asked.lasts_s
+        """Wake-and-sleep mode until now.
+
+        Each sleep erases the result, unless it keeps the chip awake.
+        """
+        wanted = self._settings
+        period_s = wanted.sleep_s + SHORTEST_WAKE_S + wanted.lasts_s
         done = self._completed(period_s)
         if not self._interrupts.possible:
             self._conversions, self._done = self._conversions + done - self._done, done
@@ -296,26 +289,26 @@ class Chip:
 
     def _interrupting(self, results: dict[int, int]) -> bool:
         """Whether a result keeps the chip awake."""
-        asked = self._interrupts
-        crossed = asked.on_threshold and asked.crossed(results, self._degc(self._now_s()))
+        rules = self._interrupts
+        crossed = rules.on_threshold and rules.crossed(results, self._degc(self._now_s()))
         self._crossings = self._crossings + 1 if crossed else 0
-        return asked.every_result or self._crossings >= asked.crossings
+        return rules.every_result or self._crossings >= rules.crossings
 
     def _middle_s(self, ends_s: float) -> float:
-        """Of the conversion that ends so long after conversions began; time as the field has it."""
+        """The middle of the conversion that ends this long after the first began, in field time."""
         began_ns = self._born_ns if self._started_ns is None else self._started_ns
         return 1e-9 * (began_ns - self._born_ns) + ends_s - 0.5 * self._settings.lasts_s
 
     def _convert(self, middle_s: float) -> dict[int, int]:
-        """One conversion into the result registers; its results by axis."""
-        asked, degc = self._settings, self._degc(middle_s)
+        """One conversion into the result registers; returns its results by axis."""
+        wanted, degc = self._settings, self._degc(middle_s)
         noise_ut = self._noise_ut[self._conversions % len(self._noise_ut)]
-        results = asked.raw(self._field(middle_s), noise_ut, degc)
+        results = wanted.raw(self._field(middle_s), noise_ut, degc)
         for axis, result in results.items():
             struct.pack_into(">h", self._bytes, RESULTS + 2 * axis, result)
-        if asked.temperature:
+        if wanted.temperature:
             struct.pack_into(">H", self._bytes, TEMPERATURE, temperature_raw(degc))
-        pair = asked.paired(results)
+        pair = wanted.paired(results)
         if pair is not None:
             struct.pack_into(">HB", self._bytes, ANGLE, angle_raw(*pair), magnitude_raw(*pair))
         self._bytes[STATUS] = (
@@ -324,8 +317,10 @@ class Chip:
         return results
 
     def _burst(self, address: int) -> bytes | None:
-        """What a read without a register byte answers, or None where registers are read: T, X, Y, Z
-        as they are on."""
+        """The packet of a read without a register byte; None in register reads.
+
+        T, X, Y and Z as they are enabled, then the status and perhaps a check byte.
+        """
         if self._reads_as not in (BURST_16, BURST_8):
             return None
         on = [TEMPERATURE] * self._settings.temperature + [
@@ -343,7 +338,7 @@ class Chip:
         return 1e-9 * (self._clock.now_ns() - self._born_ns)
 
     def _has(self, fault: str) -> bool:
-        """Whether a fault of this chip lasts now."""
+        """Whether this chip has a fault now."""
         return bool(self._faults) and self._faults.lasts(fault, self._now_s(), self.number)
 
     def _suffer(self) -> None:

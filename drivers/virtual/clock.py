@@ -1,4 +1,4 @@
-"""Time of the virtual hand: it passes when somebody spends it."""
+"""Time of the virtual hand: it passes when a bridge or a test spends it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What a chip converts by and a bridge spends its transfers on."""
+    """The time by which a chip converts and that a bridge's transfers take."""
 
     def now_ns(self) -> int:
         """Monotonic, ns."""
@@ -19,8 +19,7 @@ class Clock(Protocol):
 
 
 class VirtualClock:
-    """Stands still until somebody spends time: a minute passes in as long as it takes to
-    compute."""
+    """Stands still until time is spent, so a minute passes as fast as it is computed."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = start_ns
@@ -39,7 +38,7 @@ class VirtualClock:
 
 
 class WallClock:
-    """Real time: a bridge's transfers really take as long as they would."""
+    """Real time: a bridge's transfers take as long as on real hardware."""
 
     def now_ns(self) -> int:
         """time.monotonic_ns."""

@@ -1,8 +1,8 @@
-"""One conversion of a TMAG5273 as its registers ask for it: channels, temperature, corrections,
-angle (SYLS045A 7.5.2).
+"""One conversion of a TMAG5273 as its registers set it up (SLYS045A 7.5.2).
 
-Where the data sheet is silent this does what a driver finds harder: with averaging the temperature
-costs the time of a channel more, and a channel that is off keeps its last result.
+Covers channels, temperature, corrections and the angle. Where the data sheet is silent, the
+emulation does what is harder for a driver: with averaging, the temperature takes the time of one
+more channel, and a disabled channel keeps its last result.
 """
 
 from __future__ import annotations
@@ -28,12 +28,11 @@ SEQUENCES: dict[int, tuple[int, ...]] = {
     10: (Y, Z, Y),
     11: (X, Z, X),
 }
-"""SENSOR_CONFIG_1.MAG_CH_EN: what is converted one after the other; of a channel that comes twice
-the mean is kept."""
+"""SENSOR_CONFIG_1.MAG_CH_EN: the channels in order; a channel that occurs twice keeps its mean."""
 ANGLE_PAIRS = {1: (X, Y), 2: (Y, Z), 3: (X, Z)}
 """SENSOR_CONFIG_2.ANGLE_EN."""
 TEMPCO_PER_DEGC = {1: 0.0012, 3: 0.002}
-"""DEVICE_CONFIG_1.MAG_TEMPCO: by how much the gain rises with temperature, from 25 degC on."""
+"""DEVICE_CONFIG_1.MAG_TEMPCO: the rise of the gain for each degC above 25 degC."""
 SLEEP_S = (1e-3, 5e-3, 10e-3, 15e-3, 20e-3, 30e-3, 50e-3, 0.1, 0.5, 1.0, 2.0, 5.0, 20.0)
 """SENSOR_CONFIG_1.SLEEPTIME."""
 REFERENCE_DEGC, AT_REFERENCE, LSB_PER_DEGC = 25.0, 17508, 60.1
@@ -52,24 +51,23 @@ def signed(byte: int) -> int:
 
 
 def temperature_raw(degc: float) -> int:
-    """Equation 14 turned round: 16 bits."""
+    """The inverse of equation 14: 16 bits."""
     return round(max(0.0, min(32767.0, AT_REFERENCE + LSB_PER_DEGC * (degc - REFERENCE_DEGC))))
 
 
 def angle_raw(first: int, second: int) -> int:
-    """Of a pair's results: degrees from 0 to 360 in nine bits and sixteenths in four (equation
-    15)."""
+    """Of two axes: degrees from 0 to 360 in nine bits, and sixteenths in four (equation 15)."""
     return round(ANGLE_STEPS * math.degrees(math.atan2(second, first))) % CIRCLE
 
 
 def magnitude_raw(first: int, second: int) -> int:
-    """Of a pair's results: root of the sum of squares, in codes of 8 bits."""
+    """Of two axes: the root of the sum of squares, in codes of 8 bits."""
     return min(255, int(math.hypot(first, second) / CODES_OF_8_BITS))
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the registers ask for. full_ut: of each axis. sleep_s: of wake-and-sleep mode.
+    """What the registers set. full_ut: full scale of each axis. sleep_s: of wake-and-sleep mode.
 
     gain, offset: of each axis, applied to the pair of ANGLE_EN; offset in 16-bit codes.
     """
@@ -86,25 +84,27 @@ class Settings:
     lasts_s: float = field(init=False)
     axes: tuple[int, ...] = field(init=False)
     quieter: tuple[float, ...] = field(init=False)
-    """By how much averaging divides the noise of each axis."""
+    """Averaging divides the noise of each axis by this."""
 
     def __post_init__(self) -> None:
         channels = len(self.sequence) + (self.temperature and self.averages > 1)
-        told = {
+        derived = {
             "lasts_s": conversion_s(self.averages, channels),
             "axes": tuple(sorted(set(self.sequence))),
             "quieter": tuple(
                 math.sqrt(self.averages * max(1, self.sequence.count(axis))) for axis in (X, Y, Z)
             ),
         }
-        for name, value in told.items():
+        for name, value in derived.items():
             object.__setattr__(self, name, value)
 
     def raw(
         self, field_ut: Sequence[float], noise_ut: Sequence[float], degc: float
     ) -> dict[int, int]:
-        """Results of the axes that are on, 16 bits, signed. In plain numbers: an array would cost
-        more than three."""
+        """Results of the enabled axes, 16 bits, signed.
+
+        Plain numbers, faster here than an array.
+        """
         warmer = 1.0 + self.tempco_per_degc * (degc - REFERENCE_DEGC)
         results = {}
         for axis in self.axes:
@@ -116,7 +116,7 @@ class Settings:
         return results
 
     def paired(self, results: dict[int, int]) -> tuple[int, int] | None:
-        """The two results that the angle is made from, or None where it is off or an axis is."""
+        """The two results from which the angle is made; None where the angle or an axis is off."""
         if self.pair is None or not set(self.pair) <= results.keys():
             return None
         return results[self.pair[0]], results[self.pair[1]]
@@ -124,8 +124,7 @@ class Settings:
 
 @lru_cache(maxsize=256)
 def settings(registers: bytes, version: int) -> Settings:
-    """Out of the configuration registers, by address; version 1 or 2 of the chip. Drivers write the
-    same ones often."""
+    """From the configuration registers, by address; version 1 or 2. Cached: drivers repeat them."""
 
     def read(register: str, name: str) -> int:
         return REGISTERS[register].read(registers[REGISTERS[register].address], name)
@@ -155,11 +154,10 @@ def settings(registers: bytes, version: int) -> Settings:
 
 @dataclass(frozen=True)
 class Interrupts:
-    """When a chip in wake-and-sleep mode stays awake: with every result, or where a threshold is
-    crossed.
+    """When a chip in wake-and-sleep mode stays awake: at every result, or at a crossed threshold.
 
-    thresholds: codes of 8 bits, by axis, 0 for none; both_poles: the same one towards the other
-    pole, too; below: crossed where the field is smaller. crossings: so many results running.
+    thresholds: codes of 8 bits, by axis, 0 for none. both_poles: the same threshold for the other
+    pole. below: crossed where the field is smaller. crossings: this many results in a row.
     hotter_degc: None for no threshold.
     """
 
@@ -173,7 +171,7 @@ class Interrupts:
 
     @property
     def possible(self) -> bool:
-        """Whether any result could be one."""
+        """Whether any result could keep the chip awake."""
         return self.every_result or (
             self.on_threshold and (any(self.thresholds) or self.hotter_degc is not None)
         )
@@ -197,7 +195,7 @@ class Interrupts:
 
 @lru_cache(maxsize=256)
 def interrupts(registers: bytes) -> Interrupts:
-    """Out of the configuration registers, by address."""
+    """From the configuration registers, by address."""
 
     def read(register: str, name: str) -> int:
         return REGISTERS[register].read(registers[REGISTERS[register].address], name)

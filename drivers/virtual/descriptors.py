@@ -1,5 +1,4 @@
-"""What an emulated USB device says of itself: descriptors as fields, for pyusb, and as bytes, for
-GET_DESCRIPTOR."""
+"""Descriptors of an emulated USB device: as fields, for pyusb, and as bytes, for GET_DESCRIPTOR."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ ATTRIBUTES, QUANTUM_MA = 0x80, 2
 
 @dataclass(frozen=True)
 class Endpoint:
-    """address with its direction bit, BULK or INTERRUPT, largest packet."""
+    """address with its direction bit, BULK or INTERRUPT, and the largest packet."""
 
     address: int
     attributes: int
@@ -36,8 +35,7 @@ class Interface:
 
     @property
     def extra(self) -> bytes:
-        """The HID class descriptor that announces the report descriptor (HID 1.11, section
-        6.2.1)."""
+        """The HID class descriptor that announces the report descriptor (HID 1.11, 6.2.1)."""
         return (
             struct.pack("<BBHBBBH", 9, HID, 0x0111, 0, 1, REPORT, len(self.report))
             if self.report
@@ -45,9 +43,11 @@ class Interface:
         )
 
 
-class Described(Protocol):
-    """What descriptors are made from; strings: manufacturer, product, serial number, empty for
-    none."""
+class UsbDescription(Protocol):
+    """What descriptors are made from. strings: manufacturer, product, serial number.
+
+    Empty for none.
+    """
 
     vendor: int
     product: int
@@ -59,8 +59,8 @@ class Described(Protocol):
     strings: tuple[str, str, str]
 
 
-def device_fields(device: Described, address: int) -> Any:
-    """The device descriptor, with where on the bus the device is."""
+def device_fields(device: UsbDescription, address: int) -> Any:
+    """The device descriptor, with the device's place on the bus."""
     manufacturer, product, serial = (k + 1 if text else 0 for k, text in enumerate(device.strings))
     usb_class, subclass, protocol = device.usb_class
     return SimpleNamespace(
@@ -86,7 +86,7 @@ def device_fields(device: Described, address: int) -> Any:
     )
 
 
-def configuration_fields(device: Described) -> Any:
+def configuration_fields(device: UsbDescription) -> Any:
     """The only configuration."""
     return SimpleNamespace(
         bLength=9,
@@ -101,7 +101,7 @@ def configuration_fields(device: Described) -> Any:
     )
 
 
-def interface_fields(device: Described, number: int) -> Any:
+def interface_fields(device: UsbDescription, number: int) -> Any:
     """An interface without alternatives. Raises IndexError past the last."""
     interface = device.interfaces[number]
     usb_class, subclass, protocol = interface.usb_class
@@ -119,7 +119,7 @@ def interface_fields(device: Described, number: int) -> Any:
     )
 
 
-def endpoint_fields(device: Described, number: int, interface: int) -> Any:
+def endpoint_fields(device: UsbDescription, number: int, interface: int) -> Any:
     """An endpoint of an interface. Raises IndexError past the last."""
     endpoint = device.interfaces[interface].endpoints[number]
     return SimpleNamespace(
@@ -135,9 +135,11 @@ def endpoint_fields(device: Described, number: int, interface: int) -> Any:
     )
 
 
-def descriptor(device: Described, kind: int, number: int, index: int) -> bytes | None:
-    """What GET_DESCRIPTOR brings; index: the interface or, of a string, its language. None: there
-    is none."""
+def descriptor(device: UsbDescription, kind: int, number: int, index: int) -> bytes | None:
+    """The answer to GET_DESCRIPTOR; None where the descriptor does not exist.
+
+    index: the interface or, for a string, its language.
+    """
     if kind == DEVICE and not number:
         return _device_bytes(device)
     if kind == CONFIGURATION and not number:
@@ -150,18 +152,18 @@ def descriptor(device: Described, kind: int, number: int, index: int) -> bytes |
     return None
 
 
-def _device_bytes(device: Described) -> bytes:
+def _device_bytes(device: UsbDescription) -> bytes:
     fields = list(vars(device_fields(device, 0)).values())
     return struct.pack("<BBHBBBBHHHBBBB", *fields[:14])
 
 
-def _configuration_bytes(device: Described) -> bytes:
+def _configuration_bytes(device: UsbDescription) -> bytes:
     fields = list(vars(configuration_fields(device)).values())
     return struct.pack("<BBHBBBBB", *fields[:8]) + _below(device)
 
 
-def _below(device: Described) -> bytes:
-    """Interfaces, what belongs to their class, and their endpoints, in order."""
+def _below(device: UsbDescription) -> bytes:
+    """Interfaces, their class descriptors and their endpoints, in order."""
     below = b""
     for number, interface in enumerate(device.interfaces):
         below += bytes(list(vars(interface_fields(device, number)).values())[:9]) + interface.extra
@@ -172,8 +174,8 @@ def _below(device: Described) -> bytes:
     return below
 
 
-def _string_bytes(device: Described, number: int) -> bytes | None:
-    """Number 0 says which languages there are."""
+def _string_bytes(device: UsbDescription, number: int) -> bytes | None:
+    """A string descriptor; number 0 lists the languages."""
     if number == 0:
         return struct.pack("<BBH", 4, STRING, US_ENGLISH)
     if number > len(device.strings) or not device.strings[number - 1]:
@@ -182,6 +184,6 @@ def _string_bytes(device: Described, number: int) -> bytes | None:
     return bytes([2 + len(text), STRING]) + text
 
 
-def endpoints(*told: tuple[int, int, int]) -> tuple[Endpoint, ...]:
-    """Short for a tuple of them."""
-    return tuple(Endpoint(*one) for one in told)
+def endpoints(*fields: tuple[int, int, int]) -> tuple[Endpoint, ...]:
+    """Short for a tuple of endpoints."""
+    return tuple(Endpoint(*one) for one in fields)

@@ -14,15 +14,15 @@ from edge_runtime.errors import UsageError
 
 OF_A_SENSOR = {
     "nack": "acknowledges nothing",
-    "frozen": "converts no more: SET_COUNT and results stay",
-    "por": "loses its power for an instant, and configuration and address with it",
+    "frozen": "stops converting: SET_COUNT and results stay",
+    "por": "loses its power for an instant, and with it its configuration and address",
     "sleep": "has fallen asleep, as after a stray write",
     "wrong": "another chip answers at its address",
     "diag": "reports that its own diagnosis failed",
 }
 OF_THE_BUS = {
     "stuck": "SDA is held low until nine clocks are given",
-    "noise": "flips one bit in ten thousand on the wire, whoever sends it",
+    "noise": "flips one bit in ten thousand on the wire, of any sender",
 }
 OF_THE_BRIDGE = {
     "stall": "answers a transfer with STALL",
@@ -32,7 +32,7 @@ OF_THE_BRIDGE = {
 }
 KINDS = {**OF_A_SENSOR, **OF_THE_BUS, **OF_THE_BRIDGE}
 AT_ONCE = ("por", "sleep", "stuck")
-"""Happen once, at their time; the others last."""
+"""These faults happen once, at their time; the others last."""
 FORM = re.compile(
     r"(?P<kind>[a-z]+)(:(?P<sensor>[1-6]))?@(?P<at>\d+(\.\d+)?)(\+(?P<lasts>\d+(\.\d+)?))?"
 )
@@ -41,8 +41,7 @@ DEFAULT_LASTS_S = 0.1
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault; sensor 1 .. 6, None for the bus or the bridge; times in s since the hand was
-    made."""
+    """One fault; sensor 1 .. 6, None for bus or bridge; times in s since the hand was made."""
 
     kind: str
     at_s: float
@@ -65,8 +64,8 @@ def read_fault(text: str) -> Fault:
         )
     if found is None or found["kind"] not in KINDS:
         raise UsageError(
-            f"{text!r} is no fault",
-            next_step=f"kind:sensor@at+lasts, kind one of {', '.join(KINDS)}",
+            f"{text!r} is not a fault",
+            next_step=f"write kind:sensor@at+lasts; kinds: {', '.join(KINDS)}",
         )
     if (found["kind"] in OF_A_SENSOR) != (found["sensor"] is not None):
         what = "needs a sensor, 1 .. 6" if found["kind"] in OF_A_SENSOR else "has no sensor"
@@ -87,7 +86,7 @@ def _example(kind: str) -> str:
 
 
 class Faults:
-    """The script, asked by the parts of the virtual hand as time goes by."""
+    """The script, which the parts of the virtual hand query as time goes by."""
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         self._lasting = [fault for fault in faults if fault.kind not in AT_ONCE]
@@ -96,11 +95,11 @@ class Faults:
         )
 
     def __bool__(self) -> bool:
-        """Whether anything is still to happen."""
+        """Whether the script has any fault left."""
         return bool(self._lasting or self._pending)
 
     def lasts(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
-        """Whether a lasting fault is on."""
+        """Whether a lasting fault is active."""
         return any(
             fault.kind == kind
             and fault.sensor == sensor
@@ -109,7 +108,7 @@ class Faults:
         )
 
     def happened(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
-        """Whether a fault that happens at once has happened since somebody last asked."""
+        """Whether a fault that happens once has happened since the last call."""
         due = [
             f for f in self._pending if f.kind == kind and f.sensor == sensor and f.at_s <= now_s
         ]

@@ -1,5 +1,4 @@
-"""An FT232H: its control requests, its MPSSE engine, and the pins that make an I2C wire (FTDI AN
-108)."""
+"""An FT232H: its control requests and its MPSSE engine (FTDI AN 108)."""
 
 from __future__ import annotations
 
@@ -7,8 +6,8 @@ from functools import lru_cache
 
 from drivers.virtual.descriptors import Interface, endpoints
 from drivers.virtual.hand import VirtualHand
+from drivers.virtual.lines import BusLines
 from drivers.virtual.usb_backend import BULK, Device, stall
-from drivers.virtual.wire import Wire
 
 OUT_ENDPOINT, IN_ENDPOINT, PACKET = 0x02, 0x81, 512
 STATUS = bytes([0x32, 0x60])
@@ -18,8 +17,10 @@ TRANSFER_NS = 125_000
 SCL, SDA, SDA_IN = 0x01, 0x02, 0x04
 SIO_RESET, SIO_LATENCY, SIO_GET_LATENCY, SIO_BITMODE, SIO_GET_PINS = 0x00, 0x09, 0x0A, 0x0B, 0x0C
 PURGE_SENT, PURGE_ANSWERS = 1, 2
-"""Values of SIO_RESET: 1 clears what the host sent (libftdi's SIO_TCOFLUSH), 2 what waits for it; 0
-clears both."""
+"""Values of SIO_RESET: 1 clears what the host sent, 2 what waits for it, 0 both.
+
+libftdi calls 1 SIO_TCOFLUSH.
+"""
 MPSSE = 2
 SET_PINS = 0x80
 LENGTHS = dict.fromkeys((SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3) | {
@@ -32,143 +33,19 @@ LET_GO = (SET_PINS, bytes([SDA, SCL | SDA]))
 """SCL low, SDA free."""
 READ_BIT, READ_BYTE = (0x22, bytes(1)), (0x20, bytes(2))
 SENT, GOT = 0x100, 0x101
-"""Three commands as one: a byte out and its acknowledge in, a byte in and its acknowledge out."""
+"""Three commands as one.
+
+A byte out and its acknowledge in, or a byte in and its acknowledge out.
+"""
 SIMPLE = {0x81, 0x83, 0x84, 0x85, 0x87, 0x8A, 0x8B, 0x8C, 0x8D, 0x96, 0x97}
-
-
-class Pins:
-    """SCL and SDA, edge by edge, as the chips on the wire understand them."""
-
-    def __init__(self, wire: Wire) -> None:
-        self.wire = wire
-        self.scl = self.master = True
-        self._state = "idle"
-        self._count = self._byte = 0
-        self._acked = self._addressing = False
-
-    @property
-    def sda(self) -> bool:
-        """The line: low if anybody pulls it."""
-        return self.master and not self.wire.held_low
-
-    def set(self, scl: bool, sda: bool) -> None:
-        """Pins written by the master: SDA that moves while SCL is high is a START or a STOP."""
-        if self.scl and scl and sda != self.master and not self.wire.held_low:
-            self._stop() if sda else self._start()
-        rises = scl and not self.scl
-        self.scl, self.master = scl, sda
-        if rises:
-            self._clocked(sda)
-
-    def clock(self, bit: bool) -> bool:
-        """One bit from the master (1 lets the line go); what the line was while SCL was high."""
-        self.master = bit
-        level = self._clocked(bit)
-        self.scl = False
-        return level
-
-    def byte_out(self, byte: int) -> None:
-        """Eight bits from the master; at once where a byte begins and nobody holds the line."""
-        if self._state == "listen" and not self._count and not self.wire.held_low:
-            self._byte, self._count = byte, 8
-            self._acked = self.wire.write(byte)
-            self.master, self.scl = bool(byte & 1), False
-            return
-        for k in range(8):
-            self.clock(bool(byte >> 7 - k & 1))
-
-    def byte_in(self) -> int:
-        """Eight bits, the master's side left as it is; at once where a chip's byte begins."""
-        if self._state == "talk" and not self._count and self.master and not self.wire.held_low:
-            self._byte, self._count = self.wire.read(), 8
-            self.scl = False
-            return self._byte
-        byte = 0
-        for _ in range(8):
-            byte = byte << 1 | self.clock(self.master)
-        return byte
-
-    def sent(self, byte: int) -> bool:
-        """A byte from the master, the line let go, and what it is then: low where a chip
-        acknowledges."""
-        if self._state == "listen" and not self._count and not self.wire.held_low:
-            self._acked = self.wire.write(byte)
-            self.master, self.scl = True, False
-            self._acknowledged(byte)
-            return not self._acked
-        self.byte_out(byte)
-        self.set(scl=False, sda=True)
-        return self.clock(bit=True)
-
-    def got(self, acknowledge: bool) -> int:
-        """A byte from the chips, the master's acknowledge bit (low to go on), and the line let
-        go."""
-        if self._state == "talk" and not self._count and self.master and not self.wire.held_low:
-            self._byte, self.scl = self.wire.read(), False
-            self._state = "silent" if acknowledge else "talk"
-            return self._byte
-        byte = self.byte_in()
-        self.clock(acknowledge)
-        self.set(scl=False, sda=True)
-        return byte
-
-    def _start(self) -> None:
-        self.wire.start()
-        self._state, self._count, self._byte, self._addressing = "listen", 0, 0, True
-
-    def _stop(self) -> None:
-        self.wire.stop()
-        self._state = "idle"
-
-    def _clocked(self, bit: bool) -> bool:
-        if self.wire.held_low:
-            self.wire.clock()
-            return False
-        if self._state == "listen":
-            return self._heard(bit)
-        if self._state == "talk":
-            return self._said(bit)
-        return bit
-
-    def _heard(self, bit: bool) -> bool:
-        """Eight bits from the master, then the chips' acknowledge."""
-        if self._count < 8:
-            self._byte, self._count = self._byte << 1 & 0xFF | bit, self._count + 1
-            if self._count == 8:
-                self._acked = self.wire.write(self._byte)
-            return bit
-        self._count = 0
-        self._acknowledged(self._byte)
-        return bit and not self._acked
-
-    def _acknowledged(self, byte: int) -> None:
-        """Who acknowledged an address to read from talks next."""
-        if self._addressing and self._acked and byte & 1:
-            self._state = "talk"
-        self._addressing = False
-
-    def _said(self, bit: bool) -> bool:
-        """Eight bits from the chips, then the master's acknowledge; after a NACK they are
-        silent."""
-        if self._count == 0:
-            self._byte = self.wire.read()
-        if self._count < 8:
-            level = bool(self._byte >> 7 - self._count & 1) and bit
-            self._count += 1
-            return level
-        self._count = 0
-        if bit:
-            self._state = "silent"
-        return bit
 
 
 @lru_cache(maxsize=64)
 def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
-    """MPSSE commands as (opcode, what follows it), and how many bytes they are; the rest is
-    incomplete.
+    """MPSSE commands as (opcode, arguments), and how many bytes they use; the rest is incomplete.
 
-    A pin write that repeats the one before moves nothing and is left out; SENT and GOT stand for
-    their three. A driver asks the same again and again.
+    A pin write that repeats the one before is left out; SENT and GOT stand for three commands each.
+    Cached: a driver sends the same batch again and again.
     """
     found: list[tuple[int, bytes]] = []
     at = 0
@@ -188,7 +65,7 @@ def parsed(commands: bytes) -> tuple[tuple[tuple[int, bytes], ...], int]:
 
 
 def _joined(last: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    """The last three commands, or the one that they are."""
+    """The last three commands, or the one command that they make."""
     if (
         len(last) == 3
         and last[2] == READ_BIT
@@ -209,7 +86,7 @@ def _joined(last: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
 
 
 class VirtualFt232h(Device):
-    """The bridge before a virtual hand."""
+    """The bridge in front of a virtual hand."""
 
     vendor, product, speed = 0x0403, 0x6014, "high"
     release = 0x0900
@@ -226,7 +103,7 @@ class VirtualFt232h(Device):
         self._mode, self._latency_ms = 0, 16
         self._commands, self._answers = b"", bytearray()
         self._flushed = False
-        self._pins = Pins(self.hand.wire)
+        self._pins = BusLines(self.hand.wire)
         self._divider, self._by_five, self._phases, self._loopback = 0, True, 2, False
 
     # -- control requests
@@ -234,7 +111,7 @@ class VirtualFt232h(Device):
     def control_out(
         self, request_type: int, request: int, value: int, index: int, data: bytes
     ) -> None:
-        """FTDI's own requests; those for the serial port are taken and ignored."""
+        """FTDI's own requests; those for the serial port are accepted and ignored."""
         if request == SIO_RESET and value in (0, PURGE_SENT, PURGE_ANSWERS):
             if value != PURGE_ANSWERS:
                 self._commands = b""
@@ -263,8 +140,10 @@ class VirtualFt232h(Device):
     # -- bulk
 
     def write(self, endpoint: int, data: bytes) -> None:
-        """Commands; an incomplete one waits for its rest. What we take to compute is part of the
-        transfer's time."""
+        """Commands; an incomplete one waits for its rest.
+
+        Our computing time counts as transfer time.
+        """
         self.hand.clock.spend(TRANSFER_NS)
         if self._mode != MPSSE:
             return
@@ -273,8 +152,8 @@ class VirtualFt232h(Device):
         bits, from_ns = self.hand.wire.bits, self.hand.clock.now_ns()
         commands, used = parsed(self._commands)
         self._commands = self._commands[used:]
-        for opcode, told in commands:
-            self._carry_out(opcode, told)
+        for opcode, arguments in commands:
+            self._carry_out(opcode, arguments)
         lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
         self.hand.clock.spend(from_ns + lasts_ns - self.hand.clock.now_ns())
 
@@ -302,28 +181,28 @@ class VirtualFt232h(Device):
     def _levels(self) -> int:
         return self._pins.scl * SCL | self._pins.master * SDA | self._pins.sda * SDA_IN
 
-    def _carry_out(self, opcode: int, told: bytes) -> None:
+    def _carry_out(self, opcode: int, arguments: bytes) -> None:
         if opcode == SET_PINS:
-            levels, driven = told
+            levels, driven = arguments
             self._pins.set(
                 bool(levels & SCL or not driven & SCL), bool(levels & SDA or not driven & SDA)
             )
         elif opcode == GOT:
-            self._answers.append(self._pins.got(told[0] > 127))
+            self._answers.append(self._pins.got(arguments[0] > 127))
         elif opcode == SENT:
-            self._answers.append(self._pins.sent(told[0]))
+            self._answers.append(self._pins.sent(arguments[0]))
         elif opcode in (0x20, 0x24):
-            for _ in range(int.from_bytes(told, "little") + 1):
+            for _ in range(int.from_bytes(arguments, "little") + 1):
                 self._answers.append(self._pins.byte_in())
         elif opcode in (0x22, 0x26):
-            self._answers.append(self._shift_in(told[0] + 1))
+            self._answers.append(self._shift_in(arguments[0] + 1))
         elif opcode in (0x12, 0x13):
-            self._shift_out(told[1], told[0] + 1)
+            self._shift_out(arguments[1], arguments[0] + 1)
         elif opcode in BYTE_WRITES:
-            for byte in told[2:]:
+            for byte in arguments[2:]:
                 self._pins.byte_out(byte)
         elif opcode == 0x86:
-            self._divider = int.from_bytes(told, "little")
+            self._divider = int.from_bytes(arguments, "little")
         elif opcode in SIMPLE:
             self._simple(opcode)
         elif opcode not in LENGTHS:

@@ -8,20 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.tmag5273 import FACTORY_ADDRESSES
-from drivers.virtual.chip import Chip, Field
+from drivers.virtual.chip import Chip, FieldSource
 from drivers.virtual.clock import Clock
 from drivers.virtual.faults import Fault, Faults
 from drivers.virtual.wire import Mux, Noise, Target, Wire
 from edge_runtime.contract import FloatArray
 
 A, B, C, D = FACTORY_ADDRESSES
-LAYOUTS: dict[str, tuple[tuple[int, int], ...]] = {
+WIRINGS: dict[str, tuple[tuple[int, int], ...]] = {
     "mux": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
     "mux6": ((0, A), (1, A), (2, A), (3, A), (4, A), (5, A)),
     "moved": ((0, A), (0, B), (0, C), (0, D), (1, A), (1, B)),
 }
-"""Channel of the mux and factory address of each finger: two channels shared, or one finger
-each."""
+"""Mux channel and factory address of each finger: two shared channels, or one for each finger."""
 BIT_ERROR_RATE = 1e-4
 """Of the fault "noise"."""
 REST_UT = np.array([0.0, 0.0, 23730.0])
@@ -30,15 +29,19 @@ REST_UT = np.array([0.0, 0.0, 23730.0])
 
 @dataclass(frozen=True)
 class Track:
-    """A recorded or simulated field: t_s [T] from 0, field_ut [T, 6, 3]; linear between, the ends
-    hold."""
+    """A recorded or simulated field: t_s [T] from 0, field_ut [T, 6, 3], linear in between.
+
+    Before the first and after the last row, that row holds.
+    """
 
     t_s: FloatArray
     field_ut: FloatArray
 
     def at(self, now_s: float, sensor: int) -> list[float]:
-        """x, y, z of one sensor (0 .. 5): np.interp to the last bit, in a tenth of its time on
-        three columns."""
+        """x, y, z of one sensor (0 .. 5).
+
+        Equal to np.interp to the last bit, at a tenth of its time.
+        """
         row, last = int(self.t_s.searchsorted(now_s, "right")) - 1, len(self.t_s) - 1
         if row < 0 or row >= last:
             held: list[float] = self.field_ut[min(max(row, 0), last), sensor].tolist()
@@ -53,14 +56,14 @@ class Track:
 
 
 def still(field_ut: FloatArray = REST_UT) -> Track:
-    """Nothing ever changes."""
+    """A field that never changes."""
     return Track(np.array([0.0]), np.broadcast_to(field_ut, (1, 6, 3)))
 
 
 class VirtualHand:
     """Chips, mux and wire. layout: a name of LAYOUTS; seed: of the chips' noise, None for none.
 
-    born_ns: when it was made, and its field and its faults began.
+    born_ns: when the hand was made; its field and its faults begin then.
     """
 
     def __init__(
@@ -77,23 +80,23 @@ class VirtualHand:
         self.born_ns = clock.now_ns()
         self.chips = [
             Chip(k + 1, address, version, self._field_of(k), clock, self.faults, seed=seed)
-            for k, (_, address) in enumerate(LAYOUTS[layout])
+            for k, (_, address) in enumerate(WIRINGS[layout])
         ]
         channels: list[list[Target]] = [[] for _ in range(8)]
-        for chip, (channel, _) in zip(self.chips, LAYOUTS[layout], strict=True):
+        for chip, (channel, _) in zip(self.chips, WIRINGS[layout], strict=True):
             channels[channel].append(chip)
         self.mux = Mux(channels)
         self.wire, self._noise = Wire([self.mux]), Noise(BIT_ERROR_RATE)
 
     def power_off(self) -> None:
-        """Power goes and comes back: everything on the wire begins anew."""
+        """The power goes and comes back: everything on the wire starts again."""
         self.mux.power_on()
         self.wire.power_on()
         for chip in self.chips:
             chip.power_on()
 
     def suffer(self) -> None:
-        """Let faults of the bus happen; a bridge calls it before it uses the wire."""
+        """Apply the faults of the bus; a bridge calls it before it uses the wire."""
         if not self.faults:
             return
         now_s = 1e-9 * (self.clock.now_ns() - self.born_ns)
@@ -101,5 +104,5 @@ class VirtualHand:
             self.wire.hold_low()
         self.wire.noise = self._noise if self.faults.lasts("noise", now_s) else None
 
-    def _field_of(self, sensor: int) -> Field:
+    def _field_of(self, sensor: int) -> FieldSource:
         return lambda now_s: self.track.at(now_s, sensor)

@@ -1,9 +1,8 @@
-"""An MCP2221A: its HID reports, and its I2C engine with the states and the traps that others have
-found in it.
+"""An MCP2221A: its HID reports, and its I2C engine with the states and traps known from the field.
 
-States and undocumented bytes are those of EasyMCP2221; the time a cancel takes is a guess, and so
-is the report descriptor (Microchip's generic one: no dump of the real one was found). Its serial
-port is not there, its ADC reads 0.
+States and undocumented bytes are those of EasyMCP2221. Two things are guesses: the time of a
+cancel, and the report descriptor (Microchip's generic one; we found no dump of the real one). The
+serial port is missing, and the ADC reads 0.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ BOGUS = 0xFF
 
 
 class VirtualMcp2221(Device):
-    """The bridge before a virtual hand."""
+    """The bridge in front of a virtual hand."""
 
     usb_class = COMPOSITE
     interfaces: tuple[Interface, ...] = (
@@ -78,12 +77,14 @@ class VirtualMcp2221(Device):
         self._reply = b""
 
     def tick_sda(self) -> None:
-        """SDA moves while the engine is idle, as when a chip is plugged in: it is confused, if it
-        was ever used."""
+        """SDA moves while the engine is idle, as when a chip is plugged in.
+
+        A used engine is confused.
+        """
         self.confused = self.used
 
     def write(self, endpoint: int, data: bytes) -> None:
-        """A command; the reply to the one before is lost, if nobody has read it."""
+        """A command; an earlier reply that was not read is lost."""
         if endpoint != OUT_ENDPOINT:
             raise stall()
         self.hand.clock.spend(REPORT_NS)
@@ -135,7 +136,7 @@ class VirtualMcp2221(Device):
             reply[1] = 1
 
     def _shown(self) -> int:
-        """The state, which is another while the engine works."""
+        """The state that the engine reports, which is another one while it works."""
         return self._meanwhile if self.hand.clock.now_ns() < self._busy_until_ns else self.state
 
     def _status_set(self, command: bytes, reply: bytearray) -> None:
@@ -148,7 +149,7 @@ class VirtualMcp2221(Device):
         reply[8] = self._shown()
         if command[2] == CANCEL:
             self._cancel()
-            reply[2], reply[8] = CANCEL, STOPPING  # whatever comes of it
+            reply[2], reply[8] = CANCEL, STOPPING  # in any case
         reply[9:11] = reply[11:13] = self._length.to_bytes(2, "little")
         reply[14] = self._divider
         reply[18] = self._byte_18()
@@ -163,8 +164,10 @@ class VirtualMcp2221(Device):
         return CONFUSED_18 if self.confused or self.state in (NACK, WRITTEN_NO_STOP) else GOOD_18
 
     def _cancel(self) -> None:
-        """An engine that was never used hangs from then on; one whose bus is held gets no STOP
-        out."""
+        """An engine that was never used hangs from then on.
+
+        With a held bus it cannot send a STOP.
+        """
         self._work(CANCEL_NS, STOP_WAIT)
         self.hangs = self.hangs or not self.used
         if self.hangs or self.hand.wire.held_low:
@@ -208,7 +211,7 @@ class VirtualMcp2221(Device):
     # -- the engine
 
     def _work(self, duration_ns: int, state: int) -> None:
-        """Show this state meanwhile; USB goes on."""
+        """Report this state for so long; USB goes on."""
         self._meanwhile, self._busy_until_ns = state, self.hand.clock.now_ns() + duration_ns
 
     def _bogus(self, kind: int, length: int) -> None:

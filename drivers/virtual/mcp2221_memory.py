@@ -1,5 +1,4 @@
-"""What an MCP2221A remembers: its flash, the SRAM that starts as a copy of it, and its four pins
-(DS20005565).
+"""The memory of an MCP2221A: flash, the SRAM that starts as its copy, and four pins (DS20005565).
 
 Offsets are those of a reply to READ FLASH DATA or GET SRAM SETTINGS without its first four bytes.
 """
@@ -7,16 +6,20 @@ Offsets are those of a reply to READ FLASH DATA or GET SRAM SETTINGS without its
 from __future__ import annotations
 
 CHIP_SETTINGS, PIN_SETTINGS, MANUFACTURER, PRODUCT, SERIAL, FACTORY_SERIAL = range(6)
-"""What READ and WRITE FLASH DATA are asked for."""
+"""What READ and WRITE FLASH DATA read and write."""
 SECURITY, CLOCK, DAC, EDGES_ADC, VENDOR_ID, PRODUCT_ID, POWER, CURRENT = 0, 1, 2, 3, 4, 6, 8, 9
 """Of the chip settings; the ids have two bytes each, the low one first."""
 SERIAL_ON, PROTECTION = 0x80, 0x03
-"""Of SECURITY: whether USB shows the serial number; 0 flash is open, 1 a password opens it, 2 and 3
-it is locked."""
+"""Of SECURITY: whether USB shows the serial number, and the protection of the flash.
+
+Protection 0 is open, 1 needs a password, 2 and 3 are locked.
+"""
 OPEN, BY_PASSWORD = 0, 1
 FACTORY_CHIP = bytes([SERIAL_ON | 0x7C, 0x12, 0x00, 0x60, 0xD8, 0x04, 0xDD, 0x00, 0x80, 50])
-"""Clock 12 MHz at half duty, DAC and ADC on VDD, both edges, bus-powered, 100 mA; 0x7C: outputs
-that idle high."""
+"""Clock 12 MHz at half duty, DAC and ADC on VDD, both edges, bus-powered, 100 mA.
+
+0x7C: outputs that idle high.
+"""
 FACTORY_PINS = bytes([0x02, 0x03, 0x01, 0x01])
 """LED_URX, LED_UTX, USBCFG, LED_I2C."""
 PASSWORD_BYTES = 8
@@ -24,19 +27,18 @@ LONGEST_STRING = 60
 OK, READ_UNKNOWN, WRITE_UNKNOWN, NOT_ALLOWED = 0x00, 0x01, 0x02, 0x03
 """Second byte of a reply."""
 TRIES = 3
-"""Wrong passwords until no more are taken; the data sheet says that there is a number and not
-which."""
+"""Wrong passwords until none is accepted any more; the data sheet does not say how many."""
 NEW = 0x80
-"""Of a byte of SET SRAM SETTINGS: take it."""
+"""In a byte of SET SRAM SETTINGS: use it."""
 PINS = 4
 FUNCTION, INPUT, OUTPUT_HIGH = 0x07, 0x08, 0x10
 """Of a pin's settings; function 0 is GPIO."""
 NO_VALUE, NO_DIRECTION = 0xEE, 0xEF
-"""What is said of a pin that is not GPIO."""
+"""Reported for a pin that is not GPIO."""
 
 
 class Flash:
-    """Survives everything. serial: shown to USB as long as SERIAL_ON is set."""
+    """Survives every reset. serial: shown on USB while SERIAL_ON is set."""
 
     def __init__(self, serial: str) -> None:
         self._data = {
@@ -99,7 +101,7 @@ class Flash:
             self._data[kind] = command[4 : 4 + min(max(command[2] - 2, 0), LONGEST_STRING) // 2 * 2]
 
     def unlock(self, command: bytes, reply: bytearray) -> None:
-        """SEND FLASH ACCESS PASSWORD; whether it was the right one, only the next write tells."""
+        """SEND FLASH ACCESS PASSWORD; only the next write shows whether it was right."""
         if self._wrong >= TRIES:
             reply[1] = NOT_ALLOWED
             return
@@ -107,7 +109,7 @@ class Flash:
         self._wrong = 0 if self._unlocked else self._wrong + 1
 
     def lock(self) -> None:
-        """After a reset a password is asked for again."""
+        """After a reset, the password is needed again."""
         self._unlocked = False
 
     @property
@@ -124,11 +126,13 @@ class Sram:
 
     def __init__(self, flash: Flash) -> None:
         self._chip, self._pins = bytearray(flash.chip), bytearray(flash.pins)
-        self.pins = Pins(flash.pins)
+        self.pins = GpioPins(flash.pins)
 
     def read(self, reply: bytearray) -> None:
-        """GET SRAM SETTINGS: both lengths, chip settings, the password's eight bytes as zeros, pin
-        settings."""
+        """GET SRAM SETTINGS.
+
+        Both lengths, chip settings, the password as eight zeros, pin settings.
+        """
         data = bytes(self._chip) + bytes(PASSWORD_BYTES) + bytes(self._pins)
         reply[2], reply[3] = len(self._chip) + PASSWORD_BYTES, PINS
         reply[4 : 4 + len(data)] = data
@@ -150,19 +154,23 @@ class Sram:
             self._pins[:] = command[8 : 8 + PINS]
             self.pins.set(self._pins)
 
-    def _edges(self, told: int) -> None:
-        """Which edges of GP1 interrupt: bit 4 alters the rising one to bit 3, bit 2 the falling one
-        to bit 1."""
+    def _edges(self, new: int) -> None:
+        """Edges of GP1 that interrupt.
+
+        Bit 4 changes rising to bit 3, bit 2 changes falling to bit 1.
+        """
         for altered, wanted, kept in ((0x10, 0x08, 0x20), (0x04, 0x02, 0x40)):
-            if told & altered:
+            if new & altered:
                 self._chip[EDGES_ADC] = self._chip[EDGES_ADC] & ~kept & 0xFF | (
-                    kept if told & wanted else 0
+                    kept if new & wanted else 0
                 )
 
 
-class Pins:
-    """GP0 .. GP3 as they are now. levels: what is put on them from outside, seen by those that are
-    inputs."""
+class GpioPins:
+    """GP0 .. GP3 as they are now. levels.
+
+    Applied from outside, read by the pins that are inputs.
+    """
 
     def __init__(self, settings: bytes) -> None:
         self.levels = [0] * PINS
@@ -182,17 +190,19 @@ class Pins:
                 reply[at : at + 2] = bytes([self._level(pin), is_input])
 
     def write(self, command: bytes, reply: bytearray) -> None:
-        """SET GPIO OUTPUT VALUES: for each pin whether to alter its output, the output, the same
-        for its direction."""
+        """SET GPIO OUTPUT VALUES.
+
+        For each pin, whether to change its output, the output, then its direction.
+        """
         for pin in range(PINS):
             at = 2 + 4 * pin
-            told = command[at : at + 4]
+            new = command[at : at + 4]
             if self._settings[pin] & FUNCTION:
-                told = bytes([NO_VALUE] * 4)
+                new = bytes([NO_VALUE] * 4)
             else:
-                self._alter(pin, OUTPUT_HIGH, told[0], told[1])
-                self._alter(pin, INPUT, told[2], told[3])
-            reply[at : at + 4] = told
+                self._alter(pin, OUTPUT_HIGH, new[0], new[1])
+                self._alter(pin, INPUT, new[2], new[3])
+            reply[at : at + 4] = new
 
     def _level(self, pin: int) -> int:
         setting = self._settings[pin]

@@ -1,9 +1,9 @@
-"""A fake /dev/i2c-N: smbus2 opens it and sends it ioctls, as it would the kernel.
+"""A fake /dev/i2c-N: smbus2 opens it and sends it ioctls, as it does with the kernel.
 
 Only what smbus2 itself calls is replaced, and only while the shim is installed; every other file is
-the system's. Faults come as the kernel tells them: stall is EIO, short is EAGAIN (arbitration
+the system's. Faults appear as the kernel reports them: stall is EIO, short is EAGAIN (arbitration
 lost), late and a held bus are ETIMEDOUT after the controller's second, unplug is ENODEV and then a
-file that is not there.
+missing file.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from drivers.virtual.usb_backend import Traffic
 I2C_SLAVE, I2C_FUNCS, I2C_SLAVE_FORCE, I2C_RDWR, I2C_SMBUS = 0x0703, 0x0705, 0x0706, 0x0707, 0x0720
 FLAG_READ = 0x0001
 FUNCS = 0x0EFF0001
-"""I2C_FUNC_I2C and what the kernel emulates with it, without packet error codes, which are not
-emulated here."""
+"""I2C_FUNC_I2C and what the kernel emulates with it, except packet error codes."""
 LAST_ADDRESS = 0x7F
 MOST_MESSAGES, MOST_BYTES = 42, 8192
 BUS_HZ = 400_000
@@ -36,9 +35,9 @@ _NUMBERS = itertools.count(1_000_000)
 
 
 class VirtualI2cDev:
-    """The board's I2C before a virtual hand, while it is entered.
+    """The board's I2C in front of a virtual hand, within a `with` block.
 
-    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as of a Raspberry Pi, ENXIO of others. readable:
+    number: N of /dev/i2c-N. nack_errno: EREMOTEIO as on a Raspberry Pi, ENXIO on others. readable:
     by this user. traffic: transfers are ioctls, bytes their payload.
     """
 
@@ -60,7 +59,7 @@ class VirtualI2cDev:
         self._replaced: dict[str, Any] = {}
 
     def __enter__(self) -> VirtualI2cDev:
-        """Put it before what smbus2 calls; several can be, one in the other."""
+        """Replace what smbus2 calls; several can be nested."""
         module = vars(sys.modules["smbus2.smbus2"])
         self._replaced = {name: module[name] for name in ("os", "ioctl")}
         module["os"] = _Os(self, self._replaced["os"])
@@ -84,7 +83,7 @@ class VirtualI2cDev:
         return len(self._opened)
 
     def open(self, path: str, flags: int) -> int | None:
-        """A file number, or None where the path is another's."""
+        """A file number, or None where the path belongs to another device."""
         if path != self._path:
             return None
         if self._unplugged():
@@ -128,13 +127,13 @@ class VirtualI2cDev:
         take(call, brought[-1])
         return 0
 
-    def _combined(self, told: list[Any]) -> int:
+    def _combined(self, requests: list[Any]) -> int:
         """I2C_RDWR: how many messages there were, as the kernel returns."""
-        brought = self._transfer([_message(one) for one in told])
-        for message, data in zip(told, brought, strict=True):
+        brought = self._transfer([_message(one) for one in requests])
+        for message, data in zip(requests, brought, strict=True):
             if message.flags & FLAG_READ:
                 ctypes.memmove(message.buf, data, len(data))
-        return len(told)
+        return len(requests)
 
     # -- the controller
 
@@ -196,7 +195,7 @@ class VirtualI2cDev:
 
 
 class _Os:
-    """The os that smbus2 sees: the real one, with one file more."""
+    """The os module that smbus2 sees: the real one, with one more file."""
 
     def __init__(self, device: VirtualI2cDev, real: Any) -> None:
         self._device, self._real = device, real
@@ -213,8 +212,8 @@ class _Os:
         return getattr(self._real, name)
 
 
-def _message(told: Any) -> Message:
+def _message(request: Any) -> Message:
     """An i2c_msg of smbus2's."""
-    if told.flags & FLAG_READ:
-        return Message(told.addr, read=told.len)
-    return Message(told.addr, ctypes.string_at(told.buf, told.len))
+    if request.flags & FLAG_READ:
+        return Message(request.addr, read=request.len)
+    return Message(request.addr, ctypes.string_at(request.buf, request.len))

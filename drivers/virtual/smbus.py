@@ -1,7 +1,7 @@
-"""SMBus calls as the kernel makes plain I2C messages of them (i2c_smbus_xfer_emulated, Linux 6.12).
+"""SMBus calls as plain I2C messages, made as in i2c_smbus_xfer_emulated (Linux 6.12).
 
-What needs a read whose length the chip says, block reads and block process calls, a controller of
-plain I2C cannot do.
+Block reads and block process calls need a read whose length the chip sends; a controller of plain
+I2C cannot do that.
 """
 
 from __future__ import annotations
@@ -12,16 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 WRITE, READ = 0, 1
-QUICK, BYTE, BYTE_DATA, WORD_DATA, PROC_CALL, BLOCK_DATA, BLOCK_PROC_CALL, I2C_BLOCK_DATA = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    7,
-    8,
-)
+QUICK, BYTE, BYTE_DATA, WORD_DATA, PROC_CALL, BLOCK_DATA = range(6)
+BLOCK_PROC_CALL, I2C_BLOCK_DATA = 7, 8
 """The size of a call (uapi/linux/i2c.h); 6 is an old name of 8."""
 SIZES = (QUICK, BYTE, BYTE_DATA, WORD_DATA, PROC_CALL, BLOCK_DATA, BLOCK_PROC_CALL, I2C_BLOCK_DATA)
 MOST_BYTES = 32
@@ -47,7 +39,10 @@ def refused(number: int) -> OSError:
 
 
 def messages(call: Any, address: int) -> list[Message]:
-    """Of an i2c_smbus_ioctl_data to a chip's address. Raises OSError: EINVAL, EOPNOTSUPP."""
+    """The messages of an i2c_smbus_ioctl_data to this address.
+
+    Raises OSError: EINVAL, EOPNOTSUPP.
+    """
     if call.size not in SIZES or call.read_write not in (READ, WRITE):
         raise refused(errno.EINVAL)
     reads = call.read_write == READ
@@ -64,7 +59,7 @@ def messages(call: Any, address: int) -> list[Message]:
 
 
 def take(call: Any, data: bytes) -> None:
-    """Leave in a call's data what its read brought."""
+    """Put the bytes that were read into a call's data."""
     union = call.data.contents
     if call.size in (BYTE, BYTE_DATA) and call.read_write == READ:
         union.byte = data[0]
@@ -83,14 +78,14 @@ def _short(call: Any, address: int, reads: bool) -> Message:
 
 
 def _wanted(call: Any) -> int:
-    """How many bytes a read of a register brings."""
+    """How many bytes a read of a register returns."""
     if call.size == I2C_BLOCK_DATA:
         return _block_length(call)
     return 2 if call.size == WORD_DATA else 1
 
 
 def _payload(call: Any) -> bytes:
-    """What is written behind the command."""
+    """The bytes that are written after the command."""
     union = call.data.contents
     if call.size == BYTE_DATA:
         return bytes([union.byte])

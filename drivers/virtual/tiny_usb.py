@@ -1,10 +1,9 @@
-"""An i2c-tiny-usb with one of four firmwares, which disagree on what to say where nobody
-acknowledges.
+"""An i2c-tiny-usb with one of four firmwares, which report a missing acknowledge in four ways.
 
-Two of them swing the pins themselves: to them SDA held low is an acknowledge, and what they clock
-frees the bus; and after a message without STOP a BEGIN makes no START, since they take SCL for
-high. The other two have a controller, which takes SDA held low for a bus that is not theirs
-(nothing is acknowledged) and always makes a START.
+Two of them drive the pins in software. They take SDA held low for an acknowledge, and their clocks
+free the bus; after a message without STOP, BEGIN makes no START, because they assume that SCL is
+high. The other two have a controller: it takes SDA held low for a busy bus, acknowledges nothing,
+and always makes a START.
 """
 
 from __future__ import annotations
@@ -28,12 +27,11 @@ BUFFER = 254
 
 @dataclass(frozen=True)
 class Firmware:
-    """speed on USB; time of a control transfer and of a bit, ns. absent: what a read of an absent
-    chip answers.
+    """speed on USB; transfer_ns, bit_ns: time of a control transfer and of a bit.
 
-    data_nak: whether a written byte that nobody acknowledges is reported ("status"), answered with
-    "stall", or not. largest: message, bytes. swings: the pins, by itself. empty_reads: a write of
-    nothing is made a read of a byte.
+    absent: the answer to a read of an absent chip. data_nak: how a written byte without acknowledge
+    is reported: "status", "stall" or not at all. largest: message, bytes. swings: drives the pins
+    in software. empty_reads: replaces an empty write by a read of one byte.
     """
 
     speed: str
@@ -52,11 +50,11 @@ FIRMWARES = {
     "stm32": Firmware("full", 350_000, 2_500, "nothing", "status", 64),
     "pico": Firmware("full", 350_000, 10_000, "stall", "stall", 64, swings=True),
 }
-"""harbaum's and the Digispark's, Nicolai Electronics', i2c-star, I2C-Pico-USB."""
+"""Of Till Harbaum and the Digispark, Nicolai Electronics, i2c-star, and I2C-Pico-USB."""
 
 
 class VirtualTinyUsb(Device):
-    """The bridge before a virtual hand. firmware: a name of FIRMWARES."""
+    """The bridge in front of a virtual hand. firmware: a name of FIRMWARES."""
 
     vendor, product = 0x0403, 0xC631
     interfaces = (Interface(usb_class=(0, 0, 0)),)
@@ -143,7 +141,7 @@ class VirtualTinyUsb(Device):
         self.hand.wire.stop()
 
     def _address(self, request: int, byte: int) -> bool:
-        """START (or START again), then the address: the status is about this."""
+        """START (or a repeated START), then the address; the status reports its acknowledge."""
         self.hand.suffer()
         if not (self._open and request & BEGIN and self.firmware.swings):
             self.hand.wire.start()
@@ -157,8 +155,10 @@ class VirtualTinyUsb(Device):
         return acked
 
     def _swing(self) -> bool:
-        """An address while SDA is held low: no START is seen, nine clocks go out, and the last
-        looks acknowledged."""
+        """An address while SDA is held low.
+
+        Nine clocks go out, and the last one looks acknowledged.
+        """
         for _ in range(BITS_OF_A_BYTE):
             self.hand.wire.clock()
         self.hand.wire.stop()
@@ -169,7 +169,7 @@ class VirtualTinyUsb(Device):
             raise stall()
 
     def _absent(self, length: int) -> bytes:
-        """What comes where no data are."""
+        """The data of a read that no chip answers."""
         if self.firmware.absent == "stall":
             raise stall()
         if self.firmware.absent == "nothing":

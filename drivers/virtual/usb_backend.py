@@ -1,8 +1,8 @@
-"""A pyusb backend whose devices are emulated: drivers talk to it as they talk to libusb.
+"""A pyusb backend whose devices are emulated: drivers use it as they use libusb.
 
-Faults of the bridge happen here, the same way for every device: a stall, a time-out whose reply
-comes late, half of an answer, a device that is unplugged (and comes back as another one, with the
-sensors' power gone).
+Faults of the bridge happen here, in the same way for every device: a stall, a time-out whose reply
+comes late, half of an answer, a device that is unplugged (and comes back as another one, after the
+sensors lost their power).
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ def stall() -> Any:
 
 
 def timed_out() -> Any:
-    """What libusb raises when nothing came in time."""
+    """What libusb raises when no answer comes in time."""
     return usb.core.USBTimeoutError("Operation timed out", TIMED_OUT, TIMED_OUT)
 
 
 def busy() -> Any:
-    """What libusb raises when another handle, or a kernel driver, has the interface."""
+    """What libusb raises when another handle or a kernel driver has the interface."""
     return usb.core.USBError("Resource busy", LIBUSB_ERROR_BUSY, BUSY)
 
 
@@ -65,11 +65,11 @@ class Traffic:
 
 
 class Device:
-    """An emulated device; a bridge overrides what it answers.
+    """An emulated device; a bridge overrides how it answers.
 
-    interfaces: by number. kernel_driver: interfaces that one is bound to. strings: manufacturer,
-    product and serial number. restarts: how often the device itself has left USB and come back, as
-    after a command that resets it.
+    interfaces: by number. kernel_driver: interfaces that a kernel driver is bound to. strings:
+    manufacturer, product and serial number. restarts: how often the device itself has left USB and
+    come back, as after a command that resets it.
     """
 
     vendor = product = 0
@@ -108,14 +108,16 @@ class Device:
 
 @dataclass(eq=False)
 class Handle:
-    """A device as it was found, or opened; no longer any good once the device has left USB."""
+    """A device as found or opened; it becomes invalid when the device leaves USB."""
 
     generation: int
 
 
 class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
-    """One device on a bus of its own. power_off: called when it is unplugged; traffic counts its
-    transfers."""
+    """One device on its own bus. power_off: called when it is unplugged.
+
+    Traffic counts transfers.
+    """
 
     def __init__(
         self,
@@ -165,13 +167,12 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     # -- opening
 
     def open_device(self, dev: Any) -> Any:
-        """A handle of its own; a second one is given as well, only its interfaces cannot be claimed
-        twice."""
+        """A new handle; a second one is allowed, but an interface cannot be claimed twice."""
         self._alive(dev)
         return Handle(dev.generation)
 
     def close_device(self, dev_handle: Any) -> None:
-        """What it claimed is free again."""
+        """Release what it claimed."""
         self._claimed = {intf: by for intf, by in self._claimed.items() if by is not dev_handle}
 
     def set_configuration(self, dev_handle: Any, config_value: int) -> None:
@@ -188,7 +189,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         self._alive(dev_handle)
 
     def claim_interface(self, dev_handle: Any, intf: int) -> None:
-        """Busy while a kernel driver or another handle has it; twice by one handle does no harm."""
+        """Busy while a kernel driver or another handle has it; one handle may claim it twice."""
         self._alive(dev_handle)
         if (
             self.is_kernel_driver_active(dev_handle, intf)
@@ -204,15 +205,15 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             del self._claimed[intf]
 
     def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
-        """As on a machine whose kernel knows the bridge."""
+        """As on a machine whose kernel has a driver for the bridge."""
         return intf in self.device.kernel_driver and intf not in self._detached
 
     def detach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
-        """Out of the way, for every handle."""
+        """Detach it for every handle."""
         self._detached.add(intf)
 
     def attach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
-        """Back again; busy while the interface is claimed."""
+        """Attach it again; busy while the interface is claimed."""
         if intf in self._claimed:
             raise busy()
         self._detached.discard(intf)
@@ -222,7 +223,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         self._alive(dev_handle)
 
     def reset_device(self, dev_handle: Any) -> None:
-        """The device begins anew; its sensors keep their power."""
+        """The device starts again; its sensors keep their power."""
         self._alive(dev_handle)
         self._late.clear()
         self.device.reset()
@@ -257,7 +258,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
     def _answer(
         self, request_type: int, request: int, value: int, index: int, length: int
     ) -> bytes:
-        """Standard requests are answered here, for every device in the same way."""
+        """Standard requests are answered here, in the same way for every device."""
         if request_type & TYPE_MASK != STANDARD:
             return self.device.control_in(request_type, request, value, index, length)
         if request == GET_DESCRIPTOR:
@@ -269,7 +270,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         return found[:length]
 
     def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
-        """To an OUT endpoint, whose interface is claimed if it was not."""
+        """To an OUT endpoint; its interface is claimed if it was not."""
         self._begin(dev_handle)
         self._hold(dev_handle, intf)
         self.device.write(ep, bytes(data))
@@ -314,7 +315,7 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
         return answer[: len(answer) // 2] if self._lasts("short") else answer
 
     def _hold(self, handle: Any, interface: int) -> None:
-        """Claim what was not claimed, as the kernel does for a transfer."""
+        """Claim an interface that was not claimed, as the kernel does for a transfer."""
         if self._claimed.get(interface) is not handle:
             self.claim_interface(handle, interface)
 
@@ -323,8 +324,10 @@ class VirtualBackend(usb.backend.IBackend):  # type: ignore[misc]
             raise no_device()
 
     def _generation(self) -> int:
-        """Counts how often the device has left USB; nothing that was claimed or detached outlives
-        that."""
+        """How often the device has left USB.
+
+        Leaving drops all claims, detached drivers and late replies.
+        """
         generation = self._unplugs + self.device.restarts
         if generation != self._seen:
             self._seen = generation

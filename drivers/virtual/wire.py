@@ -1,7 +1,8 @@
 """An I2C wire, byte by byte, and the multiplexer that splits it.
 
-A bridge calls start, write, read, stop; everything on the wire hears all of it. Bits are counted,
-since they take time. While SDA is held low nothing is acknowledged and every byte reads 0.
+A bridge calls start, write, read and stop; everything on the wire receives all of it. Bits are
+counted, because they take time. While SDA is held low, nothing is acknowledged and every byte reads
+0.
 """
 
 from __future__ import annotations
@@ -38,15 +39,14 @@ class Target(Protocol):
 
 
 class Noise:
-    """Bits that are flipped on their way, each with the same probability, whoever sends them. seed:
-    of which."""
+    """Bits that flip on their way, each with the same probability. seed: decides which bits."""
 
     def __init__(self, bit_error_rate: float, seed: int = 0) -> None:
         self._rate, self._random = bit_error_rate, np.random.default_rng(seed)
         self._until = int(self._random.geometric(self._rate))
 
     def flips(self) -> int:
-        """Which bits of the next byte are flipped: a mask of nine, the acknowledge lowest."""
+        """Which bits of the next byte flip: a mask of nine bits, the acknowledge lowest."""
         mask = 0
         while self._until <= BITS_OF_A_BYTE:
             mask |= 1 << BITS_OF_A_BYTE - self._until
@@ -56,7 +56,7 @@ class Noise:
 
 
 class Wire:
-    """A wire and what hangs on it. noise: what flips bits on it, None for nothing."""
+    """A wire and the targets on it. noise: what flips bits, or None."""
 
     def __init__(self, targets: Sequence[Target]) -> None:
         self.targets = list(targets)
@@ -73,11 +73,11 @@ class Wire:
         return self._clocks_to_go > 0
 
     def hold_low(self) -> None:
-        """A chip was cut off in the middle of a byte and holds SDA until it has been clocked on."""
+        """A chip was interrupted in a byte and holds SDA until enough clocks have come."""
         self._clocks_to_go = CLOCKS_TO_FREE
 
     def power_on(self) -> None:
-        """Whoever held SDA low has lost its power meanwhile."""
+        """A chip that held SDA low has lost its power meanwhile."""
         self._clocks_to_go = 0
 
     def clock(self) -> None:
@@ -86,13 +86,13 @@ class Wire:
         self._clocks_to_go = max(0, self._clocks_to_go - 1)
 
     def start(self) -> None:
-        """START, or START again."""
+        """START, or a repeated START."""
         self.bits += 1
         self._address_next, self._listening = True, []
         self._reading = self._silent = False
 
     def write(self, byte: int) -> bool:
-        """A byte to the targets that listen; whether one acknowledged."""
+        """A byte to the addressed targets; whether one acknowledged."""
         self.bits += BITS_OF_A_BYTE
         if self.held_low:
             return False
@@ -102,13 +102,13 @@ class Wire:
         return self._written(byte ^ flips >> 1) ^ bool(flips & 1)
 
     def read(self) -> int:
-        """A byte from the targets that talk: open drain, so all zeros win; 0xFF where none does."""
+        """A byte from the addressed targets: open drain, so zeros win; 0xFF without any target."""
         self.bits += BITS_OF_A_BYTE
         if self.held_low:
             return 0
         if self.noise is None:
-            return self._said()
-        flips, byte = self.noise.flips(), self._said()
+            return self._sent_byte()
+        flips, byte = self.noise.flips(), self._sent_byte()
         self._silent = self._silent or bool(flips & 1)  # a target that sees no acknowledge ends
         return byte ^ flips >> 1
 
@@ -119,12 +119,12 @@ class Wire:
                 t for t in self.targets if t.addressed(byte >> 1, read=self._reading)
             ]
             return bool(self._listening)
-        if self._reading:  # the targets talk themselves
+        if self._reading:  # the targets send the data themselves
             return False
         return any([target.write(byte) for target in self._listening])
 
-    def _said(self) -> int:
-        # the targets were told to listen: they take the released line for a byte
+    def _sent_byte(self) -> int:
+        # the targets were addressed for a write: to them the released line is a byte
         if not self._reading:
             for target in self._listening:
                 target.write(RELEASED)
@@ -143,8 +143,7 @@ class Wire:
 
 
 class Mux:
-    """A TCA9548A: one byte says which of eight channels are joined to the wire, from the next STOP
-    on."""
+    """A TCA9548A: one byte enables any of eight channels, from the next STOP on."""
 
     def __init__(self, channels: Sequence[Sequence[Target]], address: int = 0x70) -> None:
         self.channels = [list(channel) for channel in channels]
@@ -154,22 +153,22 @@ class Mux:
         self.power_on()
 
     def addressed(self, address: int, *, read: bool) -> bool:
-        """Its own address, or one on a channel that is joined."""
+        """Its own address, or one on an enabled channel."""
         self._own = address == self.address
         self._listening = (
-            [] if self._own else [t for t in self._joined if t.addressed(address, read=read)]
+            [] if self._own else [t for t in self._enabled if t.addressed(address, read=read)]
         )
         return self._own or bool(self._listening)
 
     def write(self, byte: int) -> bool:
-        """To its control register, or onwards."""
+        """To its control register, or on to the channels."""
         if self._own:
             self._next = byte
             return True
         return any([target.write(byte) for target in self._listening])
 
     def read(self) -> int:
-        """Its control register, or what a channel says."""
+        """Its control register, or what the channels send."""
         if self._own:
             return self.control
         byte = 0xFF
@@ -178,20 +177,20 @@ class Mux:
         return byte
 
     def stop(self) -> None:
-        """The new channels are joined, and those that were heard the STOP."""
-        for target in self._joined:
+        """The new channels are enabled; the channels used so far receive the STOP."""
+        for target in self._enabled:
             target.stop()
         if self._next != self.control:
-            self._join(self._next)
+            self._enable(self._next)
         self._own, self._listening = False, []
 
     def power_on(self) -> None:
-        """No channel is joined."""
-        self._join(0)
+        """No channel is enabled."""
+        self._enable(0)
 
-    def _join(self, control: int) -> None:
+    def _enable(self, control: int) -> None:
         self.control = self._next = control
-        self._joined = [
+        self._enabled = [
             target
             for number, channel in enumerate(self.channels)
             if control >> number & 1

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.calibration import Calibration, fit
+from drivers.calibration import Calibration
+from drivers.calibration_fit import fit
 from edge_runtime.contract import FloatArray
 from holdfast.calibration.study import PUBLISHED_N, Judged, Study
 

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.calibration import fit
+from drivers.calibration_fit import fit
 from edge_runtime.contract import NORMAL_AXIS, FloatArray
 from edge_runtime.errors import UnitError
 from holdfast.calibration.study import PUBLISHED_N, Probing

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from drivers.calibration import read_calibration
+from drivers.calibration_file import read_calibration
 from drivers.live_hand import LiveHand
 from edge_runtime.live import Source
 from holdfast.hand_bias import MeasuredBias

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.camera.graph import watch
-from drivers.camera.sources import OAK, Frame, Lens, Oak, Source, Stored
+from drivers.camera.sources import OAK, Frame, FrameSource, Lens, Oak, Stored
 from drivers.virtual.clock import Clock, WallClock
 from edge_runtime.command import finish
 from edge_runtime.errors import UsageError
@@ -59,7 +59,7 @@ def oak(options: dict[str, Any]) -> Oak:
     return Oak(lens)
 
 
-def scene(url: str, began_ns: int, clock: Clock, must_end: Callable[[], bool]) -> Source:
+def scene(url: str, began_ns: int, clock: Clock, must_end: Callable[[], bool]) -> FrameSource:
     """The scene of a virtual hand, filmed live; began_ns: its start on the clock.
 
     Raises UsageError.

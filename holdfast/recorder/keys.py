@@ -1,5 +1,7 @@
-"""Keys of the operator, one press at a time, also over SSH: plain stdin in cbreak mode, a pipe or a
-file as well."""
+"""Keys of the operator, one press at a time.
+
+A terminal in cbreak mode (also over SSH), pipe or file.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,14 @@ HELP_TRIAL = "l load comes on, e released, k keep and next, r redo, q keep and s
 
 
 class Keys:
-    """What was pressed on a file descriptor; at its end nothing more comes. None: nobody can press
-    anything."""
+    """Keys pressed on a file descriptor; none after its end. handle None: no key can be pressed."""
 
     def __init__(self, handle: int | None) -> None:
         self._handle = handle
 
     @property
     def closed(self) -> bool:
-        """Whether nobody can press anything any more."""
+        """Whether no key can be pressed any more."""
         return self._handle is None
 
     def pressed(self, wait_s: float = 0.0) -> str:
@@ -44,7 +45,7 @@ class Keys:
             return ""
         try:
             byte = os.read(self._handle, 1)
-        except OSError:  # a terminal that is gone
+        except OSError:  # the terminal is gone
             byte = b""
         if not byte:
             self._handle = None
@@ -53,11 +54,11 @@ class Keys:
 
 @contextmanager
 def listening(handle: int) -> Iterator[Keys]:
-    """Keys of a descriptor; a terminal answers single presses meanwhile, and is as before on every
-    way out.
+    """Keys of a descriptor.
 
-    Of a terminal that belongs to another program just now (we run in the background) nothing is
-    read.
+    A terminal reports single presses within the block, and is then restored.
+
+    If the terminal belongs to another program (we run in the background), nothing is read from it.
     """
     if not os.isatty(handle):
         yield Keys(handle)
@@ -70,5 +71,6 @@ def listening(handle: int) -> Iterator[Keys]:
         tty.setcbreak(handle)
         yield Keys(handle)
     finally:
-        with suppress(termios.error):  # a terminal that is gone
-            termios.tcsetattr(handle, termios.TCSADRAIN, before)
+        # TCSADRAIN would wait for output that a stopped terminal never takes
+        with suppress(termios.error):  # the terminal is gone
+            termios.tcsetattr(handle, termios.TCSANOW, before)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import EmptyRecording
-from edge_runtime.mending import Mended, mend_lines
+from edge_runtime.mending import MendResult, mend_lines
 from edge_runtime.reading import json_of
 from edge_runtime.tactile_file import mend
 from edge_runtime.trial_layout import EVENTS, META, TACTILE
@@ -50,7 +50,7 @@ def _mark(folder: Path, meta: dict[str, Any], state: str, why: str) -> None:
     write_whole(folder / META, json.dumps({**meta, "state": state, "why": why}, indent=1) + "\n")
 
 
-def _in_words(mended: Mended, what: str) -> list[str]:
+def _in_words(mended: MendResult, what: str) -> list[str]:
     if mended.torn is None:
         return []
     return [f"{mended.cut_bytes} bytes of an {what}", f"they are in {mended.torn.name}"]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.contract import FloatArray, channel_names
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 
 REST_S = 0.3
 """Time at the start of a trial over which its bias is measured."""
@@ -28,7 +28,7 @@ class Quality:
     times_ns: list[int] = field(default_factory=list)
     rest: list[FloatArray] = field(default_factory=list)
 
-    def take(self, t_ns: int, measured: Measured) -> None:
+    def take(self, t_ns: int, measured: SourceReading) -> None:
         """One sample that was written."""
         self.times_ns.append(t_ns)
         self.why.update(word for word in measured.why if word)

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.paced import Paced
+from drivers.paced import PacedReplay
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import EmptyRecording, TimeError
-from edge_runtime.live import ANOTHER_CLOCK_NS, Measured, Source, Stamps
+from edge_runtime.live import ANOTHER_CLOCK_NS, Source, SourceReading, Stamps
 from edge_runtime.trial_layout import META
 from edge_runtime.writing import write_whole
 from holdfast.recorder.beside import Beside
@@ -51,13 +51,13 @@ class SessionOptions:
     mass_g: dict[str, float]
 
 
-def show_nothing(trial: TrialRecorder, measured: Measured, now_ns: int) -> None:
+def show_nothing(trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
     """For sessions without a terminal."""
 
 
 HostClock = Callable[[], int]
 """CLOCK_MONOTONIC, ns, which also stamps a camera's frames."""
-Show = Callable[[TrialRecorder, Measured, int], None]
+Show = Callable[[TrialRecorder, SourceReading, int], None]
 
 
 class Session:
@@ -166,7 +166,7 @@ class Session:
         return outcome
 
     def _open(self, folder: Path, task: Task) -> TrialRecorder:
-        if isinstance(self.source, Paced):
+        if isinstance(self.source, PacedReplay):
             self.source.begin_anew()
         about = {
             "person": self.options.person,

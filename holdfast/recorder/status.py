@@ -13,7 +13,7 @@ from typing import TextIO
 
 import numpy as np
 
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 from edge_runtime.visible import visible_lines
 from holdfast.recorder.trial import TrialRecorder
 
@@ -45,7 +45,7 @@ class StatusLine:
         if self._write(visible_lines(line)):
             self._drawn = False
 
-    def show(self, trial: TrialRecorder, measured: Measured, now_ns: int) -> None:
+    def show(self, trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
         """Draw the newest sample of a trial, if it is time to redraw."""
         if now_ns < self._due_ns or not trial.started:
             return
@@ -58,7 +58,7 @@ class StatusLine:
         return self._sink(f"{OVER_THE_LINE_ABOVE if self._drawn else ''}{line}")
 
 
-def status_text(trial: TrialRecorder, measured: Measured, of: str = "") -> str:
+def status_text(trial: TrialRecorder, measured: SourceReading, of: str = "") -> str:
     """The line; forces (or fields) are less the bias, - for a finger that is not valid."""
     unit, bias = trial.quality.unit, np.nan_to_num(trial.quality.bias)
     forces = np.linalg.norm((measured.values - bias).reshape(-1, 3), axis=1)

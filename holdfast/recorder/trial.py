@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import DataError, HoldfastError, OutputError
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 from edge_runtime.tactile_file import TactileFile
 from edge_runtime.trial_layout import EVENTS, META, TACTILE
 from edge_runtime.writing import write_whole
@@ -46,7 +46,7 @@ class TrialRecorder:
         """Times of the first and the last sample on the recorder's clock."""
         return self.quality.times_ns[0], self.quality.times_ns[-1]
 
-    def write(self, t_ns: int, sequence: int, measured: Measured) -> None:
+    def write(self, t_ns: int, sequence: int, measured: SourceReading) -> None:
         """Write one sample. Raises OutputError."""
         host_ns = t_ns + self._host_after_ns
         self.t_s = self._file.write(t_ns, host_ns, sequence, measured.values, measured.valid)

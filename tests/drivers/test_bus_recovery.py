@@ -116,7 +116,7 @@ def test_clearing_a_bus_looks_at_scl_too():
     bench, emulated = bridge(HeldScl)
     bus = bench.open_bus()
     emulated.held = True
-    with pytest.raises(BusStuck, match=r"SCL low even after nine clocks.*without supply"):
+    with pytest.raises(BusStuck, match=r"SCL still low after nine clocks.*without supply"):
         bus.clear()
 
 
@@ -138,7 +138,7 @@ def test_scl_held_low_is_said_once_and_every_reading_is_invalid_until_it_is_let_
 def test_a_bus_that_cannot_be_freed_starts_no_hand_and_says_why():
     bench, emulated = bridge(HeldScl)
     emulated.held = True
-    with pytest.raises(BusStuck, match="SCL low"):
+    with pytest.raises(BusStuck, match="SCL still low"):
         bench.hand.start()
 
 

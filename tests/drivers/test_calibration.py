@@ -16,19 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from drivers.calibration import (
-    Bias,
-    Calibration,
-    Meta,
-    bias_of,
-    fit,
-    read_bias,
-    read_calibration,
-    rmse_normal,
-    rmse_shear,
-    write_bias,
-    write_calibration,
-)
+from drivers.bias import Bias, bias_of
+from drivers.calibration import Calibration, CalibrationOrigin, rmse_normal, rmse_shear
+from drivers.calibration_file import read_bias, read_calibration, write_bias, write_calibration
+from drivers.calibration_fit import fit
 from edge_runtime.command import Parser
 from edge_runtime.contract import FloatArray, channel_names
 from edge_runtime.errors import (
@@ -52,7 +43,7 @@ FIELDS = arrays(np.float64, (4, 2, 3), elements=FINITE)
 
 def made(n_sensors: int = 2, *, rest: bool = False, seed: int = 0) -> Calibration:
     rng = np.random.default_rng(seed)
-    meta = Meta("made up", "2026-01-02", "N", 100, np.full((n_sensors, 3), 0.25))
+    meta = CalibrationOrigin("made up", "2026-01-02", "N", 100, np.full((n_sensors, 3), 0.25))
     resting = rng.normal(0.0, 1000.0, (n_sensors, 3)) if rest else None
     return Calibration(
         rng.normal(0.0, 0.01, (n_sensors, 3, 3)), resting, np.zeros(n_sensors, dtype=np.bool_), meta
@@ -117,7 +108,7 @@ def test_a_lost_channel_makes_its_own_sensor_nan_and_no_other() -> None:
 
 @pytest.mark.parametrize("shape", [(3, 3), (2, 2), (6,), (5, 1, 3)])
 def test_a_field_of_another_hand_is_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ChannelError, match=r"2 sensors.*next: give"):
+    with pytest.raises(ChannelError, match=r"2 sensors.*next: use"):
         made().apply(np.zeros(shape))
 
 
@@ -191,7 +182,7 @@ def test_a_row_that_is_not_finite_is_refused(broken: str) -> None:
         force[5, 2] = np.inf
     else:
         force[5:, 0] = np.nan
-    with pytest.raises(NotANumber, match="leave those rows out"):
+    with pytest.raises(NotANumber, match="leave these rows out"):
         fit(field, force, blocks)
 
 
@@ -200,7 +191,7 @@ def test_a_fit_says_what_it_lacks() -> None:
     force = total(matrix, field)
     with pytest.raises(EmptyRecording, match="4 rows"):
         fit(field[:4], force[:4], blocks[:4])
-    with pytest.raises(TooFewGroups, match="one is held out"):
+    with pytest.raises(TooFewGroups, match="each block is held out once"):
         fit(field, force, np.zeros(80))
     with pytest.raises(ChannelError, match="do not fit"):
         fit(field, force[:-1], blocks)
@@ -217,7 +208,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
     residual = draw(
         arrays(np.float64, (n, 3), elements=st.floats(0.0, 1e3) | st.just(float("nan")))
     )
-    meta = Meta(
+    meta = CalibrationOrigin(
         draw(st.text()), draw(st.text()), draw(st.text()), draw(st.integers(0, 10**9)), residual
     )
     rest = draw(st.none() | arrays(np.float64, (n, 3), elements=ANY))
@@ -250,8 +241,8 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
     ({"format": True}, DataError, "format True is not known"),
     ({"kind": "bias"}, DataError, "this is a 'bias', not a calibration"),
     ({"matrix_n_per_ut": [[1.0, 2.0, 3.0]]}, ChannelError, r"shape \[1, 3\], not \[S, 3, 3\]"),
-    ({"matrix_n_per_ut": []}, ChannelError, "shape no rectangle"),
-    ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]}, ChannelError, "shape no rectangle"),
+    ({"matrix_n_per_ut": []}, ChannelError, "shape not rectangular"),
+    ({"matrix_n_per_ut": [[[1.0], [1.0, 2.0], [1.0]]]}, ChannelError, "shape not rectangular"),
     ({"matrix_n_per_ut": 3.0}, ChannelError, "shape"),
     (
         {"matrix_n_per_ut": [[[1.0, 2.0, float("nan")]] * 3] * 2},
@@ -264,9 +255,9 @@ BROKEN: list[tuple[dict[str, Any], type[DataError], str]] = [
         "-inf, which is not finite",
     ),
     ({"matrix_n_per_ut": [[[1.0, 2.0, 10**400]] * 3] * 2}, NotANumber, "not finite"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, NotANumber, "'3', which is no number"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, NotANumber, "None, which is no number"),
-    ({"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2}, NotANumber, "True, which is no number"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, "3"]] * 3] * 2}, NotANumber, "'3', which is not a number"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, None]] * 3] * 2}, NotANumber, "None, which is not a number"),
+    ({"matrix_n_per_ut": [[[1.0, 2.0, True]] * 3] * 2}, NotANumber, "True, which is not a number"),
     ({"matrix_n_per_ut": [[[0.0] * 3] * 3] * 2}, DataError, "sensor 1 is singular"),
     (
         {"matrix_n_per_ut": [np.eye(3).tolist(), [[1.0, 2.0, 3.0], [0.0] * 3, [2.0, 4.0, 6.0]]]},
@@ -358,7 +349,7 @@ def test_a_short_touch_is_a_warning_with_the_channel_and_moves_no_bias() -> None
     rows[40:70, 5] += 300.0
     bias, warned = bias_of(rows, "uT")
     assert len(warned) == 1
-    assert "more restless than 40 uT: Z2;" in warned[0]
+    assert "noise above 40 uT: Z2;" in warned[0]
     assert bias.values[5] == pytest.approx(2300.0, abs=5.0)
 
 
@@ -374,7 +365,7 @@ def test_a_few_lost_rows_are_a_warning_and_do_not_count() -> None:
     rows[3, 1] = np.inf
     bias, warned = bias_of(rows, "uT")
     assert np.isfinite(bias.values).all()
-    assert warned == ("up to 9 of 300 rows are lost in X1, Y1; next: look at that finger's wires",)
+    assert warned == ("up to 9 of 300 rows are lost in X1, Y1; next: check that finger's wires",)
 
 
 def test_a_channel_lost_for_a_whole_third_is_told_without_a_warning_of_numpy() -> None:
@@ -459,7 +450,7 @@ def test_a_bias_comes_back_bit_for_bit(
     ("change", "error", "says"),
     [
         ({"unit": "g"}, UnitError, "unit 'g' is not one of"),
-        ({"values": [1.0, 2.0]}, ChannelError, "2 values, no multiple of three"),
+        ({"values": [1.0, 2.0]}, ChannelError, "2 values, not a multiple of three"),
         ({"values": [float("nan")] * 3}, NotANumber, "not finite"),
         ({"spread": [1.0]}, ChannelError, "spread has shape"),
         ({"reversed": []}, ChannelError, "reversed is not 6 times"),

@@ -56,7 +56,8 @@ def test_a_recording_holds_every_frame_bit_for_bit_and_its_stamps(drawn, recorde
         """
 frames, shots = list(read_video(Path(sys.argv[1]), load_depthai(quiet))), np.load(sys.argv[2])
 off = [abs(f.end_s - t) for f, t in zip(frames, shots["time_s"])]
-same = len(frames) == len(shots["frames"]) and all((f.image == i).all() for f, i in zip(frames, shots["frames"]))
+images = shots["frames"]
+same = len(frames) == len(images) and all((f.image == i).all() for f, i in zip(frames, images))
 in_order = [f.sequence for f in frames] == list(range(len(off)))
 print(json.dumps({"same": bool(same), "off_s": max(off), "in_order": in_order}))
 """,
@@ -162,7 +163,8 @@ def test_a_tag_smeared_over_one_cell_is_seen_and_over_two_is_lost(tmp_path):
     told = program(
         """
 from simulation.camera.frames import CAMERA, Camera
-one = Camera(**{name: told.default for name, told in CAMERA.items()} | {"width_px": 240.0, "height_px": 160.0})
+defaults = {name: told.default for name, told in CAMERA.items()}
+one = Camera(**defaults | {"width_px": 240.0, "height_px": 160.0})
 seen = []
 for smear_mm in (1.25, 2.5):
     at = [np.array([0.1 * k, smear_mm * s]) for k in range(5) for s in np.arange(0.0, 1.0, 0.05)]

@@ -55,11 +55,14 @@ print(json.dumps({"set": {name: os.environ[name] for name in QUIET}, "lines": li
 def test_what_the_user_has_set_stays_and_is_told(tmp_path):
     words = ("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
     done = command(*words, DEPTHAI_SEARCH_TIMEOUT="100")
-    assert "left as you set it: DEPTHAI_SEARCH_TIMEOUT=100" in done.stderr
+    assert "your own settings stay: DEPTHAI_SEARCH_TIMEOUT=100" in done.stderr
 
 
 def test_without_depthai_the_error_names_the_extra(tmp_path):
-    code = f"import sys; sys.modules['depthai'] = None; from holdfast.cli import main; sys.exit(main({WORDS!r}))"
+    code = (
+        "import sys; sys.modules['depthai'] = None; from holdfast.cli import main; "
+        f"sys.exit(main({WORDS!r}))"
+    )
     done = process("-c", code.replace("OUT", str(tmp_path / "out")))
     assert (
         done.returncode,
@@ -184,7 +187,8 @@ def test_a_full_disk_is_an_error_though_depthai_says_nothing(drawn, tmp_path, li
 
 READ = """
 try:
-    print(json.dumps({"frames": len(list(read_recorded(Path(sys.argv[1]), load_depthai(quiet)).frames))}))
+    stored = read_recorded(Path(sys.argv[1]), load_depthai(quiet))
+    print(json.dumps({"frames": len(list(stored.frames))}))
 except HoldfastError as error:
     print(json.dumps({"error": type(error).__name__, "what": error.what}))
 """
@@ -209,7 +213,7 @@ def test_a_recording_cut_off_is_refused(recorded, tmp_path, name, share):
     )
 
 
-def test_half_a_video_is_refused_where_it_was_whole_once_and_read_as_far_as_it_goes_where_a_kill_ended_it(
+def test_half_a_video_is_refused_if_it_was_whole_once_and_read_to_its_end_if_a_kill_ended_it(
     recorded, tmp_path
 ):
     cut(recorded, tmp_path, "camera.mkv", 0.5)

@@ -125,10 +125,10 @@ def test_without_tactile_samples_onset_counts_from_the_first_frame(tmp_path, cap
         ((), "", 2, "--action pull|fall"),
         (("--action", "fly"), "", 2, "fly"),
         (("--gross-mm", "0"), "", 2, "not a number above 0"),
-        (("--apart-mm", "30"), "", 3, "tags are 30 mm apart, and 20.00 mm"),
+        (("--apart-mm", "30"), "", 3, "tags are 30 mm apart, but 20.00 mm"),
         (("--from", "0.9"), "", 3, "never rest"),
         (("--action", "pull"), "tactile.csv", 3, "host_ns"),
-        (("--action", "pull"), "events.jsonl", 3, "no JSON object"),
+        (("--action", "pull"), "events.jsonl", 3, "not a JSON object"),
         (("--action", "pull"), "camera.json", 3, "cannot be used"),
     ],
 )
@@ -177,11 +177,14 @@ def test_the_camera_s_clock_is_the_machine_s_and_its_calls_are_in_the_library():
 import time
 dai = load_depthai(quiet)
 before, middle, after = time.monotonic(), dai.Clock.now().total_seconds(), time.monotonic()
-names = [(dai.Device, "setMaxReconnectionAttempts"), (dai.Device, "close"), (dai.Pipeline, "setStopOnDeviceLoss"),
-         (dai.node.Camera, "build"), (dai.node.Camera, "requestOutput"), (dai.node.Camera, "initialControl"),
+names = [(dai.Device, "setMaxReconnectionAttempts"), (dai.Device, "close"),
+         (dai.Pipeline, "setStopOnDeviceLoss"),
+         (dai.node.Camera, "build"), (dai.node.Camera, "requestOutput"),
+         (dai.node.Camera, "initialControl"),
          (dai.CameraControl, "setManualExposure"), (dai.Node.Output, "link")]
 between = before - 2e-6 <= middle <= after + 2e-6
-print(json.dumps({"between": between, "lacks": [name for one, name in names if not hasattr(one, name)]}))
+lacks = [name for one, name in names if not hasattr(one, name)]
+print(json.dumps({"between": between, "lacks": lacks}))
 """)
     assert told == {"between": True, "lacks": []}
 
@@ -228,7 +231,10 @@ def test_depthai_is_imported_in_one_file_and_by_no_help():
         if "depthai" in names
     }
     assert files == {"drivers/camera/library.py"}
-    code = "import sys; from holdfast import onset, watch; import drivers.camera.graph; print('depthai' in sys.modules)"
+    code = (
+        "import sys; from holdfast import onset, watch; import drivers.camera.graph; "
+        "print('depthai' in sys.modules)"
+    )
     assert process("-c", code).stdout == "False\n"
 
 

@@ -128,7 +128,7 @@ def test_tags_of_two_sizes_are_told_as_soon_as_they_were_watched_and_what_was_wa
     assert (tmp_path / "out/camera.mkv").stat().st_size > 0
 
 
-def test_a_measured_distance_finds_two_tags_that_a_printer_scaled_alike_and_stays_with_the_recording(
+def test_a_measured_distance_finds_tags_that_a_printer_scaled_alike_and_stays_with_the_recording(
     drawn, tmp_path
 ):
     apart_mm = 2.0 * AWAY_SIDES * 10.0

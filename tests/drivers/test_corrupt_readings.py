@@ -168,7 +168,7 @@ def test_two_chips_at_one_address_are_noticed_at_the_start(version):
 
 
 @CORRUPT_READING.mark
-def test_a_second_chip_that_appears_while_the_hand_is_read_makes_every_reading_of_its_finger_invalid():
+def test_a_second_chip_that_appears_while_the_hand_is_read_makes_its_finger_invalid():
     bench = started(track=Track(np.array([0.0]), DIFFERENT_UT))
     assert all(reading.valid.all() for reading in bench.read_for(0.2))
     twin = second_chip(bench, 1)
@@ -181,7 +181,7 @@ def test_a_second_chip_that_appears_while_the_hand_is_read_makes_every_reading_o
     assert all(reading.valid[1:].all() for reading in readings)
 
 
-def test_a_chip_without_a_crc_is_read_unchecked_and_said_refused_or_not_asked_as_the_crc_option_says(
+def test_the_crc_option_decides_whether_a_chip_without_a_crc_is_read_unchecked_or_refused(
     monkeypatch,
 ):
     def without_crc(chip: Any, address: int) -> bytes | None:

@@ -51,7 +51,7 @@ def test_a_scan_leaves_an_eeprom_a_pwm_driver_a_converter_and_an_expander_as_the
     assert as_layout(found) == ",".join(f"71/{place}" for place in SIX.split(","))
     unknown = {one.address: one.trouble for one in found if one.what == "unknown"}
     assert set(unknown) == {0x50, 0x40, 0x48, 0x20, 0x70}
-    assert "was not asked" in unknown[0x20]
+    assert "not identified" in unknown[0x20]
     assert "no TMAG5273" in unknown[0x50]
 
 

@@ -135,7 +135,7 @@ def test_the_mcp2221_carries_up_to_60_bytes(make, length):
 def test_the_mcp2221_says_that_a_transfer_is_too_long(make):
     bench = make("mcp2221")
     for transfer in (Transfer(A, bytes(61)), Transfer(A, b"\0", 61)):
-        with pytest.raises(TransferFailed, match=r"61 bytes.*60 at most"):
+        with pytest.raises(TransferFailed, match=r"61 bytes.*at most 60"):
             bench.bus.scan([FIRST, transfer])
     assert bench.hand.mux.control == 0  # and nothing of such a scan is carried out
 

@@ -8,16 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.camera.motion import FLOOR_PX, Motion, motion
 from drivers.camera.onset import (
-    FLOOR_PX,
     GROSS_MM,
-    Hidden,
-    Motion,
+    HiddenMotion,
     Slip,
     find_slip,
     gross_distance_mm,
     largest_move_mm,
-    motion,
 )
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import LabelError, TagError
@@ -136,7 +134,7 @@ def test_both_tags_printed_too_small_are_found_by_their_distance():
     places = np.tile([100.0, 100.0], (20, 1))
     hand, thing = tag(places), tag(places + np.array([80.0, 0.0]))
     motion(np.arange(20.0), thing, hand, 9.7, apart_mm=19.4)
-    with pytest.raises(TagError, match=r"19\.4 mm apart, and 21\.00 mm.*92 %.*--tag-mm"):
+    with pytest.raises(TagError, match=r"19\.4 mm apart, but 21\.00 mm.*92 %.*--tag-mm"):
         motion(np.arange(20.0), thing, hand, 10.5, apart_mm=19.4)
 
 
@@ -205,14 +203,14 @@ def test_a_gap_while_the_object_rests_or_already_slides_changes_no_start():
 
 def test_an_object_that_moves_behind_a_gap_has_no_onset():
     hidden = find_slip(hiding(slid(300.0, 1.0), 50, 75))
-    assert isinstance(hidden, Hidden)
+    assert isinstance(hidden, HiddenMotion)
     assert (hidden.from_s, hidden.to_s) == pytest.approx((50 / 60.0, 76 / 60.0))
 
 
 def test_a_tag_lost_as_the_object_leaves_is_hidden_and_not_no_slip():
     moved = slid(3000.0, 1.0)
     hidden = find_slip(hiding(moved, 61, len(moved.t_s)))
-    assert isinstance(hidden, Hidden)
+    assert isinstance(hidden, HiddenMotion)
     assert hidden.to_s == pytest.approx(moved.t_s[-1])
     assert find_slip(hiding(moved, 58, len(moved.t_s))) is None
 

@@ -378,7 +378,7 @@ def running(words: Sequence[str] = (), redirect: str = "", **told: Any) -> Itera
 
 
 @DEAD_LOG.mark
-def test_a_run_with_lines_and_view_on_a_terminal_that_is_not_drained_controls_on_and_ends_at_sigterm(
+def test_a_run_with_lines_and_view_on_a_terminal_that_is_not_drained_still_ends_at_sigterm(
     terminal,
 ):
     os.set_blocking(terminal[1], False)

@@ -32,8 +32,8 @@ from edge_runtime.errors import HoldfastError, ModelError, NotAModel
 from edge_runtime.model import Model, read_model
 from edge_runtime.monitor import GripMonitor
 from edge_runtime.onnx_bytes import read_onnx
+from edge_runtime.onnx_operators import RULES
 from edge_runtime.onnx_rules import ALLOWED
-from edge_runtime.onnx_shapes import RULES
 from edge_runtime.protobuf import MOST_FIELDS, Field, Reader
 from export.artifact import Artifact
 from export.features import GROUPS

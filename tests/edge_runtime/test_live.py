@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from live_bench import DEFAULT, ROOT, Steady, go
 
-from drivers.calibration import read_bias
-from drivers.paced import Paced
+from drivers.calibration_file import read_bias
+from drivers.paced import PacedReplay
 from drivers.replay import Replay, open_replay
 from drivers.virtual.clock import VirtualClock
 from edge_runtime.commands import command_port
@@ -36,7 +36,7 @@ from edge_runtime.errors import (
     UnitError,
     UsageError,
 )
-from edge_runtime.live import STAGES, Command, Measured, Summary
+from edge_runtime.live import STAGES, Command, SourceReading, Summary
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.notify import service_watchdog
 from edge_runtime.preparation import Preparation
@@ -89,7 +89,7 @@ def test_a_late_sample_delays_no_other(model):
     elsewhere="the missed samples are caught up with, all of them late",
     here="they are lost, counted as overruns; unknown until the history is whole again",
 )
-def test_a_machine_that_sleeps_for_a_second_loses_samples_counted_and_is_unknown_until_it_has_settled(
+def test_a_machine_that_sleeps_for_a_second_counts_lost_samples_and_is_unknown_until_settled(
     model,
 ):
     clock = VirtualClock()
@@ -184,8 +184,8 @@ def test_a_finger_that_is_called_valid_and_reads_nothing_is_not_tared_with_nothi
 
 def kept(
     answers: list[Prediction], samples: list[Sample]
-) -> Callable[[Prediction, Sample, Measured], None]:
-    def emit(prediction: Prediction, sample: Sample, measured: Measured) -> None:
+) -> Callable[[Prediction, Sample, SourceReading], None]:
+    def emit(prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         answers.append(prediction)
         samples.append(sample)
 
@@ -255,7 +255,7 @@ def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, t
 def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Built):
     clock, model = VirtualClock(), Model(eight_classes.model)
     trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
-    source = Paced(open_replay(trial), clock.now_ns)
+    source = PacedReplay(open_replay(trial), clock.now_ns)
     answers: list[Prediction] = []
     answer(source, model, clock, kept(answers, []), lambda: False)
     monitor = GripMonitor(model, None)
@@ -275,7 +275,9 @@ def test_a_recording_at_its_own_pace_answers_as_a_replay_does(eight_classes: Bui
 def test_a_reader_that_comes_late_finds_the_newest_row():
     clock = VirtualClock()
     values = np.arange(30.0).reshape(10, 3)
-    source = Paced(Replay(np.arange(10), values, np.ones((10, 1), bool), 100.0, "N"), clock.now_ns)
+    source = PacedReplay(
+        Replay(np.arange(10), values, np.ones((10, 1), bool), 100.0, "N"), clock.now_ns
+    )
     first = source.read()
     clock.spend(35_000_000)
     late = source.read()
@@ -390,7 +392,7 @@ def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model)
     from holdfast.view import picture
 
     _, answers, samples, _ = live(model, "virtual://ft232h?fault=nack:3@0.5%2B5", 1.0)
-    measured = Measured(0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", ""))
+    measured = SourceReading(0, np.zeros(18), samples[-1].valid, ("", "", "nack", "", "", ""))
     console = Console(file=io.StringIO(), width=80, force_terminal=True)
     console.print(picture(answers[-1], samples[-1], measured, "N"))
     text = console.file.getvalue()
@@ -411,7 +413,7 @@ def test_a_view_draws_over_its_last_picture_below_what_is_told_and_goes_away_at_
             "N", console=Console(file=terminal, width=80, height=30, force_terminal=True)
         ) as view:
             view.tell("finger 3 is lost")
-            view.show(answers[-1], samples[-1], Measured(0, np.zeros(18), samples[-1].valid))
+            view.show(answers[-1], samples[-1], SourceReading(0, np.zeros(18), samples[-1].valid))
             shown = b""
             while b"UNKNOWN" not in shown:
                 shown += os.read(read, 65536)
@@ -477,8 +479,10 @@ def test_a_bridge_too_slow_for_the_model_is_refused_before_the_first_sample(mode
 
 
 def test_a_recording_at_another_rate_is_refused(eight_classes: Built, model):
-    source = Paced(open_replay(next(eight_classes.fixture.glob("*/pull/trial_1.csv"))), lambda: 0)
-    with pytest.raises(RateError, match="50 Hz, the model wants 150"):
+    source = PacedReplay(
+        open_replay(next(eight_classes.fixture.glob("*/pull/trial_1.csv"))), lambda: 0
+    )
+    with pytest.raises(RateError, match="50 Hz, the model needs 150"):
         answer(source, model, VirtualClock(), kept([], []), lambda: False)
 
 

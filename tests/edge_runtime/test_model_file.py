@@ -169,7 +169,7 @@ def zipped(path: Path) -> bytes:
 
 
 FOREIGN: dict[str, tuple[Callable[[Path], bytes], str]] = {
-    "a pickle": (lambda _: pickle.dumps(Trap()), "pickle, which is never read"),
+    "a pickle": (lambda _: pickle.dumps(Trap()), "pickle, which Holdfast never reads"),
     "an old pickle": (lambda _: pickle.dumps(Trap(), protocol=0), "not a sealed Holdfast model"),
     "a zip archive": (lambda folder: zipped(folder / "x.zip"), "zip archive"),
     "text": (lambda _: b"Time,X1,Y1,Z1\n0,1,2,3\n", "not a sealed Holdfast model"),
@@ -316,7 +316,8 @@ CONTRADICTED = {
     "What comes from outside",
     "a sealed file whose card lies about its graph",
     elsewhere="the seal holds, for anybody can make one, and the process ends in the first sample",
-    here="card and graph are compared when the file is opened, and every value of the card has its range",
+    here="card and graph are compared when the file is opened, and every value of the card has "
+    "its range",
 )
 @pytest.mark.parametrize("fault", CONTRADICTED)
 def test_a_card_is_refused_that_speaks_of(

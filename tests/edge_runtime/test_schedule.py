@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, Steady, go
 
-from drivers.paced import Paced
+from drivers.paced import PacedReplay
 from drivers.replay import Replay
 from drivers.virtual.clock import VirtualClock
 from edge_runtime import clock as clock_module
@@ -23,7 +23,7 @@ from edge_runtime.commands import MOST_A_SAMPLE, command_port
 from edge_runtime.contract import Prediction, Sample
 from edge_runtime.decision import DecisionState
 from edge_runtime.errors import TimeError
-from edge_runtime.live import Measured, run_live
+from edge_runtime.live import SourceReading, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.sinks import Outlets, stream_sink, udp_sink
 from edge_runtime.tare import Tare
@@ -148,7 +148,7 @@ def test_answers_that_take_longer_than_a_period_lose_samples_counted_and_never_l
     clock, late_ns = VirtualClock(), []
 
     class Slow(Steady):
-        def read(self) -> Measured | None:
+        def read(self) -> SourceReading | None:
             measured = super().read()
             clock.spend(round(2.5 * PERIOD_NS))
             return measured
@@ -206,7 +206,7 @@ def test_a_recording_within_the_tolerance_is_met_row_by_row(model, rate_hz):
     )
     met: list[float] = []
     run_live(
-        Paced(replay, clock.now_ns),
+        PacedReplay(replay, clock.now_ns),
         GripMonitor(model, clock.now_ns),
         Tare(model.card.preparation, 18),
         clock,
@@ -226,9 +226,9 @@ class Stamped(Steady):
         super().__init__(clock, len(stamps))
         self._stamps = stamps
 
-    def read(self) -> Measured | None:
+    def read(self) -> SourceReading | None:
         measured = super().read()
-        return measured and Measured(self._stamps[self.k - 1], measured.values, measured.valid)
+        return measured and SourceReading(self._stamps[self.k - 1], measured.values, measured.valid)
 
 
 def on_time(count: int, start_ns: int = 0) -> list[int]:
@@ -239,7 +239,8 @@ def on_time(count: int, start_ns: int = 0) -> list[int]:
     AREA,
     "a duplicated sample",
     elsewhere="the same reading twice is a change of nothing: the hand looks at rest",
-    here="a reading is used once; the second is a lost sample, counted, and more than 20 ms of them are unknown",
+    here="a reading is used once; the second is a lost sample, counted, and more than 20 ms of "
+    "them are unknown",
 )
 def test_a_source_that_repeats_itself_is_lost_and_then_unknown(model):
     stamps = on_time(200) + [on_time(200)[-1]] * 20 + on_time(120, round(220e9 / 150))
@@ -270,7 +271,8 @@ def test_two_readings_in_the_wrong_order_cost_one_sample_and_no_error(model):
 @pytest.mark.hard_case(
     AREA,
     "a clock that jumps back, and 32-bit microseconds that wrap",
-    elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in the middle of a grip",
+    elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in "
+    "the middle of a grip",
     here="the stream begins anew: counted, unknown until settled; a request that runs goes on",
 )
 @pytest.mark.parametrize("back_ns", [2**32 * 1000, 3_600_000_000_000, 2_000_000_000])
@@ -297,7 +299,8 @@ def test_a_restart_forgets_the_stream_and_keeps_the_request(model):
 @pytest.mark.hard_case(
     AREA,
     "a clock that jumps back, and 32-bit microseconds that wrap",
-    elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in the middle of a grip",
+    elsewhere="an interval below zero becomes a huge one, or the stream stops with an error in "
+    "the middle of a grip",
     here="the stream begins anew: counted, unknown until settled; a request that runs goes on",
     unguarded=True,
 )

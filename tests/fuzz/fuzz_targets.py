@@ -25,7 +25,7 @@ import numpy as np
 import usb.core
 
 from drivers.bus import Bus, Reply
-from drivers.calibration import read_bias, read_calibration
+from drivers.calibration_file import read_bias, read_calibration
 from drivers.camera.sources import LENS, read_frames
 from drivers.finger_state import FingerState
 from drivers.ft232h import Ft232h
@@ -52,7 +52,7 @@ from edge_runtime.errors import HoldfastError, NotAModel
 from edge_runtime.golden import golden_answers, golden_from_json
 from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.live import Command
-from edge_runtime.mending import Mended
+from edge_runtime.mending import MendResult
 from edge_runtime.model import read_model
 from edge_runtime.model_file import CARD_KEY, SEAL_KEY, ModelCard, read_card, read_sealed
 from edge_runtime.onnx_bytes import read_onnx
@@ -209,7 +209,7 @@ def mended(data: bytes) -> None:
     aside = found.torn.read_bytes() if found.torn else b""
     assert path.read_bytes() + aside == data
     assert aside.rstrip(b"\0").rstrip(b"\r\n").count(b"\n") == 0, "at most one line"
-    assert mend(path) == Mended(found.rows, 0, None)
+    assert mend(path) == MendResult(found.rows, 0, None)
 
 
 def calibration(data: bytes) -> None:

@@ -355,7 +355,7 @@ def test_a_model_made_for_other_channels_another_unit_or_another_rate_refuses_th
         "replay",
         model,
         trial,
-        says=f"{trial}: 3 channels, the model wants 18",
+        says=f"{trial}: the source has 3 channels, the model needs 18",
     )
     trial.write_text(csv_of([k / 100 for k in range(60)]))
     fails(run, 3, "RateError", "replay", model, trial, says="the model wants 50 Hz")
@@ -809,4 +809,4 @@ def test_a_seed_no_generator_takes_is_a_usage_error(run: Run, word: str) -> None
 def test_an_empty_path_is_a_usage_error_and_not_the_folder_we_are_in(
     run: Run, words: tuple[str, ...]
 ) -> None:
-    fails(run, 2, "UsageError", *words, says="an empty path")
+    fails(run, 2, "UsageError", *words, says="the path is empty")

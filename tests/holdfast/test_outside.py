@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_model import artifact, sealed_bytes, spec
 
-from drivers.calibration import read_bias, read_calibration
+from drivers.calibration_file import read_bias, read_calibration
 from drivers.camera.recording import read_about, read_tracks
 from drivers.camera.sources import read_frames
 from drivers.replay import open_replay

@@ -27,7 +27,7 @@ from edge_runtime.errors import (
     EmptyRecording,
     TimeError,
 )
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 from edge_runtime.tactile_file import TactileFile
 from edge_runtime.trial_file import read_trial
 from holdfast.recorder.keys import Keys
@@ -144,9 +144,9 @@ def test_a_saturated_finger_and_a_drifted_bias_are_told(tmp_path):
     hand = Hand(clock, 60)
     plain = hand.read
 
-    def read() -> Measured | None:
+    def read() -> SourceReading | None:
         measured = plain()
-        return measured and Measured(
+        return measured and SourceReading(
             measured.t_ns, measured.values + 0.5, measured.valid, ("saturated", *[""] * 5)
         )
 

@@ -119,7 +119,7 @@ def test_what_a_killed_run_left_is_named_and_not_touched(tmp_path, capsys):
     (tmp_path / "set.unfinished").mkdir()
     (tmp_path / "set.unfinished/card.toml").write_text("half")
     assert main(["simulate", "thesis", "--trials", "1", "--out", str(tmp_path / "set")]) == 5
-    assert "set.unfinished: is there already; likely cause: another run" in capsys.readouterr().err
+    assert "set.unfinished: exists already; likely cause: another run" in capsys.readouterr().err
     assert [path.name for path in tmp_path.rglob("*")] == ["set.unfinished", "card.toml"]
 
 

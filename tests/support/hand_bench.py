@@ -6,8 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from drivers.bus import Bus
+from drivers.fingers import Crc, Reading
 from drivers.ft232h import Ft232h
-from drivers.hand import Crc, Hand, Reading
+from drivers.hand import Hand
 from drivers.layout import read_layout
 from drivers.tmag5273 import Setup
 from drivers.virtual.clock import VirtualClock

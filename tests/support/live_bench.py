@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.virtual.clock import VirtualClock
 from edge_runtime.contract import Prediction, Sample
-from edge_runtime.live import Measured, Summary, run_live
+from edge_runtime.live import SourceReading, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.tare import Tare
 
@@ -29,14 +29,14 @@ class Steady:
         self.clock, self.n, self.stalls, self.k = clock, n, stalls or {}, 0
         self.times: list[int] = []
 
-    def read(self) -> Measured | None:
+    def read(self) -> SourceReading | None:
         if self.k == self.n:
             return None
         self.times.append(self.clock.now_ns())
         self.clock.spend(round(1e9 * self.stalls.get(self.k, 0.0)))
         self.k += 1
         values = 0.02 * np.random.default_rng(self.k).normal(size=18)
-        return Measured(self.times[-1], values, np.ones(6, dtype=np.bool_))
+        return SourceReading(self.times[-1], values, np.ones(6, dtype=np.bool_))
 
     def close(self) -> None:
         pass

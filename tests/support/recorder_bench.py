@@ -20,7 +20,7 @@ import pytest
 
 from drivers.virtual.clock import VirtualClock
 from edge_runtime.command import Parser
-from edge_runtime.live import Measured
+from edge_runtime.live import SourceReading
 from holdfast import record
 from holdfast.recorder.card import Task
 from holdfast.recorder.keys import Keys
@@ -135,7 +135,7 @@ class Hand:
         self.stalls, self.shifts, self.says = stalls or {}, shifts or {}, says or {}
         self.offset_ns = 0
 
-    def read(self) -> Measured | None:
+    def read(self) -> SourceReading | None:
         if self.k == self.n:
             return None
         self.says.get(self.k, never)()
@@ -144,7 +144,7 @@ class Hand:
         self.clock.spend(round(1e9 * self.stalls.get(self.k, 0.0)))
         values = 0.001 * np.arange(18.0) + (2.0 if 40 <= self.k < 80 else 0.0)
         self.k += 1
-        return Measured(t_ns, values, np.ones(6, dtype=np.bool_), ("",) * 6)
+        return SourceReading(t_ns, values, np.ones(6, dtype=np.bool_), ("",) * 6)
 
     def close(self) -> None:
         pass

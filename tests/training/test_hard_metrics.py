@@ -20,7 +20,8 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import f1_score, log_loss, roc_auc_score
 
 from drivers.calibration import Calibration as FieldCalibration
-from drivers.calibration import Meta, read_calibration, write_calibration
+from drivers.calibration import CalibrationOrigin
+from drivers.calibration_file import read_calibration, write_calibration
 from edge_runtime.contract import SITUATIONS, FloatArray
 from edge_runtime.decision import UNKNOWN
 from edge_runtime.errors import ClassMissing, DataError, LabelError, NotANumber
@@ -281,7 +282,7 @@ def test_without_a_collar_such_a_slip_is_counted_again_with_every_swing(
 
 def field_calibration(matrix: npt.ArrayLike) -> FieldCalibration:
     whole = np.stack([0.01 * np.eye(3), np.asarray(matrix, dtype=np.float64)])
-    meta = Meta("made up", "2026-01-02", "N", 100, np.full((2, 3), 0.1))
+    meta = CalibrationOrigin("made up", "2026-01-02", "N", 100, np.full((2, 3), 0.1))
     return FieldCalibration(whole, None, np.zeros(2, dtype=np.bool_), meta)
 
 
