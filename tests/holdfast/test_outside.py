@@ -477,7 +477,7 @@ def test_an_unescaped_plus_in_a_fault_is_told_to_be_escaped() -> None:
         open_live(url, clock=VirtualClock(), say=print)
     assert "write fault=nack:3@1.5%2B0.2" in str(caught.value)
     open_live(url.replace("+", "%2B"), clock=VirtualClock(), say=print).close()
-    with pytest.raises(UsageError, match="is no fault"):
+    with pytest.raises(UsageError, match="is not a fault"):
         read_fault("nack 3")
 
 
