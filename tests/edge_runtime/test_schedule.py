@@ -63,7 +63,8 @@ stalled_consumer = pytest.mark.hard_case(
     AREA,
     "a stalled consumer",
     elsewhere="a log that no program reads fills its pipe, and the next print blocks the hand",
-    here="a thread of its own waits; a line without room in its queue is dropped whole and counted; no answer is late",
+    here="a thread of its own waits; a line without room in its queue is dropped whole and "
+    "counted; no answer is late",
 )
 
 
@@ -115,7 +116,8 @@ def test_a_consumer_that_comes_back_gets_the_newest_line_whole(stalled):
     AREA,
     "a stalled consumer",
     elsewhere="a log that no program reads fills its pipe, and the next print blocks the hand",
-    here="a thread of its own waits; a line without room in its queue is dropped whole and counted; no answer is late",
+    here="a thread of its own waits; a line without room in its queue is dropped whole and "
+    "counted; no answer is late",
     unguarded=True,
 )
 def test_a_plain_print_into_a_pipe_that_nobody_reads_would_wait_for_ever(stalled):
