@@ -1,5 +1,4 @@
-"""What the hand would have been asked, on whole streams: the decision of edge_runtime/decision.py,
-many at once."""
+"""When the hand is asked to act, on whole streams: edge_runtime/decision.py for many at once."""
 
 from __future__ import annotations
 
@@ -30,8 +29,7 @@ class Answers:
 def act_requests(
     answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: Sequence[int]
 ) -> list[BoolArray]:
-    """[T, K] a stream: whether the hand is asked to act, for each of K confidences in place of the
-    rules' own.
+    """[T, K] a stream: whether the hand is asked to act, at each of K confidences.
 
     Sample by sample the same as `decide` with neither opening command nor override.
     """
@@ -39,8 +37,10 @@ def act_requests(
 
 
 def _asked(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> BoolArray:
-    """A request lasts from its last call on until it is let go or has had no evidence for too long;
-    what is unknown neither calls nor lets go, nor breaks a run of what does."""
+    """A request lasts from its last call until release, or until evidence is missing for too long.
+
+    An unknown sample neither calls nor releases, and breaks no run of samples that do.
+    """
     known = np.flatnonzero(one.situation != UNKNOWN)
     situation, permille = one.situation[known], one.risky_permille[known, None]
     risky = (situation == RISKY_SLIP)[:, None] & (permille >= least)
@@ -56,7 +56,7 @@ def _asked(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> 
 
 
 def _lasting(flags: BoolArray, samples: int) -> BoolArray:
-    """[T, K] where a flag has been up for so many samples."""
+    """[T, K] where a flag has been up for this many samples."""
     if samples <= 1:
         return flags
     return np.asarray(_turns(flags) - _last(~flags) >= samples)

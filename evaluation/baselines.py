@@ -1,16 +1,16 @@
-"""What stands beside a model on streams: the classical detectors, one line of code, the thesis'
-forest, perfect intent.
+"""Baselines beside a model on streams: classical detectors, the thesis' forest, an oracle.
 
-Each is asked through the same decision as the model (it holds until the load falls), at its first
-sample and only while something is held (a ratio of noises fires in the air all day). Each has one
-setting to vary, from the most to the least sensitive, so that it can be had at the model's own rate
-of false alarms: the first of its settings that is no worse.
+Each goes through the same decision as the model (a request holds until the load falls), acts on its
+first sample, and only while something is held: a ratio of noises fires in the air all day. Each has
+one setting, listed from the most to the least sensitive. It is matched to the model's own rate of
+false alarms: the first setting with no more of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -27,8 +27,9 @@ from evaluation.detector_baselines import (
     is_narrow,
 )
 from evaluation.event_scores import CONFIDENCES, match_alarms
+from evaluation.labels import BAND, CONE, ORACLE, RAW, SHEAR_RATE
 from evaluation.model_outputs import everywhere, risky_permille
-from evaluation.simple_baselines import shear_jump
+from evaluation.simple_baselines import shear_change
 from export.detectors import detector_names
 from export.exporting import whole_graph
 from export.heads import Head
@@ -38,43 +39,33 @@ from training.featurise import features_of, spec_for
 from training.plan import RAW_BASELINE
 from training.recording import DataSet, Recording
 
-Asked = Callable[[float], list[BoolArray]]
+Requests = Callable[[float], list[BoolArray]]
 """Setting -> [T] a recording, whether the hand is asked to act."""
 
-BAND, CONE, LINE = "band-pass bank", "friction cone", "one line of code"
-RAW, INTENT = "raw-window forest", "perfect intent"
 BAND_RATIOS = tuple(np.geomspace(1.05, 100.0, 32).tolist())
 FRICTIONS = tuple(np.geomspace(0.1, 5.0, 32).tolist())
-JUMPS = tuple(np.geomspace(0.05, 20.0, 64).tolist())
-"""Changes of summed shear, N."""
-LAWS = {
-    BAND: "ten bands on every shear signal against the signal's own noise floor (varied: their ratio)",
-    CONE: "shear over normal leaves the friction cone at any finger pressed hard enough (varied: the coefficient)",
-    LINE: "the summed shear changed within two samples by more than so many newtons (varied: how many)",
-    RAW: "100 untuned trees on the last 0.10 s, as the thesis has it (varied: the confidence)",
-    INTENT: "a bound, no detector: knows what is intended, asks one sample after the load's onset, never else",
-}
+JUMPS_N = tuple(np.geomspace(0.05, 20.0, 64).tolist())
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """One of them. on: recordings -> what is asked at a setting."""
+    """One baseline, by its stored name. on: recordings -> requests at a setting."""
 
     name: str
     settings: tuple[float, ...]
-    on: Callable[[Sequence[Recording]], Asked]
+    on: Callable[[Sequence[Recording]], Requests]
 
 
-def rivals(spec: StepSpec, rules: DecisionRules, forest: Baseline | None = None) -> list[Baseline]:
-    """Everything that can stand beside a model of this step; the forest only where there is
-    something to train on."""
+def baselines(
+    spec: StepSpec, rules: DecisionRules, forest: Baseline | None = None
+) -> list[Baseline]:
+    """The baselines of a model of this step. forest: None without a set to train it on."""
     found = _detectors(spec, rules)
     if spec.unit == "N":
-        found.append(Baseline(LINE, JUMPS, lambda recordings: _one_line(recordings, rules)))
-    bound = Baseline(
-        INTENT, (0.0,), lambda recordings: lambda _: [intent(one) for one in recordings]
-    )
-    return [*found, *([forest] if forest else []), bound]
+        on = partial(_shear_rate, rules=rules)
+        found.append(Baseline(SHEAR_RATE, JUMPS_N, on))
+    oracle = Baseline(ORACLE, (0.0,), lambda of: lambda _: [oracle_requests(one) for one in of])
+    return [*found, *([forest] if forest else []), oracle]
 
 
 Computed = TypeVar("Computed")
@@ -83,7 +74,7 @@ Computed = TypeVar("Computed")
 def _kept(
     compute: Callable[[Sequence[Recording]], Computed],
 ) -> Callable[[Sequence[Recording]], Computed]:
-    """The same function, which keeps its last result: a set is matched on and then scored."""
+    """The same function, which keeps its last result: a set is matched on, then scored."""
     last: list[tuple[Sequence[Recording], Computed]] = []
 
     def on(recordings: Sequence[Recording]) -> Computed:
@@ -104,7 +95,7 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
     head = Head("situation", classes, fitted, uncalibrated(len(classes)))
     session = open_session(whole_graph(narrow, [head]).SerializeToString())
 
-    def on(recordings: Sequence[Recording]) -> Asked:
+    def on(recordings: Sequence[Recording]) -> Requests:
         answers, outputs = [], everywhere(session, recordings, ["situation", "votes", "unknown"])
         for one, out in zip(recordings, outputs, strict=True):
             situation = np.where(out["unknown"], UNKNOWN, out["situation"])
@@ -120,7 +111,7 @@ def _detectors(spec: StepSpec, rules: DecisionRules) -> list[Baseline]:
     """The bank and, in N, the cone; both read the same pass of guard and bank over a set."""
     signals = _kept(lambda recordings: detector_signals(spec, recordings))
 
-    def band(recordings: Sequence[Recording]) -> Asked:
+    def band(recordings: Sequence[Recording]) -> Requests:
         found, fires = signals(recordings), dict[float, list[BoolArray]]()
 
         def at(ratio: float) -> list[BoolArray]:
@@ -131,7 +122,7 @@ def _detectors(spec: StepSpec, rules: DecisionRules) -> list[Baseline]:
 
         return at
 
-    def cone(recordings: Sequence[Recording]) -> Asked:
+    def cone(recordings: Sequence[Recording]) -> Requests:
         found = signals(recordings)
         return lambda friction: held_until_let_go(
             recordings, [cone_fires(one, spec, friction) for one in found], rules
@@ -142,16 +133,15 @@ def _detectors(spec: StepSpec, rules: DecisionRules) -> list[Baseline]:
     return [bank, Baseline(CONE, FRICTIONS, cone)] if has_cone else [bank]
 
 
-def _one_line(recordings: Sequence[Recording], rules: DecisionRules) -> Asked:
-    jumps = [shear_jump(one.samples) for one in recordings]
-    return lambda least: held_until_let_go(recordings, [jump > least for jump in jumps], rules)
+def _shear_rate(recordings: Sequence[Recording], rules: DecisionRules) -> Requests:
+    changes = [shear_change(one.samples) for one in recordings]
+    return lambda least: held_until_let_go(recordings, [one > least for one in changes], rules)
 
 
 def held_until_let_go(
     recordings: Sequence[Recording], firing: Sequence[BoolArray], rules: DecisionRules
 ) -> list[BoolArray]:
-    """[T] what a detector that fires [T] asks of the hand: at once, while something is held, until
-    it is let go."""
+    """[T] requests of a detector that fires [T]: while something is held, until it is let go."""
     answers = []
     for one, fires in zip(recordings, firing, strict=True):
         held = one.samples[:, NORMAL_AXIS::3].sum(axis=1) > NORMAL_FLOOR[one.unit]
@@ -160,48 +150,50 @@ def held_until_let_go(
     return [asked[:, 0] for asked in act_requests(answers, replace(rules, act_samples=1), [0])]
 
 
-def intent(recording: Recording) -> BoolArray:
-    """[T] asked at the first sample that is a whole one after a load onset, and at no other."""
-    asked = np.zeros(len(recording.samples), dtype=np.bool_)
+def oracle_requests(recording: Recording) -> BoolArray:
+    """[T] the hand is asked at the first whole sample after a load onset, and at no other."""
+    requests = np.zeros(len(recording.samples), dtype=np.bool_)
     rows = [int(np.floor(event.onset_s * recording.rate_hz)) + 1 for event in recording.events]
-    asked[[row for row in rows if row < len(asked)]] = True
-    return asked
+    requests[[row for row in rows if row < len(requests)]] = True
+    return requests
 
 
-def false_per_min(recordings: Sequence[Recording], asked: Sequence[BoolArray]) -> float:
+def false_per_min(recordings: Sequence[Recording], requests: Sequence[BoolArray]) -> float:
     """False alarms a minute on streams."""
-    told = [match_alarms(one, on) for one, on in zip(recordings, asked, strict=True)]
-    return sum(len(one.false_s) for one in told) / max(sum(one.minutes for one in told), 1e-9)
+    matches = [match_alarms(one, on) for one, on in zip(recordings, requests, strict=True)]
+    return sum(len(one.false_s) for one in matches) / max(sum(one.minutes for one in matches), 1e-9)
 
 
 @dataclass(frozen=True)
-class Matched:
-    """A rival at a setting; false_per_min there, on the streams it was matched on; fits: no more
-    than was allowed."""
+class MatchedBaseline:
+    """A baseline at a setting, with its rate on the streams it was matched on.
 
-    rival: Baseline
+    fits: the rate is no higher than allowed.
+    """
+
+    baseline: Baseline
     setting: float
     false_per_min: float
     fits: bool
 
 
-def matched(rival: Baseline, recordings: Sequence[Recording], most_false_per_min: float) -> Matched:
-    """The most sensitive setting with no more false alarms than allowed; the least sensitive where
-    none is.
+def matched(
+    baseline: Baseline, recordings: Sequence[Recording], most_false_per_min: float
+) -> MatchedBaseline:
+    """The most sensitive setting with no more false alarms than allowed, else the least sensitive.
 
-    Found by halving: false alarms fall as a setting gets less sensitive, but for a few more or
-    less.
+    Bisection: false alarms fall as a setting gets less sensitive, with small exceptions.
     """
-    asked = rival.on(recordings)
+    requests = baseline.on(recordings)
     rates: dict[int, float] = {}
 
     def fits(place: int) -> bool:
-        rates[place] = false_per_min(recordings, asked(rival.settings[place]))
+        rates[place] = false_per_min(recordings, requests(baseline.settings[place]))
         return rates[place] <= most_false_per_min
 
-    low, high = 0, len(rival.settings) - 1
+    low, high = 0, len(baseline.settings) - 1
     while low < high:
         middle = (low + high) // 2
         low, high = (low, middle) if fits(middle) else (middle + 1, high)
     fit = fits(low)
-    return Matched(rival, rival.settings[low], rates[low], fit)
+    return MatchedBaseline(baseline, baseline.settings[low], rates[low], fit)

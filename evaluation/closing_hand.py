@@ -1,23 +1,23 @@
-"""Closing in time: whether a hand that acts on an alarm would still hold the object. A small model,
-and a bound.
+"""Closing in time: a small model of whether a hand that acts on an alarm still holds the object.
 
-The hand closes at v_max (1 - exp(-t / lag)) from the moment it is asked on: a rate limit behind a
-first-order lag. What it travels squeezes fingers and object, springs in series, two fingers on the
+From the moment it is asked, the hand closes at v_max (1 - exp(-t / lag)): a rate limit behind a
+first-order lag. Its travel squeezes fingers and object, springs in series, two fingers on the
 thumb's side against four:
 
-    N(t) = grip + travel(t) / c,    c = 1 / (2 k) + 1 / (4 k),    k = finger and object in series,    N <= 70 N a side
+    N(t) = grip + travel(t) / c,    c = 1 / (2 k) + 1 / (4 k),    N <= 70 N a side
+    k = finger and object in series
 
 The object is a mass on one line, the hand's skin a spring along it that lets go at 2 mu N (static
 until it slides, kinetic until it rests again). A pull is a spring and damper on a minimum-jerk
-path, capped, with the weight on top; a fall is the weight, as its support vanishes. The same model
-of the hand that does nothing says how far the object had moved when the truth lost it; a hand that
-is asked keeps it if it comes to rest before it has moved so far, and keeps it without a slip if it
-slid less than 2 mm, which is what the truth calls gross.
+path, capped, with the weight on top; a fall is the weight, as its support vanishes. The model of a
+hand that does nothing gives how far the object had moved when contact was lost. A hand that acts
+keeps the object if it comes to rest before it has moved so far, and keeps it without a slip if it
+slid less than 2 mm, which is the truth's threshold of gross slip.
 
 From the truth: load onset, gross slip, contact lost, grip, stiffness, friction, and the pull.
 Assumed: LAG_S; no dead time beside it; all six fingers close together (the real hand drives three
-and drags the others along); nobody pulls harder because the hand resists; no ball is squeezed out.
-`model_error_ms` holds its slips against the truth's.
+and the others follow); the puller does not pull harder because the hand resists; no ball is
+squeezed out. `model_error_ms` compares its slips with those of the truth.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
+from evaluation.statistics import spread
 from evaluation.truths import Grasp
 from training.timeline import RiskyEvent
 
@@ -41,8 +41,7 @@ STROKE_MM = 120.0
 MOST_N = 70.0
 """Its opposition grip (thesis, 5.1.1)."""
 LAG_S = 0.05
-"""Time constant of motor and gear: an assumption, nobody has published it. Figures are given for
-LAGS_S too."""
+"""Time constant of motor and gear: an assumption, since none is published; LAGS_S are others."""
 LAGS_S = (0.0, 0.02, 0.1)
 GRAVITY_M_S2 = 9.81
 DAMPING_RATIO = 0.7
@@ -54,7 +53,7 @@ MODELLED = ("pull", "fall")
 
 
 @dataclass(frozen=True)
-class Hand:
+class ClosingHand:
     """How a hand closes."""
 
     closing_s: float = CLOSING_S
@@ -63,7 +62,7 @@ class Hand:
     most_n: float = MOST_N
 
     def travel_m(self, since_s: FloatArray) -> FloatArray:
-        """What the opening has shrunk by, so long after being asked (0 before)."""
+        """By how much the opening has shrunk, s after the request to act (0 before)."""
         t = np.maximum(since_s, 0.0)
         behind = self.lag_s * -np.expm1(-t / self.lag_s) if self.lag_s else 0.0
         travel: FloatArray = 1e-3 * self.stroke_mm / self.closing_s * (t - behind)
@@ -72,8 +71,7 @@ class Hand:
 
 @dataclass(frozen=True)
 class Drop:
-    """One event that the model can speak of. Times in s since load onset; the puller's numbers are
-    0 in a fall."""
+    """One event that can be modelled. Times in s since load onset; the puller's are 0 in a fall."""
 
     gross_s: float
     lost_s: float
@@ -91,16 +89,12 @@ class Drop:
 
 
 def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
-    """The event as the model sees it; None where its truth does not say enough (a hold, a
-    recording)."""
-    if (
-        grasp is None
-        or grasp.action not in MODELLED
-        or event.gross_s is None
-        or "thing" not in grasp.told
-    ):
+    """The event as the model sees it; None where its truth is not complete (a hold)."""
+    if grasp is None or grasp.action not in MODELLED or event.gross_s is None:
         return None
-    told, drawn, thing = grasp.told, grasp.told["drawn"], grasp.told["thing"]
+    if "thing" not in grasp.truth:
+        return None
+    drawn, thing = grasp.truth["drawn"], grasp.truth["thing"]
     finger, stuff = drawn["finger_n_per_m"], thing["stiffness_n_per_m"]
     series = finger * stuff / (finger + stuff)
     friction = thing["friction"] * drawn["friction_factor"]
@@ -108,7 +102,7 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
         gross_s=event.gross_s - event.onset_s,
         lost_s=event.end_s - event.onset_s,
         mass_kg=1e-3 * thing["mass_g"],
-        grip_n=float(told["grip_n"]),
+        grip_n=float(grasp.truth["grip_n"]),
         squeeze_n_per_m=1.0 / (1.0 / (2.0 * series) + 1.0 / (4.0 * series)),
         skin_n_per_m=6.0 * finger * drawn["shear_ratio"],
         static=friction,
@@ -123,8 +117,10 @@ def drop_of(event: RiskyEvent, grasp: Grasp | None) -> Drop | None:
 
 @dataclass(frozen=True)
 class Slide:
-    """What became of E objects: moved_m [K, E], slid_m [E], slides_from_s [E] (inf: never), rests
-    [E] in the end."""
+    """What became of E objects after K steps.
+
+    moved_m [K, E]. slid_m [E]. slides_from_s [E], inf: never. rests [E]: at rest in the end.
+    """
 
     moved_m: FloatArray
     slid_m: FloatArray
@@ -146,7 +142,7 @@ class _Course:
     normal_n: FloatArray
 
 
-def _course(d: dict[str, FloatArray], asked_s: FloatArray, hand: Hand) -> _Course:
+def _course(d: dict[str, FloatArray], asked_s: FloatArray, hand: ClosingHand) -> _Course:
     t_s = np.arange(round(LOOK_S / STEP_S))[:, None] * STEP_S
     closed_m = hand.travel_m(np.where(np.isfinite(asked_s), t_s - asked_s, 0.0))
     u = np.minimum(t_s / d["move_s"], 1.0)
@@ -161,7 +157,7 @@ def _course(d: dict[str, FloatArray], asked_s: FloatArray, hand: Hand) -> _Cours
     )
 
 
-def slide(drops: Sequence[Drop], asked_s: npt.ArrayLike, hand: Hand) -> Slide:
+def slide(drops: Sequence[Drop], asked_s: npt.ArrayLike, hand: ClosingHand) -> Slide:
     """Step the drops from their load onset on, the hand asked at asked_s [E] (inf: never)."""
     d = {
         name: np.array([getattr(one, name) for one in drops]) for name in Drop.__dataclass_fields__
@@ -202,11 +198,11 @@ def _smooth(u: FloatArray) -> FloatArray:
 @lru_cache(maxsize=2)
 def _unasked(drops: tuple[Drop, ...]) -> Slide:
     """The drops in a hand that is never asked."""
-    return slide(drops, np.full(len(drops), np.inf), Hand())
+    return slide(drops, np.full(len(drops), np.inf), ClosingHand())
 
 
 def room_m(drops: Sequence[Drop]) -> FloatArray:
-    """[E] how far each object had moved in a hand that did nothing when the truth lost it."""
+    """[E] how far each object had moved in a hand that did nothing when contact was lost."""
     moved = _unasked(tuple(drops)).moved_m
     row = np.minimum(
         np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64), len(moved) - 1
@@ -216,70 +212,104 @@ def room_m(drops: Sequence[Drop]) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Droppable:
-    """The events of many streams, in order: drops (None: not modelled), those modelled, and what
-    bounds any hand.
+class KeptObjects:
+    """What a hand still holds. preventable: kept by a hand that is asked at load onset.
 
-    room_m [E], could [E]: whether a hand that is asked at load onset keeps it.
+    kept, kept_share and kept_without_a_slip are of the preventable ones. modelled: of all events.
+    """
+
+    hand: ClosingHand
+    events: int
+    modelled: int
+    preventable: int
+    not_preventable: int
+    kept: int
+    kept_share: float | None
+    kept_without_a_slip: int
+
+
+@dataclass(frozen=True)
+class Droppable:
+    """The events of many streams, in order. drops: None where one is not modelled.
+
+    room_m [E] of the modelled. preventable [E]: a hand that is asked at load onset keeps it.
     """
 
     drops: tuple[Drop | None, ...]
-    hand: Hand
+    hand: ClosingHand
     room_m: FloatArray
-    could: BoolArray
+    preventable: BoolArray
 
     @staticmethod
-    def of(drops: Sequence[Drop | None], hand: Hand | None = None) -> Droppable:
+    def of(drops: Sequence[Drop | None], hand: ClosingHand | None = None) -> Droppable:
         """The bounds of these events for a hand."""
-        hand = hand or Hand()
+        hand = hand or ClosingHand()
         modelled = [drop for drop in drops if drop is not None]
         room = room_m(modelled)
-        return Droppable(
-            tuple(drops), hand, room, _kept(modelled, np.zeros(len(modelled)), hand, room)[0]
+        at_once = _held(modelled, np.zeros(len(modelled)), hand, room)[0]
+        return Droppable(tuple(drops), hand, room, at_once)
+
+    def kept(self, delays_s: Sequence[float | None]) -> KeptObjects:
+        """What the hand keeps, asked in each event s after load onset (None: not asked)."""
+        pairs = zip(delays_s, self.drops, strict=True)
+        asked = [np.inf if s is None else s for s, drop in pairs if drop is not None]
+        modelled = [drop for drop in self.drops if drop is not None]
+        held, still = _held(modelled, np.array(asked, dtype=np.float64), self.hand, self.room_m)
+        n, n_kept = int(self.preventable.sum()), int((held & self.preventable).sum())
+        return KeptObjects(
+            hand=self.hand,
+            events=len(self.drops),
+            modelled=len(modelled),
+            preventable=n,
+            not_preventable=len(modelled) - n,
+            kept=n_kept,
+            kept_share=n_kept / n if n else None,
+            kept_without_a_slip=int((still & self.preventable).sum()),
         )
 
-    def figures(self, asked_s: Sequence[float | None]) -> dict[str, Any]:
-        """What a hand keeps that is asked in each event so long after load onset (None: it is not).
 
-        preventable: kept by a hand that is asked at load onset; kept, and kept_share, are of these.
-        """
-        modelled = [drop for drop in self.drops if drop is not None]
-        asked = [
-            np.inf if at is None else at
-            for at, drop in zip(asked_s, self.drops, strict=True)
-            if drop is not None
-        ]
-        did, unmoved = _kept(modelled, np.array(asked, dtype=np.float64), self.hand, self.room_m)
-        n, n_kept = int(self.could.sum()), int((did & self.could).sum())
-        return {
-            "hand": asdict(self.hand),
-            "events": len(self.drops),
-            "modelled": len(modelled),
-            "preventable": n,
-            "not_preventable": len(modelled) - n,
-            "kept": n_kept,
-            "kept_share": n_kept / n if n else None,
-            "kept_without_a_slip": int((unmoved & self.could).sum()),
-        }
+def droppable(drops: Sequence[Drop | None]) -> Droppable | None:
+    """The bounds for the usual hand; None where no event is modelled."""
+    return Droppable.of(drops) if any(drop is not None for drop in drops) else None
 
 
-def _kept(
-    drops: Sequence[Drop], asked_s: FloatArray, hand: Hand, room: FloatArray
+def _held(
+    drops: Sequence[Drop], asked_s: FloatArray, hand: ClosingHand, room: FloatArray
 ) -> tuple[BoolArray, BoolArray]:
     """[E] whether each object is still in the hand, and whether it did not even slip."""
-    told = slide(drops, asked_s, hand)
-    still = told.rests & (told.moved_m.max(axis=0, initial=0.0) < room)
-    return still, still & (told.slid_m < GROSS_SLIP_M)
+    end = slide(drops, asked_s, hand)
+    held = end.rests & (end.moved_m.max(axis=0, initial=0.0) < room)
+    return held, held & (end.slid_m < GROSS_SLIP_M)
+
+
+@dataclass(frozen=True)
+class ClosingModel:
+    """How far the model is off the truth, ms, and what other lags of the hand (ms) would keep."""
+
+    model_error_ms: dict[str, float] | None
+    by_lag_ms: dict[str, KeptObjects]
+
+
+def closing_model(
+    drops: Sequence[Drop | None], delays_s: Sequence[float | None]
+) -> ClosingModel | None:
+    """Check the model, and vary its lag; None where no event is modelled."""
+    if not any(drop is not None for drop in drops):
+        return None
+    by_lag = {
+        f"{1e3 * lag_s:g}": Droppable.of(drops, ClosingHand(lag_s=lag_s)).kept(delays_s)
+        for lag_s in LAGS_S
+    }
+    return ClosingModel(model_error_ms(drops), by_lag)
 
 
 def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
-    """How far the model's slip in a hand at rest is off the truth's gross slip; None without
-    drops."""
+    """The model's slip in a hand at rest minus the truth's gross slip; None without drops."""
     known = [drop for drop in drops if drop is not None]
     if not known:
         return None
     from_s = _unasked(tuple(known)).slides_from_s
-    off = 1e3 * (from_s - np.array([one.gross_s for one in known]))
-    off = off[np.isfinite(off)]
-    spread = {f"p{p}": float(np.percentile(off, p)) for p in (5, 50, 95)} if len(off) else {}
-    return {**spread, "slips": len(off), "of": len(known)}
+    off_ms = 1e3 * (from_s - np.array([one.gross_s for one in known]))
+    off_ms = off_ms[np.isfinite(off_ms)]
+    found = spread(off_ms.tolist())
+    return {**(asdict(found) if found else {}), "slips": len(off_ms), "of": len(known)}

@@ -10,8 +10,7 @@ from edge_runtime.writing import write_whole
 
 
 def write_between(page: str | Path, name: str, written: str) -> None:
-    """Replace what stands between the page's markers, and nothing else. Raises DataNotFound without
-    markers."""
+    """Replace the text between a page's markers. Raises DataNotFound without markers."""
     text = Path(page).read_text(encoding="utf-8")
     marked = re.compile(rf"(<!-- {name}:[^\n]*-->\n).*?(<!-- /{name} -->)", re.DOTALL)
     if not marked.search(text):

@@ -1,5 +1,4 @@
-"""Everything a model file says on a set, at every sample of every recording from a fresh state, as
-on the hand."""
+"""The outputs of a model file at every sample of a set, each recording from a fresh state."""
 
 from __future__ import annotations
 
@@ -11,9 +10,8 @@ import numpy.typing as npt
 import onnxruntime as ort
 
 from edge_runtime.contract import RISKY_SLIP, BoolArray
-from edge_runtime.decision import UNKNOWN, DecisionRules
+from edge_runtime.decision import UNKNOWN
 from edge_runtime.graph import Outputs
-from edge_runtime.model_file import ModelCard
 from edge_runtime.monitor import Model
 from evaluation.alarms import Answers
 from evaluation.scores import answers_at
@@ -28,11 +26,11 @@ NO_CLASS = -1
 
 @dataclass(frozen=True)
 class ModelOutputs:
-    """One recording as the file answered it.
+    """The outputs of a model file on one recording.
 
     situation [T]: UNKNOWN or 0..3. risky_permille [T]: of the votes. p_situation [T, 4]. detectors
-    [T, D]. eight, seven [T]: the class by most votes, the riskier on a tie, of eight and with
-    nothing as one; NO_CLASS where unknown, or where the model knows no weight.
+    [T, D]. eight, seven [T]: the class with most votes (the riskier on a tie); seven counts nothing
+    once. NO_CLASS where the state is unknown, or the model has no weight output.
     """
 
     recording: Recording
@@ -49,11 +47,6 @@ class ModelOutputs:
         return Answers(self.recording, self.situation, self.risky_permille)
 
 
-def rules_of(card: ModelCard) -> DecisionRules:
-    """The decision's rules, as they are deployed."""
-    return card.decision
-
-
 def everywhere(
     session: ort.InferenceSession,
     recordings: Sequence[Recording],
@@ -66,27 +59,26 @@ def everywhere(
     )
 
 
-def said(
-    model: Model, recordings: Sequence[Recording], told: Sequence[Outputs]
+def read_outputs(
+    model: Model, recordings: Sequence[Recording], computed: Sequence[Outputs]
 ) -> list[ModelOutputs]:
     """The outputs of `everywhere`, read as the monitor on the hand reads them."""
     return [
-        _said(one, out, knows_weight=model.card.has_weight)
-        for one, out in zip(recordings, told, strict=True)
+        _read(one, out, knows_weight=model.card.has_weight)
+        for one, out in zip(recordings, computed, strict=True)
     ]
 
 
-def _said(recording: Recording, out: Outputs, *, knows_weight: bool) -> ModelOutputs:
+def _read(recording: Recording, out: Outputs, *, knows_weight: bool) -> ModelOutputs:
     votes, withheld = out["votes"].astype(np.int64), out["unknown"]
     eight = seven = np.full(len(votes), NO_CLASS)
     if knows_weight:
         eight, seven = (
             np.where(withheld, NO_CLASS, answers_at(votes, level)) for level in ("eight", "seven")
         )
-    situation = np.where(withheld, UNKNOWN, out["situation"])
     return ModelOutputs(
         recording,
-        situation,
+        np.where(withheld, UNKNOWN, out["situation"]),
         risky_permille(votes),
         out["p_situation"],
         eight,
@@ -96,8 +88,7 @@ def _said(recording: Recording, out: Outputs, *, knows_weight: bool) -> ModelOut
 
 
 def risky_permille(votes: IntArray) -> npt.NDArray[np.int64]:
-    """[T, K] votes for four or eight classes -> [T] thousandths of them for a risky slip, as the
-    monitor counts."""
+    """[T, K] votes for four or eight classes -> [T] thousandths of them for a risky slip."""
     risky: npt.NDArray[np.int64] = (
         1000 * votes[:, votes.shape[1] * RISKY_SLIP // 4 :].sum(axis=1) // votes.sum(axis=1)
     )

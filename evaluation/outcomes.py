@@ -1,29 +1,27 @@
-"""The thesis' table of outcomes (chapter 6, in its own words) and ours, by the same words for the
-same trials.
+"""The thesis' table of outcomes (chapter 6) beside the same cells of this model.
 
 ok: recognised in every trial; part: in some; no: in none. A pull or fall is recognised where the
-hand was asked to act in it and not before; a hand-over or put-down where the state said safe_slip
-in it and the hand was never asked to act. The thesis judges by eye, few trials of real hands; ours
-are simulated styles, and many more of them.
+hand was asked to act in it and not before. A hand-over or put-down is recognised where the state
+was safe_slip in it and the hand was never asked to act. The thesis judges a few trials of real
+hands by eye; the trials here are many, and simulated in styles of the same names.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from edge_runtime.contract import SAFE_SLIP, BoolArray
 from evaluation.event_scores import match_alarms
-from evaluation.figures import LabelledTrial
+from evaluation.methods import LabelledTrial
 from evaluation.model_outputs import ModelOutputs
-from evaluation.truths import safe_acts, style_of
+from evaluation.truths import style_of, voluntary_actions
 
 ACTIONS = {"pass": "pass", "pull": "pull or fall", "fall": "pull or fall", "put-down": "put-down"}
 COLUMNS = ("pass", "pull or fall", "put-down")
-Outcome = tuple[str, str, str, bool]
-"""Object, style, column, recognised."""
 STYLES = {"author": "author", "p1": "participant 1", "p2": "participant 2"}
 THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
     "soft-ball": {
@@ -56,34 +54,55 @@ THESIS: dict[str, dict[str, tuple[str, str, str]]] = {
 """Object -> style -> (pass, pull or fall, put-down)."""
 
 
-def recognised(told: LabelledTrial, said: ModelOutputs, asked: BoolArray) -> bool | None:
-    """Whether a trial's action was; None where nothing of it happened (a pull that did not
-    slip)."""
-    if told.recording.action in ("pull", "fall"):
-        one = match_alarms(told.recording, asked)
-        return (
-            all(o.alarm_s is not None for o in one.outcomes) and not one.false_s
-            if one.outcomes
-            else None
-        )
-    acts = safe_acts(told.recording)
-    if told.recording.action not in ACTIONS or not acts:
+class JudgedTrial(NamedTuple):
+    """A trial of a cell of the thesis' table, and whether its action was recognised."""
+
+    object_name: str
+    style: str
+    column: str
+    recognised: bool
+
+
+@dataclass(frozen=True)
+class OutcomeRow:
+    """A cell of the thesis' table: its word, this model's, and how many trials were recognised."""
+
+    object: str
+    style: str
+    action: str
+    thesis: str
+    ours: str
+    recognised: int
+    trials: int
+
+
+def recognised(trial: LabelledTrial, of: ModelOutputs, requests: BoolArray) -> bool | None:
+    """Whether a trial's action was; None where it did not happen (a pull that did not slip)."""
+    if trial.recording.action in ("pull", "fall"):
+        one = match_alarms(trial.recording, requests)
+        if not one.outcomes:
+            return None
+        return all(o.alarm_s is not None for o in one.outcomes) and not one.false_s
+    actions = voluntary_actions(trial.recording)
+    if trial.recording.action not in ACTIONS or not actions:
         return None
-    seen = all(bool(np.any(said.situation[act.first : act.stop] == SAFE_SLIP)) for act in acts)
-    return seen and not bool(asked.any())
+    states = [of.situation[one.first : one.stop] for one in actions]
+    return all(bool(np.any(one == SAFE_SLIP)) for one in states) and not bool(requests.any())
 
 
-def outcomes(
-    told: Sequence[LabelledTrial], said: Sequence[ModelOutputs], asked: Sequence[BoolArray]
-) -> list[Outcome]:
-    """Every trial that has an action of the thesis' and an object of its."""
-    found = []
-    for one, answered, on in zip(told, said, asked, strict=True):
+def judged_trials(
+    trials: Sequence[LabelledTrial],
+    outputs: Sequence[ModelOutputs],
+    requests: Sequence[BoolArray],
+) -> list[JudgedTrial]:
+    """Every trial that has an object, a style and an action of the thesis' table."""
+    judged = []
+    for one, of, on in zip(trials, outputs, requests, strict=True):
         name, style = one.recording.object_name or "", style_of(one.grasps)
-        right = recognised(one, answered, on) if style in THESIS.get(name, {}) else None
+        right = recognised(one, of, on) if style in THESIS.get(name, {}) else None
         if right is not None:
-            found.append((name, style, ACTIONS[str(one.recording.action)], right))
-    return found
+            judged.append(JudgedTrial(name, style, ACTIONS[str(one.recording.action)], right))
+    return judged
 
 
 def word(hits: Sequence[bool]) -> str:
@@ -95,24 +114,15 @@ def word(hits: Sequence[bool]) -> str:
     return "ok" if all(hits) else "part" if any(hits) else "no"
 
 
-def outcome_table(found: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """One row a cell of the thesis' table that was asked about: its word and ours, with our
-    counts."""
+def outcome_table(judged: Sequence[JudgedTrial]) -> list[OutcomeRow]:
+    """One row for each cell of the thesis' table that has a trial here."""
     rows = []
     for name, styles in THESIS.items():
         for style, words in styles.items():
             for column, theirs in zip(COLUMNS, words, strict=True):
-                hits = [right for a, b, c, right in found if (a, b, c) == (name, style, column)]
+                hits = [one.recognised for one in judged if one[:3] == (name, style, column)]
                 if hits:
                     rows.append(
-                        {
-                            "object": name,
-                            "style": style,
-                            "action": column,
-                            "thesis": theirs,
-                            "ours": word(hits),
-                            "recognised": sum(hits),
-                            "trials": len(hits),
-                        }
+                        OutcomeRow(name, style, column, theirs, word(hits), sum(hits), len(hits))
                     )
     return rows

@@ -1,5 +1,4 @@
-"""The pictures of an evaluation; every one bears the kind of its data. Colours as in the scenes'
-report."""
+"""The pictures of an evaluation; every one shows the kind of its data."""
 
 from __future__ import annotations
 
@@ -10,16 +9,19 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from edge_runtime.decision import UNKNOWN
-from evaluation.evaluate import Shown
+from evaluation.evaluation_figures import TimesMs
+from evaluation.shown_trials import ShownTrial
+from evaluation.states import CalibrationBin, ConfusionFigures
 from evaluation.stream_pictures import labelled, runs
 from evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
 
-LINE_STYLES = {
-    "to the first risky_slip state": ("#56b4e9", "-"),
-    "to act": ("#d55e00", "-"),
-    "lead available": ("#009e73", "--"),
-    "lead left at act": ("#000000", "-"),
-}
+CURVES = (
+    ("to_state", "to the first risky_slip state", "#56b4e9", "-"),
+    ("to_act", "to act", "#d55e00", "-"),
+    ("available", "lead available", "#009e73", "--"),
+    ("left", "lead left at act", "#000000", "-"),
+)
+"""Field of TimesMs, its name, its colour and line."""
 SET_COLOURS = (
     "#d55e00",
     "#0072b2",
@@ -36,29 +38,28 @@ LEAST_EVENTS = 5
 COLUMNS = 3
 
 
-def timelines(rows: Sequence[Shown], kind: str) -> str:
-    """One row a trial: the truth behind from edge to edge, the prediction in front, a triangle
-    where the hand acts."""
+def timelines(rows: Sequence[ShownTrial], kind: str) -> str:
+    """One row a trial: the truth behind, the state in front, a triangle where the hand acts."""
     with labelled(kind, 10.2, 0.36 * len(rows) + 0.75) as figure:
         axes = figure.subplots()
         for place, row in enumerate(rows):
             _timeline(axes, place, row)
         axes.set_yticks(range(len(rows)), [_name(row) for row in rows], fontsize=7.5)
         axes.set_ylim(len(rows) - 0.45, -0.65)
-        axes.set_xlim(0.0, max(len(row.situation) / row.told.recording.rate_hz for row in rows))
+        axes.set_xlim(0.0, max(len(row.situation) / row.trial.recording.rate_hz for row in rows))
         axes.set_xlabel("time in the trial, s")
         axes.spines[:].set_visible(False)
         return svg(figure)
 
 
-def _name(row: Shown) -> str:
-    recording = row.told.recording
+def _name(row: ShownTrial) -> str:
+    recording = row.trial.recording
     return f"{recording.object_name} {recording.trial_id.rsplit('_', 1)[-1]}"
 
 
-def _timeline(axes: Axes, place: int, row: Shown) -> None:
-    step_s = 1.0 / row.told.recording.rate_hz
-    for phase in row.told.recording.phases:
+def _timeline(axes: Axes, place: int, row: ShownTrial) -> None:
+    step_s = 1.0 / row.trial.recording.rate_hz
+    for phase in row.trial.recording.phases:
         span = [(phase.first * step_s, (phase.stop - phase.first) * step_s)]
         axes.broken_barh(
             span,
@@ -78,7 +79,7 @@ def _timeline(axes: Axes, place: int, row: Shown) -> None:
     axes.broken_barh(
         unknown, (place - 0.2, 0.4), facecolor="white", edgecolor=QUIET, linewidth=0.5, hatch="////"
     )
-    first = [span[0] for span in _spans(row.asked, step_s)]
+    first = [span[0] for span in _spans(row.requests, step_s)]
     axes.plot(first, [place - 0.46] * len(first), "v", color=INK, markersize=4.5, clip_on=False)
 
 
@@ -86,43 +87,39 @@ def _spans(there: Any, step_s: float) -> list[tuple[float, float]]:
     return [(first * step_s, (stop - first) * step_s) for first, stop in runs(there)]
 
 
-def distributions(timed: dict[str, dict[str, list[float]]], kind: str) -> str:
-    """Share of the found events by ms, one panel a set: delays from load onset, and the lead to
-    gross slip."""
-    timed = {name: one for name, one in timed.items() if len(one["to act"]) >= LEAST_EVENTS}
-    if not timed:
+def distributions(times: dict[str, TimesMs], kind: str) -> str:
+    """Share of the detected events by delay and lead in ms, one panel a set."""
+    times = {name: one for name, one in times.items() if len(one.to_act) >= LEAST_EVENTS}
+    if not times:
         return ""
-    tall = -(-len(timed) // COLUMNS)
+    tall = -(-len(times) // COLUMNS)
     with labelled(kind, 10.2, 2.35 * tall + 0.3) as figure:
         panels = figure.subplots(tall, COLUMNS, squeeze=False, sharey=True)
-        for axes, (name, lines) in zip(panels.flat, timed.items(), strict=False):
-            for title, values in lines.items():
-                _curve(axes, values, title)
+        for axes, (name, one) in zip(panels.flat, times.items(), strict=False):
+            for field, title, colour, style in CURVES:
+                _curve(axes, getattr(one, field), title, colour, style)
             axes.set_title(name, fontsize=9, loc="left")
             axes.set(xlim=(-20.0, MOST_MS), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
-        for axes in list(panels.flat)[len(timed) :]:
+        for axes in list(panels.flat)[len(times) :]:
             axes.set_visible(False)
-        panels[0, 0].set_ylabel("share of found events")
+        panels[0, 0].set_ylabel("share of detected events")
         panels[0, 0].legend(frameon=False, fontsize=7, loc="lower right")
         return svg(figure)
 
 
-def _curve(axes: Axes, values: Sequence[float], title: str) -> None:
-    colour, style = LINE_STYLES[title]
+def _curve(axes: Axes, values: Sequence[float], title: str, colour: str, style: str) -> None:
     if values:
-        ordered = np.sort(values)
-        share = np.arange(1, len(ordered) + 1) / len(ordered)
-        axes.step(
-            ordered, share, where="post", color=colour, linestyle=style, linewidth=1.2, label=title
-        )
+        share = np.arange(1, len(values) + 1) / len(values)
+        (line,) = axes.step(np.sort(values), share, where="post", linewidth=1.2, label=title)
+        line.set(color=colour, linestyle=style)
 
 
-def confusion(level: dict[str, Any], kind: str) -> str:
-    """Share of each class' samples by what was answered; empty where it rounds to nothing."""
-    counts = np.asarray(level["counts"], dtype=float)
+def confusion(level: ConfusionFigures, kind: str) -> str:
+    """Share of each class' samples by answer; empty where it rounds to nothing."""
+    counts = np.asarray(level.counts, dtype=float)
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    names = [name.replace("_", " ") for name in level["classes"]]
+    names = [name.replace("_", " ") for name in level.classes]
     with labelled(kind, 0.41 * len(names) + 1.3, 0.36 * len(names) + 1.1) as figure:
         axes = figure.subplots()
         axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
@@ -139,17 +136,16 @@ def confusion(level: dict[str, Any], kind: str) -> str:
         return svg(figure)
 
 
-def reliability(sets: dict[str, dict[str, Any]], kind: str) -> str:
-    """How often it was a risky slip where so much probability of one was given, one line a set."""
+def reliability(sets: dict[str, list[CalibrationBin]], kind: str) -> str:
+    """Share of risky slips by the probability that was given, one line a set."""
     with labelled(kind, 4.4, 3.0) as figure:
         axes = figure.subplots()
         axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8)
-        for place, (name, one) in enumerate(sets.items()):
+        for place, (name, bins) in enumerate(sets.items()):
             colour = SET_COLOURS[place % len(SET_COLOURS)]
-            bins = one["states"]["calibration"]["reliability_risky"]
             axes.plot(
-                [b["said"] for b in bins],
-                [b["was"] for b in bins],
+                [b.said for b in bins],
+                [b.was for b in bins],
                 "o-",
                 color=colour,
                 markersize=3,

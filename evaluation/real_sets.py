@@ -1,50 +1,79 @@
-"""Real recordings beside the simulated ones: what `make real` left, asked again by the same rules.
+"""Real recordings beside the simulated ones: the output of `make real`, scored by the same rules.
 
-The default model runs at another rate than these sets, so the file is the one of `make real` that
-left one fold of people out, and it is asked about those people only.
+The default model runs at another rate than these sets. So the file is one of `make real`, trained
+without one fold of people, and it is evaluated on these people only.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import DataNotFound, NotAModel
 from edge_runtime.monitor import Model
 from edge_runtime.reading import json_of, text_of
-from evaluation.evaluate import EvaluationRequest, evaluate_events
+from evaluation.evaluate import evaluate_events
+from evaluation.evaluation_figures import Evaluation
+from evaluation.request import EvaluationRequest
 from training.datasets import load
 from training.plan import TrainingPlan
 from training.recording import DataSet
 from training.splits import assign_groups
 
 HUMAN, EFLESH = "human_slip_uskin", "eflesh_slip"
-NEXT = "not here: `make real` trains, exports and leaves them (about 12 min), then `make evaluate` again"
+NEXT = (
+    "not here: `make real` trains, exports and leaves them (about 12 min), then `make evaluate` "
+    "again"
+)
+NOTE = "as deployed, without a threshold of its own: no people are left to choose one on"
 FOLD = 0
 """The fold that studies/real/streamed_fold.py exports."""
 
 
-def real_figures(folder: Path, seed: int = 0) -> dict[str, Any]:
-    """Event figures of people never met, and the figures of eflesh_slip; or `next`, how to get
-    them."""
+@dataclass(frozen=True)
+class RealSetsMissing:
+    """There are no figures of real recordings: how to get them, and why they could not be read."""
+
+    next_step: str = NEXT
+    why: str | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in figures.json."""
+        return {"next": self.next_step} | ({"why": self.why} if self.why is not None else {})
+
+
+@dataclass(frozen=True)
+class RealFigures:
+    """Figures of unseen people, and what `make real` wrote of eflesh_slip (JSON), if it did."""
+
+    human: Evaluation
+    people: list[str]
+    eflesh: dict[str, Any] | None
+    note: str = NOTE
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in figures.json."""
+        human = self.human.to_json() | {"people": self.people}
+        return {HUMAN: human, EFLESH: self.eflesh, "note": self.note}
+
+
+def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
+    """Figures of the real sets from a folder of `make real`."""
     metrics, file = folder / "metrics.json", folder / "fold" / "holdfast.onnx"
     if not metrics.is_file() or not file.is_file():
-        return {"next": NEXT}
+        return RealSetsMissing()
     try:
-        told = json_of(text_of(metrics))
+        written = json_of(text_of(metrics))
         data, model = load(HUMAN), Model(file)
     except (OSError, ValueError, DataNotFound, NotAModel) as error:
-        return {"next": NEXT, "why": str(error)}
-    people = held_out_people(data, int(told["seed"]))
-    figures = evaluate_events(model, EvaluationRequest((HUMAN,), people=people, seed=seed)).figures
-    return {
-        HUMAN: figures | {"people": sorted(people)},
-        EFLESH: told.get(EFLESH),
-        "note": "as deployed, without a threshold of its own: nobody is left to choose one on",
-    }
+        return RealSetsMissing(why=str(error))
+    people = held_out_people(data, int(written["seed"]))
+    human = evaluate_events(model, EvaluationRequest((HUMAN,), people=people, seed=seed))
+    return RealFigures(human, sorted(people), written.get(EFLESH))
 
 
 def held_out_people(data: DataSet, seed: int) -> frozenset[str]:
-    """Those that the exported fold's forests never met."""
+    """The people that the exported fold's forests were not trained on."""
     folds = assign_groups(data.group_of("situations"), TrainingPlan().folds, seed=seed)
     return frozenset(name for name, fold in folds.items() if fold == FOLD)

@@ -1,10 +1,8 @@
-"""Figures of scenes: eight classes, seven, four situations; what is called risky; whether weight
-leaks.
+"""Scores of classes and situations, the share called risky, and a check that no weight leaks.
 
-Nothing, light and nothing, heavy are one and the same signal. Eight balanced classes can therefore
-be told with an accuracy of at most 6/8 + 2/8 x 1/2 = 0.875; who is better has been told the answer
-(a leak). "Seven" counts nothing once, and has the votes of both added up. Intervals are 95 % and
-over trials unless said.
+"Nothing, light" and "nothing, heavy" are the same signal. So the accuracy over eight balanced
+classes is at most 6/8 + 2/8 x 1/2 = 0.875; a higher one shows that the label leaked. "Seven" counts
+nothing once, with the votes of both added. Intervals are 95 %, over trials, unless stated.
 """
 
 from __future__ import annotations
@@ -32,11 +30,11 @@ CEILING = 0.875
 LEAK_PERCENT = (0.5, 99.5)
 LEAK_DRAWS = 4000
 LEAK_EXPLAINED = (
-    "Nothing held, light or heavy, is the same signal, so over eight balanced classes no honest answer exceeds "
-    "0.875, and within nothing the weight is right half of the time. Judged: the raw-window forest, trials held "
-    "out, each window stepped from a fresh state (only its own N samples; the offset is the trial's unloaded "
-    "start). A leak is a 99 % interval over trials that lies wholly above 0.875, or, sharper, above 0.5 for the "
-    "weight within nothing."
+    "Nothing held, light or heavy, is the same signal, so over eight balanced classes no honest "
+    "answer exceeds 0.875, and within nothing the weight is right half of the time. Judged: the "
+    "raw-window forest, trials held out, each window stepped from a fresh state (only its own N "
+    "samples; the offset is the trial's unloaded start). A leak is a 99 % interval over trials "
+    "that lies wholly above 0.875, or, sharper, above 0.5 for the weight within nothing."
 )
 
 
@@ -51,8 +49,7 @@ def labels_at(label: Labels, level: str) -> IntArray:
 
 
 def answers_at(votes: IntArray, level: str) -> IntArray:
-    """[M, 8] votes -> [M] answers at a level: votes of merged classes are added before the largest
-    wins."""
+    """[M, 8] votes -> [M] answers at a level; votes of merged classes are added."""
     if level == "four":
         return riskier_argmax(situation_votes(votes))
     if level == "seven":
@@ -61,8 +58,10 @@ def answers_at(votes: IntArray, level: str) -> IntArray:
 
 
 def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
-    """Every level's accuracy and macro F1 (over the classes present), and `calls`, of votes [M, 8]
-    on "classes"."""
+    """Accuracy and macro F1 at every level, and `calls`, of votes [M, 8] on "classes".
+
+    F1 is over the classes present.
+    """
     label, groups = data.tasks["classes"].label, data.group_of("classes")
     figures: dict[str, Any] = {"n_windows": len(label), "n_trials": len(np.unique(groups))}
     for level, classes in LEVELS.items():
@@ -75,19 +74,20 @@ def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
 
 
 def calls(data: DataSet, called: BoolArray, *, seed: int = 0) -> dict[str, Any]:
-    """Share of the windows of each situation that are called risky; of risky ones this is the
-    recall."""
+    """Situation -> share of its windows that are called risky; of risky ones this is the recall."""
     truth, groups = labels_at(data.tasks["classes"].label, "four"), data.group_of("classes")
-    asked = {"risky": RISKY_SLIP, "safe": SAFE_SLIP, "grasp": GRASP, "nothing": NOTHING}
+    situations = {"risky": RISKY_SLIP, "safe": SAFE_SLIP, "grasp": GRASP, "nothing": NOTHING}
     return {
         name: share_scores(called[truth == situation], groups[truth == situation], seed=seed)
-        for name, situation in asked.items()
+        for name, situation in situations.items()
     }
 
 
 def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
-    """Whether votes [M, 8] of held-out trials know a weight that nothing shows; classes must be
-    balanced."""
+    """Whether votes [M, 8] of held-out trials know a weight that no signal carries.
+
+    Classes must be balanced.
+    """
     label, groups = data.tasks["classes"].label, data.group_of("classes")
     empty = labels_at(label, "four") == NOTHING
     right = riskier_argmax(votes) == label
@@ -121,8 +121,7 @@ def confusion(label: Labels, votes: IntArray) -> npt.NDArray[np.int64]:
 
 
 def spread_of(matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
-    """Recall of each class in every retraining, and the largest minus the smallest; classes absent
-    are None."""
+    """Recall of each class in every retraining, and its range; None for an absent class."""
     recalls = np.array([np.diagonal(m) / np.maximum(m.sum(axis=1), 1) for m in matrices])
     there = matrices[0].sum(axis=1) > 0
     span = np.where(there, np.ptp(recalls, axis=0), np.nan)

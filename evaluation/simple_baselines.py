@@ -1,5 +1,4 @@
-"""What stands beside the step graph's features on scenes: a window alone, a clock, and one line of
-code."""
+"""Baselines on the windows of scenes: the raw window alone, timing only, a shear-rate threshold."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ from training.plan import RAW_GROUPS
 from training.recording import DataSet, LabelledRows, Recording
 
 BACK_SAMPLES, JUMP_N = 2, 0.5
-ONE_LINE = "says slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers of |x| + |y|"
+SHEAR_RATE_LAW = "a slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers of |x| + |y|"
 
 
 def raw_windows(data: DataSet) -> FloatRows:
@@ -32,8 +31,7 @@ def raw_windows(data: DataSet) -> FloatRows:
 
 
 def windows_alone(data: DataSet) -> DataSet:
-    """The same windows of the task "classes", each a recording of the N samples that end at its
-    row."""
+    """The windows of "classes", each a recording of the N samples that end at its row."""
     task, n = data.tasks["classes"], window_samples(data.rate_hz)
     recordings = [
         _cut(data.recordings[trial], row + 1 - n, row + 1)
@@ -50,8 +48,10 @@ def _cut(recording: Recording, first: int, stop: int) -> Recording:
 
 
 def clock_features(data: DataSet) -> FloatRows:
-    """[M, 2]: s since contact (below 0 before any) and summed normal force in N. A warning, never
-    an input."""
+    """[M, 2]: s since contact (below 0 before any) and summed normal force in N.
+
+    The timing-only baseline shows how far the script alone goes; it is never an input.
+    """
     task = data.tasks["classes"]
     features = np.empty((len(task), 2), dtype=np.float32)
     for trial in np.unique(task.trial):
@@ -61,33 +61,30 @@ def clock_features(data: DataSet) -> FloatRows:
     return features
 
 
-def one_line(samples: FloatArray) -> BoolArray:
+def shear_rate_fires(samples: FloatArray) -> BoolArray:
     """[T, C] in N -> [T]: the summed shear changed by more than 0.5 N within two samples. Causal.
 
-    Two samples are 40 ms at 50 Hz and 13 ms at 150 Hz: the law is in samples, and its meaning moves
-    with the rate.
+    Two samples are 40 ms at 50 Hz and 13 ms at 150 Hz, so the law depends on the rate.
     """
-    says: BoolArray = shear_jump(samples) > JUMP_N
-    return says
+    fires: BoolArray = shear_change(samples) > JUMP_N
+    return fires
 
 
-def shear_jump(samples: FloatArray) -> FloatArray:
-    """[T, C] -> [T] by how much the summed shear changed within two samples, in the samples' unit;
-    0 at the start."""
+def shear_change(samples: FloatArray) -> FloatArray:
+    """[T, C] -> [T] change of the summed shear within two samples; 0 at the start."""
     shear = np.abs(samples.reshape(len(samples), -1, 3)[..., :NORMAL_AXIS]).sum(axis=(1, 2))
     jump = np.zeros(len(samples))
     jump[BACK_SAMPLES:] = np.abs(shear[BACK_SAMPLES:] - shear[:-BACK_SAMPLES])
     return jump
 
 
-def one_line_at(data: DataSet, reach_samples: int = 1) -> BoolArray:
-    """[M] whether it says slip at any of the last `reach_samples` samples of every window of
-    "classes"."""
+def shear_rate_at(data: DataSet, reach_samples: int = 1) -> BoolArray:
+    """[M] whether it fires at any of the last `reach_samples` samples of each window."""
     task = data.tasks["classes"]
-    says = np.zeros(len(task), dtype=np.bool_)
+    fired = np.zeros(len(task), dtype=np.bool_)
     for trial in np.unique(task.trial):
         here = task.trial == trial
-        fires = np.cumsum(np.concatenate([[0], one_line(data.recordings[trial].samples)]))
+        fires = np.cumsum(np.concatenate([[0], shear_rate_fires(data.recordings[trial].samples)]))
         row = task.row[here] + 1
-        says[here] = fires[row] > fires[np.maximum(row - reach_samples, 0)]
-    return says
+        fired[here] = fires[row] > fires[np.maximum(row - reach_samples, 0)]
+    return fired

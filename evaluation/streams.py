@@ -1,5 +1,4 @@
-"""Trials as they went by: six fingers' forces, critical points, truth, and what a forest that never
-met them says."""
+"""Trials over time: forces, critical points, truth, and the answers of a held-out forest."""
 
 from __future__ import annotations
 
@@ -29,8 +28,7 @@ EVENTS = ("load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")
 
 @dataclass(frozen=True)
 class StreamPicture:
-    """One trial, nobody's training: answer [T] is a situation or UNKNOWN, acts [T] what the
-    decision asks for.
+    """One held-out trial. answer [T]: a situation or UNKNOWN. acts [T]: what the decision asks for.
 
     events: times in s of the truth's events that happened, by name.
     """
@@ -44,8 +42,7 @@ class StreamPicture:
 
 
 def shown_trials(data: DataSet) -> list[int]:
-    """The first trial of each action to be shown that has a window of its slip: chosen before any
-    answer."""
+    """The first trial of each shown action with a window of its slip, chosen before any answer."""
     task = data.tasks["classes"]
     situations = labels_at(task.label, "four")
     found = []
@@ -59,8 +56,7 @@ def shown_trials(data: DataSet) -> list[int]:
 def held_out_streams(
     folder: Path, data: DataSet, features: FloatRows, plan: TrainingPlan, seed: int
 ) -> list[StreamPicture]:
-    """Pictures of the shown trials of a set read from a folder, from one forest that met none of
-    them."""
+    """Pictures of the shown trials of a folder, from one forest trained without them."""
     shown, task = shown_trials(data), data.tasks["classes"]
     forest = fit_forest(
         data, features, plan, "classes", np.flatnonzero(~np.isin(task.trial, shown)), seed
@@ -85,14 +81,13 @@ def _picture(folder: Path, recording: Recording, votes: IntArray, spec: StepSpec
 def picture_of(
     folder: Path, recording: Recording, answer: npt.NDArray[np.int64], acts: npt.NDArray[np.bool_]
 ) -> StreamPicture:
-    """What was answered on a trial of a folder, with the truth beside the trial. answer, acts:
-    [T]."""
+    """The answers on a trial of a folder, with its truth. answer, acts: [T]."""
     truth = truth_path(folder / f"{recording.trial_id}.csv")
-    told = read_json(truth)
+    times = read_json(truth)
     return StreamPicture(
         recording,
         read_truth(truth, np.arange(len(recording.samples)) / recording.rate_hz),
-        {name: float(told[name]) for name in EVENTS if told.get(name) is not None},
+        {name: float(times[name]) for name in EVENTS if times.get(name) is not None},
         offline_critical_points(recording),
         answer,
         acts,
@@ -102,7 +97,7 @@ def picture_of(
 def decided(
     answer: npt.NDArray[np.int64], risky_share: FloatArray, rate_hz: float
 ) -> npt.NDArray[np.bool_]:
-    """[T] whether the hand is asked to act, by the decision's own default rules."""
+    """[T] whether the hand is asked to act, by the decision's default rules."""
     period = period_us(rate_hz)
     rules, state, acts = DecisionRules(), DecisionState(), np.zeros(len(answer), dtype=np.bool_)
     for t, (situation, share) in enumerate(zip(answer.tolist(), risky_share.tolist(), strict=True)):

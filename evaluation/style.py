@@ -1,10 +1,10 @@
-"""How every picture looks: one palette for situations and fingers, one style, one way to become an
-SVG."""
+"""How every picture looks: palettes of situations and fingers, one style, one way to an SVG."""
 
 from __future__ import annotations
 
 import io
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -37,15 +37,22 @@ def svg(figure: Figure) -> str:
     return text[text.index("<svg") :]
 
 
-def bars(
-    axes: Axes, rows: dict[str, Any], task: str, figure: str, title: str, start: float
-) -> None:
-    """One figure of every row with its interval; ours and warnings in colours of their own."""
-    for place, (name, row) in enumerate(rows.items()):
-        value, interval = row[task][figure], row[task][f"{figure}_ci"]
-        colour = (
-            WARNING if name.startswith("WARNING") else OURS if name.startswith("ours") else QUIET
-        )
+ROW_COLOURS = {"ours": OURS, "warning": WARNING, "": QUIET}
+"""By the class of a row, as the tables of a report have it."""
+
+
+class Bar(NamedTuple):
+    """A figure with its interval. row_class: ours, warning, or nothing."""
+
+    value: float
+    interval: Sequence[float]
+    row_class: str = ""
+
+
+def bars(axes: Axes, rows: Sequence[Bar], title: str, start: float) -> None:
+    """One figure a row with its interval; this model and warnings in colours of their own."""
+    for place, (value, interval, row_class) in enumerate(rows):
+        colour = ROW_COLOURS[row_class]
         axes.plot(
             interval, [place, place], color=colour, linewidth=5, alpha=0.35, solid_capstyle="butt"
         )

@@ -1,5 +1,4 @@
-"""What the truth beside a recording says beyond its phases: how each grasp in it was done, with
-what, by whom."""
+"""What the truth beside a recording says of each grasp: style, action, object, disturbance."""
 
 from __future__ import annotations
 
@@ -20,46 +19,46 @@ SAME_MOMENT_S = 0.02
 
 @dataclass(frozen=True)
 class Grasp:
-    """One simulated grasp: what the truth says of it (keys as the scene writes them), empty without
-    a truth."""
+    """One simulated grasp. truth: its JSON as the scene writes it, empty without a truth."""
 
-    told: dict[str, Any]
+    truth: dict[str, Any]
 
     @property
     def style(self) -> str:
-        """Whose range of parameters, or "" where nobody says."""
-        return str(self.told.get("style", ""))
+        """The range of parameters of the person who acts, or ""."""
+        return str(self.truth.get("style", ""))
 
     @property
     def action(self) -> str:
-        """pass, pull, fall, put-down, hold, nothing, or "" where nobody says."""
-        return str(self.told.get("action", ""))
+        """pass, pull, fall, put-down, hold, nothing, or ""."""
+        return str(self.truth.get("action", ""))
 
     @property
     def disturbance(self) -> str | None:
-        """dFn, dFt or dq, where the hold was disturbed by one of them."""
-        drawn = self.told.get("drawn", {})
+        """dFn (grip), dFt (load) or dq (motor), where one of them disturbed the hold."""
+        drawn = self.truth.get("drawn", {})
         return next((name for name, key in DISTURBANCES.items() if drawn.get(key)), None)
 
 
 @dataclass(frozen=True)
 class VoluntaryAction:
-    """A voluntary hand-over or put-down, rows [first, stop): safe slips with nothing but holding
-    between them."""
+    """A voluntary hand-over or put-down, rows [first, stop).
+
+    Its safe slips have nothing but holding between them.
+    """
 
     first: int
     stop: int
 
 
 def grasps_beside(root: Path, recordings: Sequence[Recording]) -> list[tuple[Grasp, ...]]:
-    """The grasps of every recording of a folder in the thesis' layout; one empty grasp where there
-    is no truth."""
+    """The grasps of every recording of a folder; one empty grasp where there is no truth."""
     return [_grasps(truth_path(root / f"{one.trial_id}.csv")) for one in recordings]
 
 
 def _grasps(path: Path) -> tuple[Grasp, ...]:
-    told = read_json(path)
-    return tuple(Grasp(one) for one in told.get("trials", [told]))
+    truth = read_json(path)
+    return tuple(Grasp(one) for one in truth.get("trials", [truth]))
 
 
 def style_of(grasps: tuple[Grasp, ...]) -> str:
@@ -69,45 +68,46 @@ def style_of(grasps: tuple[Grasp, ...]) -> str:
 
 
 def grasp_of(event: RiskyEvent, grasps: tuple[Grasp, ...]) -> Grasp | None:
-    """The grasp that ended in this event: the one whose contact was lost as the event ended."""
+    """The grasp whose contact was lost as this event ended."""
     for one in grasps:
-        lost_s = one.told.get("contact_lost_s")
+        lost_s = one.truth.get("contact_lost_s")
         if lost_s is not None and abs(float(lost_s) - event.end_s) < SAME_MOMENT_S:
             return one
     return None
 
 
-def safe_acts(recording: Recording) -> list[VoluntaryAction]:
-    """The voluntary acts of a recording, in order: none that belongs to a grip that fails, nor the
-    end of a hold."""
+def voluntary_actions(recording: Recording) -> list[VoluntaryAction]:
+    """The voluntary actions of a recording, in order.
+
+    Actions within a grip that fails, and the end of a hold, are none.
+    """
     if recording.action == "hold":
         return []
     spans = [
         (event.onset_s * recording.rate_hz, event.end_s * recording.rate_hz)
         for event in recording.events
     ]
-    acts = acts_of(recording.phases)
     return [
-        act
-        for act in acts
-        if not any(first < act.stop - 1 and act.first < stop - 1 for first, stop in spans)
+        one
+        for one in actions_of(recording.phases)
+        if not any(first < one.stop - 1 and one.first < stop - 1 for first, stop in spans)
     ]
 
 
-def acts_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
+def actions_of(phases: Sequence[Phase]) -> list[VoluntaryAction]:
     """Safe slips, those with nothing but holding between them as one.
 
-    >>> acts_of([Phase(0, 5, 1), Phase(5, 8, 2), Phase(8, 10, 1), Phase(10, 12, 2), Phase(12, 20, 0)])
+    >>> actions_of([Phase(0, 5, 1), Phase(5, 8, 2), Phase(8, 10, 1), Phase(10, 12, 2)])
     [VoluntaryAction(first=5, stop=12)]
     """
-    acts: list[VoluntaryAction] = []
-    going_on = False
+    actions: list[VoluntaryAction] = []
+    continues = False
     for phase in phases:
-        if phase.situation == SAFE_SLIP and going_on:
-            acts[-1] = VoluntaryAction(acts[-1].first, phase.stop)
+        if phase.situation == SAFE_SLIP and continues:
+            actions[-1] = VoluntaryAction(actions[-1].first, phase.stop)
         elif phase.situation == SAFE_SLIP:
-            acts.append(VoluntaryAction(phase.first, phase.stop))
-            going_on = True
+            actions.append(VoluntaryAction(phase.first, phase.stop))
+            continues = True
         elif phase.situation in (NOTHING, RISKY_SLIP):
-            going_on = False
-    return acts
+            continues = False
+    return actions

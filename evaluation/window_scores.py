@@ -20,8 +20,7 @@ from training.recording import DataSet
 
 
 def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
-    """Figures of a model on a set, with the keys of the issue; says how much of it the model has
-    seen.
+    """Figures of a model at the windows of a set, and how much of the set it was trained on.
 
     Every recording is streamed from a fresh state, as on the hand; a window at which the state
     would be unknown counts as a miss. Raises ChannelError, UnitError or RateError where the set
@@ -52,8 +51,7 @@ def heads_asked(model: Model, data: DataSet) -> list[str]:
 def window_figures(
     model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0
 ) -> dict[str, Any]:
-    """The same, from what the file answered at the windows of a set that has the task
-    "situations"."""
+    """The same from computed answers at the windows of a set with the task "situations"."""
     heads = heads_asked(model, data)
     withheld = answers["situations"]["unknown"]
     situation = np.where(withheld, len(SITUATIONS), answers["situations"]["situation"])

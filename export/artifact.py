@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import skops.io
 
 from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
 from edge_runtime.decision import DecisionRules
@@ -67,6 +66,8 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
 
     So a folder without an index is unfinished.
     """
+    import skops.io  # half a second, which reading figures need not wait for
+
     folder = Path(folder)
     remove(folder / INDEX)
     heads = {}
@@ -170,6 +171,8 @@ def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
 
 
 def _load_forest(path: Path) -> Forest:
+    import skops.io
+
     try:
         require_modest_archive(path)
         types = skops.io.get_untrusted_types(file=path)

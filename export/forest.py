@@ -14,10 +14,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from skl2onnx.common.tree_ensemble import (
-    add_tree_to_attribute_pairs,
-    get_default_tree_classifier_attribute_pairs,
-)
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from export.builder import GraphBuilder
@@ -97,6 +93,11 @@ def add_forest(graph: GraphBuilder, forest: Forest, features: str, n_classes: in
 
 def _tree_attributes(forest: Forest) -> dict[str, Any]:
     """The trees as skl2onnx writes them; node ids are scikit-learn's own, which is checked."""
+    from skl2onnx.common.tree_ensemble import (  # not needed to run or score a model file
+        add_tree_to_attribute_pairs,
+        get_default_tree_classifier_attribute_pairs,
+    )
+
     attributes = get_default_tree_classifier_attribute_pairs()
     for number, tree in enumerate(forest.estimators_):
         add_tree_to_attribute_pairs(

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
-from contextlib import nullcontext
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from edge_runtime.command import path_argument, positive, seed, show
 from edge_runtime.writing import require_writable, write_whole
 from evaluation import MOST_FALSE_PER_MIN
+
+if TYPE_CHECKING:
+    from evaluation.camera import CameraFigures
+    from evaluation.evaluation_figures import Evaluation
+    from evaluation.methods import MethodFigures
+    from evaluation.request import EvaluationRequest
+    from training.progress import Stages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,17 +41,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Evaluate, print the figures, write them as JSON and as a report."""
-    from edge_runtime.monitor import Model
-    from evaluation.evaluate import EvaluationRequest, evaluate_events
-    from evaluation.real_sets import real_figures
+    """Evaluate, print the figures in words, write them as JSON and as a report."""
     from training.progress import stages
 
     for out in (args.json, args.report):
         if out is not None:
             require_writable(out.parent)
-    model = Model(args.model)
-    request = EvaluationRequest(
+    request = _request(args)
+    extra = 1 + (args.real is not None) + (args.report is not None)
+    with stages(request.n_stages() + extra) as say:
+        say("loading the libraries and the model")
+        evaluation = _evaluated(args, request, say)
+    show("\n".join(in_words(evaluation)))
+    return 0
+
+
+def _request(args: argparse.Namespace) -> EvaluationRequest:
+    from evaluation.request import EvaluationRequest
+
+    return EvaluationRequest(
         tuple(args.data),
         tuple(args.choose),
         args.train,
@@ -54,76 +67,81 @@ def run(args: argparse.Namespace) -> int:
         most_false_per_min=args.false_per_min,
         seed=args.seed,
     )
-    long = args.report is not None or sys.stderr.isatty()
-    with stages(3 * len(request.data) + 4) if long else nullcontext(lambda line: None) as say:
-        evidence = evaluate_events(model, request, say)
-        if args.real is not None:
-            say("real recordings")
-            evidence.figures["real"] = real_figures(args.real, args.seed)
-    figures = evidence.figures
+
+
+def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages) -> Evaluation:
+    """The figures, once they are written where the options want them."""
+    from edge_runtime.monitor import Model
+    from evaluation.evaluate import evaluate_events
+    from evaluation.real_sets import real_figures
+
+    evaluation = evaluate_events(Model(args.model), request, say, say.part)
+    figures, real = evaluation.to_json(), None
+    if args.real is not None:
+        say("real recordings")
+        real = real_figures(args.real, args.seed)
+        figures["real"] = real.to_json()
     if args.json is not None:
         write_whole(args.json, json.dumps(figures, indent=1, allow_nan=False) + "\n")
     if args.report is not None:
         from evaluation.report import write_event_report
 
-        write_event_report(args.report, evidence)
-    show("\n".join(in_words(figures)))
-    return 0
+        say("drawing the report")
+        write_event_report(args.report, evaluation, real)
+    return evaluation
 
 
-def in_words(figures: dict[str, Any]) -> list[str]:
-    """The figures as lines for people, with their caveats."""
+def in_words(of: Evaluation) -> list[str]:
+    """The figures as lines for people, with the caveats that belong to them."""
     from evaluation.camera import onsets_in_words
+    from evaluation.labels import shown
 
-    lines = [line for one in figures["sets"].values() for line in _set_in_words(one["windows"])]
-    headline = figures["thresholds"]["headline"]
-    rows = {name: one["rows"][headline] for name, one in figures["sets"].items()}
+    lines = [line for one in of.sets.values() for line in _windows_in_words(one.windows)]
+    headline = of.thresholds.headline
+    rows = {name: one.rows[headline] for name, one in of.sets.items()}
     if len(rows) > 1:
-        rows["all"] = figures["all"]["rows"][headline]
+        rows["all sets"] = of.rows[headline]
     for name, row in rows.items():
         lines += [
-            _events_in_words(f"{name}, {headline}", row),
-            *_camera_in_words(name, row["camera"]),
+            _events_in_words(f"{name}, {shown(headline)}", row),
+            *_camera_in_words(name, row.camera),
         ]
     lines += [
         f"{name}: {words}"
-        for name, one in figures["sets"].items()
-        if (words := onsets_in_words(one["data"]))
+        for name, one in of.sets.items()
+        if (words := onsets_in_words(one.card.onsets_by))
     ]
-    return [*lines, f"threshold: {figures['thresholds']['how']}"]
+    return [*lines, f"threshold: {of.thresholds.how()}"]
 
 
-def _events_in_words(name: str, row: dict[str, Any]) -> str:
-    if not row["events"]:
-        false_alarms = f"{row['false_alarms']} false alarms"
-        return f"{name}: no risky event; {false_alarms} in {row['minutes']:.1f} min"
-    delay = ""
-    if row["delay_ms"] is not None:
-        delay = f", act {row['delay_ms']['p50']:.0f} ms after load onset (median)"
+def _events_in_words(name: str, row: MethodFigures) -> str:
+    if not row.events:
+        return f"{name}: no risky event; {row.false_alarms} false alarms in {row.minutes:.1f} min"
+    delay = row.delay_ms
+    when = f", act {delay.p50:.0f} ms after load onset (median)" if delay else ""
     return (
-        f"{name}: recall {row['found']} of {row['events']} risky events{delay}; "
-        f"{row['false_per_min']:.2f} false alarms a minute in {row['minutes']:.1f} min"
+        f"{name}: recall {row.found} of {row.events} risky events{when}; "
+        f"{row.false_per_min:.2f} false alarms a minute in {row.minutes:.1f} min"
     )
 
 
-def _camera_in_words(name: str, seen: dict[str, Any] | None) -> list[str]:
-    """The alarm against the slip that a camera saw, and against the scene's truth, if there."""
-    if seen is None:
+def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
+    """Alarms against a camera's slips and against the scene's truth; nothing without a camera."""
+    if of is None:
         return []
-    if not seen["found"]:
-        return [f"{name}, by the camera: {seen['onsets']} onsets, recall 0"]
-    delay, lead = (f"{seen[key]['p50']:+.0f} ms" for key in ("delay_ms", "lead_ms"))
+    if of.delay_ms is None or of.lead_ms is None or of.start_sd_ms is None:
+        return [f"{name}, by the camera: {of.onsets} onsets, recall 0"]
     lines = [
-        f"{name}, by the camera: recall {seen['found']} of {seen['events']} events; "
-        f"act {delay} from its onset (sd {seen['start_sd_ms']['p50']:.1f} ms), "
-        f"{lead} left to its gross slip (medians)"
+        f"{name}, by the camera: recall {of.found} of {of.events} events; act "
+        f"{of.delay_ms.p50:+.0f} ms from its onset (sd {of.start_sd_ms.p50:.1f} ms), "
+        f"{of.lead_ms.p50:+.0f} ms left to its gross slip (medians)"
     ]
-    truth = seen["truth"]
+    truth = of.truth
     if truth is None:
         return [*lines, f"{name}: the truth of these events is not known"]
+    times = (truth.delay_ms, truth.lead_ms, truth.start_off_ms, truth.gross_off_ms)
     delay, lead, start, gross = (
-        "not known" if truth[key] is None else f"{truth[key]['p50']:+.0f} ms"
-        for key in ("delay_ms", "lead_ms", "start_off_ms", "gross_off_ms")
+        "not known" if one is None else f"{one.p50:+.0f} ms" for one in times
     )
     return [
         *lines,
@@ -132,13 +150,13 @@ def _camera_in_words(name: str, seen: dict[str, Any] | None) -> list[str]:
     ]
 
 
-def _set_in_words(figures: dict[str, Any]) -> list[str]:
+def _windows_in_words(figures: dict[str, Any]) -> list[str]:
     situations = figures["situations"]
+    macro = _with_interval(situations["macro_f1"], situations["macro_f1_ci"])
     lines = [
-        f"{figures['data']} ({figures['kind']}): "
-        f"{figures['n_trials']} trials, {figures['n_groups']} groups",
-        "macro F1 over four situations  "
-        + _with_interval(situations["macro_f1"], situations["macro_f1_ci"]),
+        f"{figures['data']} ({figures['kind']}): {figures['n_trials']} trials, "
+        f"{figures['n_groups']} groups",
+        f"macro F1 over four situations  {macro}",
     ]
     lines += [
         f"  F1 {name:<12} {_with_interval(value, situations['f1_ci'][name])}"
@@ -151,22 +169,30 @@ def _set_in_words(figures: dict[str, Any]) -> list[str]:
             f"0.25 s prediction: AUC          {_with_interval(head['auc'], head['auc_ci'])}",
             f"  average precision {precision}",
         ]
+    return [*lines, *_warnings(figures), figures["caveat"]]
+
+
+def _warnings(figures: dict[str, Any]) -> list[str]:
+    """What makes the figures of a set better or worse than they look."""
+    warnings = []
     if figures["unknown_windows"]:
-        lines.append(
-            f"WARNING: the state is unknown at {figures['unknown_windows']} windows "
-            "(lost or unsettled sensors); they count as misses."
+        warnings.append(
+            f"WARNING: the state is unknown at {figures['unknown_windows']} windows (lost or "
+            "unsettled sensors); they count as misses."
         )
     if figures["trained_on_recordings"]:
-        lines.append(
-            f"WARNING: the model was trained on {figures['trained_on_recordings']} "
-            f"of these {figures['n_trials']} recordings; these figures flatter it. "
-            "Held-out figures are in its card and in make real."
+        warnings.append(
+            f"WARNING: the model was trained on {figures['trained_on_recordings']} of these "
+            f"{figures['n_trials']} recordings; these figures flatter it. Held-out figures are in "
+            "its card and in make real."
         )
-    return [*lines, figures["caveat"]]
+    return warnings
 
 
 def _with_interval(value: float | None, interval: list[float] | None) -> str:
     if value is None:
         return "not defined (the class is absent)"
-    low_high = f"{interval[0]:.3f} to {interval[1]:.3f}" if interval else ""
-    return f"{value:.3f}" + (f"  (95 % interval over groups {low_high})" if interval else "")
+    if not interval:
+        return f"{value:.3f}"
+    low, high = interval
+    return f"{value:.3f}  (95 % interval over groups {low:.3f} to {high:.3f})"

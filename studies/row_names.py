@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from evaluation import labels
+
 OURS, RAW, LINE = "ours, clock-free", "raw-window forest", "one line of code"
 CLOCK = "WARNING: a clock, time since contact and summed force"
 OURS_18, OURS_48 = "ours, 18 channels", "ours, 48 channels"
@@ -14,14 +16,13 @@ SHOWN = {
     CLOCK: "timing-only baseline",
     LEAKY: f"leaky split: raw forest on random windows, {LEAKY_FOLDS} folds",
     LINE: "shear-rate threshold",
-    "perfect intent": "oracle",
 }
 """JSON key -> the glossary's name, where they differ."""
 
 
 def shown(row: str) -> str:
     """The name that tables and pictures show."""
-    return SHOWN.get(row, row)
+    return SHOWN.get(row) or labels.shown(row)
 
 
 def row_class(row: str) -> str:

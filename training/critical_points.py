@@ -1,8 +1,7 @@
-"""Critical points for labelling, found OFFLINE: these functions look ahead and use the whole
-recording.
+"""Critical points for labelling, computed OFFLINE: these functions look ahead.
 
-Nothing here may run on a hand. The detectors that do are causal, live in `export`, and bear another
-name. Two methods look for the moment at which a grip changes:
+Nothing here may run on a hand; the causal detectors that do are in `export`. Two methods look for
+the moment at which a grip changes:
 
 band-pass  slip rings. Engeberg and Meek's bank, H(s) = s [wn^2 / (s^2 + 2 z wn s + wn^2)]^2 [wl /
            (s + wl)], ten bands on every shear channel; the largest rectified band against the
@@ -26,7 +25,7 @@ from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
 from export.bank import bands_for, sections
 from training.recording import Recording
 
-Source = Literal["band-pass", "friction", "both"]
+PointMethod = Literal["band-pass", "friction", "both"]
 Rows = npt.NDArray[np.int64]
 
 NOISE_TIMES = 6.0  # a point stands this far above the median of its signal
@@ -47,12 +46,11 @@ FUSED_APART_S = 0.5
 
 @dataclass(frozen=True)
 class CriticalPoint:
-    """row: index into the recording; t_s: row / rate; source: the method (or both) that found
-    it."""
+    """A moment at which a grip changes. source: the method that detected it, or both."""
 
     row: int
     t_s: float
-    source: Source
+    source: PointMethod
 
 
 def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
@@ -72,8 +70,7 @@ def offline_critical_points(recording: Recording) -> list[CriticalPoint]:
 
 
 def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
-    """[T, C] -> [T, 2 C / 3]: per shear channel the largest |output| over the bands, unit per
-    second.
+    """[T, C] -> [T, 2 C / 3] largest |output| over the bands of each shear channel, unit/s.
 
     Each channel has a state of its own, settled at its first value, and starts afresh with every
     call.
@@ -86,8 +83,7 @@ def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
 
 
 def band_pass_rows(samples: FloatArray, rate_hz: float) -> Rows:
-    """Rising edges of the excursions of any shear channel over its noise: rows, the first of any
-    0.6 s."""
+    """Rows at which a shear channel rises above its noise: the first of any 0.6 s."""
     envelope = band_pass_envelope(samples, rate_hz)
     threshold = np.maximum(NOISE_TIMES * np.median(envelope, axis=0), LEAST_SHARE * envelope.max())
     above = envelope > threshold
@@ -144,8 +140,7 @@ def _moved(x: FloatArray, back: int, ahead: int) -> FloatArray:
 
 
 def _held(samples: FloatArray, valid: BoolArray) -> FloatArray:
-    """Lost values replaced by the last good one (by the first good one before that, by zero without
-    any)."""
+    """Lost values replaced by the last good one, else the first good one, else zero."""
     good = np.isfinite(samples) & np.repeat(valid, 3, axis=1)
     rows = np.where(good, np.arange(len(samples))[:, None], -1)
     last = np.maximum.accumulate(rows, axis=0)
@@ -182,7 +177,7 @@ def _largest_of_any(rows: Rows, size: FloatArray, apart: int) -> Rows:
     return np.array(sorted(kept), dtype=np.int64)
 
 
-def _source(row: int, by_band: Rows, by_friction: Rows, apart: int) -> Source:
+def _source(row: int, by_band: Rows, by_friction: Rows, apart: int) -> PointMethod:
     """Which methods have a point in the time that one fused point stands for."""
     band, friction = (
         np.any((rows >= row) & (rows - row <= apart)) for rows in (by_band, by_friction)

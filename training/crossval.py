@@ -1,5 +1,4 @@
-"""Cross-validation in which a person is never on both sides, and calibration from its held-out
-votes.
+"""Cross-validation by person, and calibration from its held-out votes.
 
 Predictions are the reference's (quantised leaves, riskier class on ties), that is, the exported
 file's: with `verify_spec` every fold's forest really is exported and compared on every held-out
@@ -93,16 +92,14 @@ def cross_validate(
 
 
 def _groups_of_all(data: DataSet, main: str) -> npt.NDArray[np.str_]:
-    """Groups of the main task's windows, and of those windows of other tasks whose people have none
-    of the main."""
+    """Groups of the main task's windows, then of those windows of other tasks with other people."""
     known = data.group_of(main)
     others = [data.group_of(task) for task in data.tasks if task != main]
     return np.concatenate([known, *(groups[~np.isin(groups, known)] for groups in others)])
 
 
 def main_task(data: DataSet) -> str:
-    """The task the main head learns: eight classes where there are any, else the four
-    situations."""
+    """The main head's task: eight classes where the set has them, else four situations."""
     return "classes" if "classes" in data.tasks else "situations"
 
 
@@ -114,8 +111,7 @@ def fit_forest(
     rows: npt.NDArray[np.int64],
     seed: int,
 ) -> Forest:
-    """The plan's forest for a task, fitted on some of its windows. Raises ClassMissing where there
-    is none."""
+    """The plan's forest for a task, fitted on some windows. Raises ClassMissing without any."""
     if not len(rows):
         raise ClassMissing(
             f"task {task}: no window to train on",
@@ -147,7 +143,7 @@ def fit_calibration(shares: npt.NDArray[np.float64], label: npt.NDArray[np.int64
 
 
 def uncalibrated(n_classes: int) -> Calibration:
-    """A placeholder for forests of single folds, whose probabilities nobody reads."""
+    """A placeholder for forests of single folds, whose probabilities are not used."""
     return Calibration(np.eye(n_classes), np.zeros(n_classes))
 
 

@@ -1,5 +1,4 @@
-"""Features for training come out of the very step graph that runs on the hand, all recordings in
-step."""
+"""Features for training come from the step graph that runs on the hand."""
 
 from __future__ import annotations
 
@@ -32,8 +31,7 @@ def features_of(data: DataSet, spec: StepSpec, part: Part = ignored) -> dict[str
 
 
 def features_everywhere(data: DataSet, spec: StepSpec) -> list[FloatRows]:
-    """Features [T, F] at every sample of every recording: what a free-running stream is answered
-    with."""
+    """Features [T, F] at every sample of every recording, as a free-running stream has them."""
     return _compute(
         data, spec, [np.arange(len(recording.samples)) for recording in data.recordings]
     )

@@ -1,5 +1,4 @@
-"""Recordings -> features -> cross-validation -> calibrated forests -> an artifact folder for
-export."""
+"""Recordings -> features -> cross-validation -> calibrated forests -> an artifact for export."""
 
 from __future__ import annotations
 
@@ -28,8 +27,7 @@ VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntim
 
 @dataclass(frozen=True)
 class Trained:
-    """What a training run leaves in memory: the held-out figures, and the held-out votes they come
-    from."""
+    """What a training run leaves in memory: held-out figures, and the votes behind them."""
 
     figures: dict[str, Any]
     held_out: HeldOut
@@ -44,8 +42,9 @@ def train(
     say: Say = ignored,
     part: Part = ignored,
 ) -> Trained:
-    """Train on a set and write the artifact folder. say: a line a stage; part: how much of it is
-    done.
+    """Train on a set and write the artifact folder.
+
+    say: told what begins. part: told which share of it is done.
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """
@@ -65,8 +64,7 @@ def train(
 def final_artifact(
     data: DataSet, features: dict[str, FloatRows], held_out: HeldOut, plan: TrainingPlan, seed: int
 ) -> Artifact:
-    """Forests on all windows, calibrated on the held-out votes, with an account of where they come
-    from."""
+    """Forests on all windows, calibrated on the held-out votes, with their origin."""
     return Artifact(
         spec=spec_for(data, plan.groups),
         preparation=data.preparation,
@@ -80,8 +78,7 @@ def final_artifact(
 
 
 def require_classes(data: DataSet) -> None:
-    """Raise ClassMissing where a task has no window of a class, unless the set lacks it by its
-    nature."""
+    """Raise ClassMissing where a task has no window of a class that the set should have."""
     for task, rows in data.tasks.items():
         counts = np.bincount(rows.label, minlength=len(rows.classes))
         missing = [

@@ -1,4 +1,4 @@
-"""A small made-up set in the thesis' layout, so that training and export run without any recording.
+"""A small generated set in the thesis' layout: training and export run without any recording.
 
 This is NOT a physical simulation: smooth ramps, fading tones and noise, shaped so that the classes
 resemble the thesis' in kind and are not trivial to tell apart. Numbers from this set say that the
@@ -82,8 +82,7 @@ class _Scene:
 
 
 class _Hand:
-    """Six sensors as they are mounted: offset, magnet up or down, share of the grip, axis of
-    shear."""
+    """Six mounted sensors: offset, magnet up or down, share of the grip, axis of shear."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         angle = np.pi * (np.arange(N_SENSORS) > 1) + rng.uniform(-0.5, 0.5, N_SENSORS)
@@ -108,8 +107,7 @@ class _Hand:
 def write_fixture(
     folder: Path, *, trials_per_cell: int = 4, rate_hz: float = 50.0, seed: int = 0
 ) -> None:
-    """Write five objects x three actions x `trials_per_cell` trials, the empty hand, truth and
-    `meta.json`.
+    """Write five objects x three actions x `trials_per_cell` trials, the empty hand and truth.
 
     A light object is pulled away, a heavy one falls. Two magnets are upside down, and every channel
     has an offset. Files that are there already are written over.

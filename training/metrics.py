@@ -1,5 +1,4 @@
-"""How good the answers are, with intervals over people: F1 of the situations, AUC and average
-precision.
+"""F1 of the situations, AUC and average precision, with intervals over people.
 
 Windows of one person are not independent, hence the intervals resample people (groups), not
 windows: B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "An Introduction to
@@ -16,6 +15,7 @@ window every figure is None.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -129,8 +129,7 @@ def share_scores(
     n_draws: int = N_DRAWS,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """share of the windows [M] that are hit, its interval over groups [M], and n, how many windows
-    there are."""
+    """Share of the windows [M] that are hit, its interval over groups [M], and their number n."""
     if not len(hit):
         return {"share": None, "share_ci": None, "n": 0}
     code = _codes(groups)
@@ -177,15 +176,16 @@ def rank(truth: Labels, score: FloatArray) -> Ranking:
     return Ranking(order, first, np.asarray(truth)[order] == 1)
 
 
+@lru_cache(maxsize=4)
 def draw_groups(n_groups: int, n_draws: int, seed: int) -> FloatArray:
-    """[B, G] how often each group is drawn, G draws with replacement a row; no rows for fewer than
-    two."""
+    """[B, G] how often each group is drawn, G draws with replacement; no row below two groups."""
     if n_groups < 2:
         return np.zeros((0, n_groups))
     rng = np.random.default_rng(seed)
-    return rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws).astype(
-        np.float64
-    )
+    drawn = rng.multinomial(n_groups, np.full(n_groups, 1.0 / n_groups), size=n_draws)
+    draws = drawn.astype(np.float64)
+    draws.setflags(write=False)  # kept for the next figures of the same set
+    return draws
 
 
 def _require_labels(labels: npt.ArrayLike, n: int, what: str) -> None:
@@ -199,20 +199,24 @@ def _require_labels(labels: npt.ArrayLike, n: int, what: str) -> None:
 
 
 def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
-    return np.unique(np.asarray(groups, dtype=str), return_inverse=True)[1].astype(np.int64)
+    """[M] number of each row's group, in order of the names; sorts one name a run of equal ones."""
+    names = np.asarray(groups, dtype=str)
+    changes = np.ones(len(names), dtype=np.bool_)
+    changes[1:] = names[1:] != names[:-1]
+    starts = np.flatnonzero(changes)
+    code = np.unique(names[starts], return_inverse=True)[1].astype(np.int64)
+    return np.repeat(code, np.diff(np.append(starts, len(names))))
 
 
 def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
-    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1; nan for a class in
-    neither."""
+    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1, nan if absent."""
     both = confusion.sum(axis=-1) + confusion[..., :-1].sum(axis=-2)
     right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
     return np.divide(right, both, out=np.full(both.shape, np.nan), where=both > 0)
 
 
 def _macro(confusion: npt.NDArray[Any], f1: FloatArray) -> FloatArray:
-    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth; nan without
-    any."""
+    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth, else nan."""
     present = confusion.sum(axis=-1) > 0
     count = present.sum(axis=-1)
     total = np.where(present, f1, 0.0).sum(axis=-1)

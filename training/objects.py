@@ -1,7 +1,7 @@
 """The objects of the thesis, and what makes one light or heavy.
 
-An object nobody has weighed has no weight class, and guessing one would put wrong labels on every
-window of it: the mass comes from the table below or from `meta.json` beside the recordings.
+An object without a known mass has no weight class, and a guess would put wrong labels on all its
+windows. The mass comes from MASSES_G or from `meta.json` beside the recordings.
 """
 
 from __future__ import annotations
@@ -41,30 +41,29 @@ def mass_g(folder: Path) -> float:
     Raises LabelError where neither knows it, or where the mass is no positive number.
     """
     name = object_name(folder.name)
-    told = read_json(folder / "meta.json").get("mass_g")
-    if told is None and name in MASSES_G:
+    mass = read_json(folder / "meta.json").get("mass_g")
+    if mass is None and name in MASSES_G:
         return MASSES_G[name]
-    if told is None:
+    if mass is None:
         raise LabelError(
-            f"nobody knows how heavy {folder.name!r} is",
+            f"no mass given for object {folder.name!r}",
             where=folder,
-            cause="an object that is not in the table of training/objects.py",
-            next_step=f'weigh it and write {{"mass_g": ..}} to {folder.name}/meta.json',
+            cause="an object whose mass Holdfast does not know",
+            next_step=f'weigh it and add "mass_g" to {folder / "meta.json"}: {{"mass_g": 120.0}}',
         )
     if (
-        isinstance(told, bool)
-        or not isinstance(told, int | float)
-        or not 0.0 < told <= sys.float_info.max
+        isinstance(mass, bool)
+        or not isinstance(mass, int | float)
+        or not 0.0 < mass <= sys.float_info.max
     ):
         raise LabelError(
-            f"mass_g is {told!r}", where=folder / "meta.json", next_step="write the mass in gram"
+            f"mass_g is {mass!r}", where=folder / "meta.json", next_step="write the mass in gram"
         )
-    return float(told)
+    return float(mass)
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object from a file beside the recordings, empty without such a file. Raises
-    LabelError."""
+    """A JSON object beside the recordings; empty without the file. Raises LabelError."""
     try:
         value = json_of(text_of(path))
     except FileNotFoundError:

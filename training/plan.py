@@ -23,8 +23,7 @@ TASK_HEADS = {"situations": "situation", "classes": "situation", "predict_250ms"
 
 @dataclass(frozen=True)
 class ForestPlan:
-    """Parameters of one forest, by scikit-learn's names (random: a RandomForest, extra:
-    ExtraTrees)."""
+    """Parameters of one forest by scikit-learn's names; extra: ExtraTrees."""
 
     kind: Literal["random", "extra"] = "extra"
     n_estimators: int = 100
@@ -50,7 +49,7 @@ UNTUNED = ForestPlan(kind="random", class_weight=None)
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """Everything a training run is asked for, beside the data and the seed."""
+    """All choices of a training run beside the data and the seed."""
 
     groups: tuple[str, ...] = CLOCK_FREE_GROUPS
     situation: ForestPlan = ForestPlan(n_estimators=60, min_samples_leaf=8, max_features=0.12)

@@ -1,5 +1,4 @@
-"""Progress of long work on stderr: one bar with the time left on a terminal, one line a stage where
-there is none."""
+"""Progress of long work on stderr: a bar with the time left, or one line a stage."""
 
 from __future__ import annotations
 
@@ -58,7 +57,7 @@ def stages(total: int) -> Iterator[Stages]:
 
 @contextmanager
 def counted(text: str, total: int) -> Iterator[Callable[[float], None]]:
-    """Yields what is told how many of `total` are done; text: what is being done."""
+    """Yields what takes how many of `total` are done. text: what is being done."""
     line = visible(text)
     progress = _progress()
     with progress:

@@ -1,5 +1,4 @@
-"""How long work says what it does: one line a stage, and how much of it is done, to whatever shows
-it."""
+"""How long work reports its stages, and the share of each that is done."""
 
 from __future__ import annotations
 

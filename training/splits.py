@@ -1,4 +1,4 @@
-"""Who is trained on and who is tested on: a person (or block) is never on both sides."""
+"""Training and test sets: a person (or block) is never in both."""
 
 from __future__ import annotations
 

@@ -30,10 +30,9 @@ def stepped(
     rows: Sequence[Rows],
     part: Part = ignored,
 ) -> list[Outputs]:
-    """Outputs [M, ..] of a step graph at the wanted rows [M] of every recording, each from a fresh
-    state.
+    """Outputs [M, ..] of a step graph at the wanted rows [M] of every recording.
 
-    part: told after every batch which share of all samples is done.
+    part: called after every batch with the share of all samples that is done.
     """
     order = sorted(range(len(recordings)), key=lambda k: len(recordings[k].samples))
     size = min(MOST, max(FEWEST, -(-len(order) // THREADS)))
@@ -47,8 +46,8 @@ def stepped(
     found: list[Outputs] = [{} for _ in recordings]
     total, done = sum(len(one.samples) for one in recordings), 0
     with ThreadPoolExecutor(THREADS) as pool:
-        for batch, told in zip(batches, pool.map(run, batches), strict=True):
-            for k, one in zip(batch, told, strict=True):
+        for batch, outputs_of in zip(batches, pool.map(run, batches), strict=True):
+            for k, one in zip(batch, outputs_of, strict=True):
                 found[k] = one
             done += sum(len(recordings[k].samples) for k in batch)
             part(done / total)

@@ -1,11 +1,11 @@
-"""What happens when in a trial: from the truth beside it, else from the script it followed.
+"""The phases of a trial: from the truth beside it, else from the script it followed.
 
-A `hold` (kept though disturbed) and a `daily` (many grasps end to end) follow no script: they need
+A `hold` (disturbed, but kept) and a `daily` (many grasps in a row) follow no script: they need
 their truth.
 
 The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of
-the full bottle, act in [7, 10) and release from 10. Then nothing. A script knows no contact: when
-the hand closes and when it is empty again is read from the normal forces.
+the full bottle, act in [7, 10) and release from 10. Then nothing. The script does not contain
+contact: the normal forces give when the hand closes, and when it is empty again.
 """
 
 from __future__ import annotations
@@ -35,11 +35,8 @@ UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth beside a trial."""
 ACTION_S = 7.0
 HOLD_AGAIN_S = 9.0
-"""The script does not say when a put-down's second hold begins; its last second before the release
-is one."""
+"""A put-down holds again in its last second before the release; the script gives no time."""
 RELEASE_S = 10.0
-CONTACT_SHARE = 0.1
-CONTACT_SMOOTH_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -53,8 +50,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class RiskyEvent:
-    """A grip that fails, in s from the first sample: load onset, gross slip (None: not known),
-    contact lost."""
+    """A grip that fails, in s from the first sample. gross_s: None where it is not known."""
 
     onset_s: float
     gross_s: float | None
@@ -77,17 +73,18 @@ def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -
             f"a {action!r} follows no script, and its truth is missing",
             where=trial.path,
             cause=f"{truth_path(trial.path).name} was not copied along, or never written",
-            next_step=f"put {truth_path(trial.path).name} beside it, or move the trial out of the data set",
+            next_step=f"put {truth_path(trial.path).name} beside it, or move the trial out",
         )
     t_s = trial.t_s
     onset, empty = contact(t_s, samples)
     acts = int(np.searchsorted(t_s, ACTION_S))
     if not onset < acts < empty:
         raise LabelError(
-            f"in contact from {t_s[onset]:.2f} to {t_s[empty - 1]:.2f} s, yet to act at {ACTION_S:g} s",
+            f"the layout expects the action to start at {ACTION_S:g} s, but contact lasted from "
+            f"{t_s[onset]:.2f} to {t_s[empty - 1]:.2f} s",
             where=trial.path,
             cause="a trial that did not follow the script",
-            next_step="remove it, or write its phases to trial_<n>.truth.json",
+            next_step=f"give its phases in {truth_path(trial.path).name}, or remove it",
         )
     marks = [(0, NOTHING), (onset, GRASP), (acts, situation_of(action))]
     if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
@@ -97,7 +94,7 @@ def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -
 
 
 def situation_of(action: str) -> int:
-    """What an action makes of the grip, as an index of SITUATIONS."""
+    """The situation that an action leads to, as an index of SITUATIONS."""
     return SITUATIONS.index(SITUATION_OF_ACTION[action])
 
 
@@ -122,29 +119,29 @@ def _phases(marks: list[tuple[int, int]], n_rows: int) -> tuple[Phase, ...]:
 
 
 def read_truth(path: Path, t_s: FloatArray) -> tuple[Phase, ...]:
-    """Phases from `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`, times from the first
-    sample.
+    """Phases from a truth file, times from the first sample.
+
+    The file holds `{"phases": [{"t0_s", "t1_s", "label", "provenance"}, ..]}`.
 
     They follow each other without overlap; rows in no phase have no label. Raises LabelError.
     """
-    told = read_json(path).get("phases")
-    if not isinstance(told, list) or not told:
-        raise LabelError("holds no list of phases", where=path, next_step="mend or remove it")
-    phases = tuple(_phase(entry, t_s, path) for entry in told)
+    written = read_json(path).get("phases")
+    if not isinstance(written, list) or not written:
+        raise LabelError("holds no list of phases", where=path, next_step="correct or remove it")
+    phases = tuple(_phase(entry, t_s, path) for entry in written)
     if any(one.stop > other.first for one, other in pairwise(phases)):
         raise LabelError(
-            "phases overlap or are out of order", where=path, next_step="mend or remove it"
+            "phases overlap or are out of order", where=path, next_step="correct or remove it"
         )
     return tuple(phase for phase in phases if phase.first < phase.stop)
 
 
 def read_events(path: Path) -> tuple[RiskyEvent, ...]:
-    """The risky phases of a truth that `read_truth` has read, each with the gross slip that falls
-    into it."""
-    told = read_json(path)
-    trials = told.get("trials", [told])
+    """The risky phases of a truth, each with the gross slip that falls into it."""
+    truth = read_json(path)
+    trials = truth.get("trials", [truth])
     gross = [float(one["gross_slip_s"]) for one in trials if one.get("gross_slip_s") is not None]
-    risky = (entry for entry in told["phases"] if entry["label"] == SITUATIONS[RISKY_SLIP])
+    risky = (entry for entry in truth["phases"] if entry["label"] == SITUATIONS[RISKY_SLIP])
     return tuple(_event(float(entry["t0_s"]), float(entry["t1_s"]), gross) for entry in risky)
 
 
@@ -169,7 +166,7 @@ def _phase(entry: Any, t_s: FloatArray, path: Path) -> Phase:
         return Phase(int(first), int(stop), SITUATIONS.index(entry["label"]))
     except (KeyError, OverflowError, TypeError, ValueError):
         raise LabelError(
-            f"{entry!r} is no phase",
+            f"{entry!r} is not a phase",
             where=path,
             next_step=f"write t0_s and t1_s in seconds and a label of {', '.join(SITUATIONS)}",
         ) from None

@@ -1,5 +1,4 @@
-"""Train on sets and leave an artifact folder for export: `python training/train.py --data SET ..
---out DIR`.
+"""Train on sets, write an artifact for export: `training/train.py --data SET .. --out DIR`.
 
 Without arguments it trains on the small generated fixture, into build/default, and may be run
 again: an artifact of the fixture there is replaced. Every other artifact is replaced only with
@@ -133,8 +132,7 @@ def _trained(
 
 
 def _rebuilds_fixture(args: argparse.Namespace) -> bool:
-    """Whether this is the run without arguments, and the artifact it would replace is of the
-    fixture too."""
+    """Whether this run without arguments replaces an artifact of the fixture."""
     from export.artifact import INDEX
     from training.fixture import KIND
     from training.objects import read_json

@@ -6,22 +6,20 @@ critical points  labelled by the phase they fall in. At an edge between phases b
                  within 0.10 s of it, one window, and the higher situation wins, as in every tie:
                  the grasp point is the contact onset, a slip begins with its first sign and ends
                  when the object is gone
-slip             where the truth is known from the moment (a simulated trial, a camera), not from a script: evenly
-                 spaced over each slip, since a short or faint one may have no critical point at all
-keep             steady holding: in the middle of each hold and just before what ends it, with no critical
-                 point near (critical points alone would never show a forest a hand that simply
-                 holds)
-nothing          the same in each phase without contact, at the start and at the end of a trial; they bear
-                 the weight of the trial's object
-nothing, without an object at all: every half second, light and heavy alternately
+slip             only with an exact truth (a simulated trial, a camera), not from a script: evenly
+                 spaced over each slip, since a short or faint one may have no critical point
+keep             steady holding: in the middle of each hold and just before its end, with no
+                 critical point near (critical points alone never show a hand that just holds)
+nothing          the same in each phase without contact; labelled with the weight of the trial's
+                 object, although no signal carries it
+nothing, without an object: every half second, light and heavy alternately
 
 The natural table is far from balanced. Balanced, all classes have the same count and, within a
 class, every cell of object x action x source gives as equally as it can.
 
-Dense is for a hand that is asked all day long: of trials whose truth is known to the moment every
-risky sample, and evenly spaced ones of all else, each labelled by the phase it is in; no critical
-point chooses them. A forest weighs the classes equal; what it gains is to have met what a hand
-mostly does, which is not to slip.
+Dense is for a hand in continuous use: of trials with an exact truth it takes every risky sample,
+and evenly spaced ones of everything else, each labelled by its phase; critical points play no part.
+The forest still weights the classes equally, but it has seen what a hand mostly does: not slip.
 """
 
 from __future__ import annotations
@@ -78,9 +76,11 @@ class _Spot:
 
 
 def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
-    """Every window there is, one line each: trial (index), row (the window's last), label (0..7),
-    object, action and source (band-pass, friction, both, slip, keep, nothing). part: how many
-    trials are looked at."""
+    """Every window there is, one line each.
+
+    Columns: trial (index), row (the window's last), label (0..7), object, action and source
+    (band-pass, friction, both, slip, keep, nothing). part: told the share of trials done.
+    """
     lines = []
     for index, trial in enumerate(trials):
         name, action = trial.recording.object_name or NO_OBJECT, trial.recording.action or NO_OBJECT
@@ -92,8 +92,7 @@ def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.Da
 
 
 def dense_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
-    """As `natural_windows`, but dense (see above); a trial without a truth to the moment gives its
-    natural ones."""
+    """As `natural_windows`, but dense; a trial without an exact truth gives its natural ones."""
     lines = [
         (
             index,
@@ -123,7 +122,7 @@ def balance(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
     if missing:
         raise ClassMissing(
             f"no window of {', '.join(missing)}",
-            cause="no trial with such an object and action, or no critical point found in them",
+            cause="no trial with such an object and action, or none with a critical point",
             next_step="record light and heavy objects, each with a safe and a risky action",
         )
     shuffled = windows.assign(_draw=np.random.default_rng(seed).permutation(len(windows)))
@@ -145,8 +144,7 @@ def class_counts(windows: pd.DataFrame) -> dict[str, int]:
 
 
 def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
-    """Samples per class over the whole time lines: the prevalence a hand would meet (objects
-    only)."""
+    """Samples per class over the whole time lines, of trials with an object."""
     counts = np.zeros(len(CLASSES), dtype=np.int64)
     for trial in trials:
         for phase in trial.phases if trial.heavy is not None else ():

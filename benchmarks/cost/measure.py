@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +153,7 @@ def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> dict[str, Any]:
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
         matches += match_all_alarms(here, point.rules, chosen[-1])
     scores = {"macro_f1": fitted.figures["macro_f1"], "macro_f1_ci": fitted.figures["macro_f1_ci"]}
-    return scores | event_scores(matches) | {"permille": chosen}
+    return scores | asdict(event_scores(matches)) | {"permille": chosen}
 
 
 def _answers(point: Point, voted: Voted, calibration: Calibration, spec: StepSpec) -> list[Answers]:

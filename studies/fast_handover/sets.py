@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from edge_runtime.contract import NORMAL_AXIS, NOTHING
 from edge_runtime.decision import UNKNOWN
-from evaluation.figures import LabelledTrial, labels_everywhere, without_samples
+from evaluation.methods import LabelledTrial, without_samples
+from evaluation.states import labels_everywhere
 from evaluation.truths import grasps_beside
 from export.reference import IntArray
 from studies.fast_handover.ideas import Features

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from edge_runtime.contract import SITUATIONS, BoolArray
 from edge_runtime.decision import UNKNOWN
 from evaluation.alarms import Answers, act_requests
 from evaluation.event_scores import choose_confidence, event_scores, match_alarms
-from evaluation.figures import LabelledTrial, line, line_figures, together
+from evaluation.methods import LabelledTrial, method_figures, method_result, together
 from evaluation.truths import Grasp
 from export.spec import HISTORY_S
 from studies.fast_handover.ideas import Idea
@@ -49,12 +50,12 @@ def alarm_figures(
         name: [on[:, 0] for on in act_requests(answers[name], HIGH_CONFIDENCE, [permille[name]])]
         for name in EVALUATED
     }
-    lines = {name: line(sets[name].trials, requests[name]) for name in EVALUATED}
+    lines = {name: method_result(sets[name].trials, requests[name]) for name in EVALUATED}
     figures: dict[str, Any] = {"permille": permille}
     for name in EVALUATED:
-        of = line_figures(lines[name], sets[name].trials, None, seed)
+        of = asdict(method_figures(lines[name], sets[name].trials, None, seed))
         figures[name] = {key: of[key] for key in KEPT}
-    unseen = event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed)
+    unseen = asdict(event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed))
     figures["unseen_style"] = {
         key: unseen[key] for key in ("events", "recall", "recall_ci", "false_per_min")
     }
@@ -75,7 +76,7 @@ def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]
 def _state_delay_ms(answers: Sequence[Answers], permille: int, seed: int) -> Any:
     """Delay until the state is first risky, without the decision's own rules."""
     matches = [match_alarms(one.recording, _state(one, permille)) for one in answers]
-    return event_scores(matches, seed=seed)["delay_ms"]
+    return asdict(event_scores(matches, seed=seed))["delay_ms"]
 
 
 def _state(one: Answers, permille: int) -> BoolArray:
@@ -106,7 +107,7 @@ def _opening(trial: LabelledTrial, n: int) -> BoolArray:
 
 def opens_at_s(grasp: Grasp) -> float | None:
     """When the hand gets its command to open, from what was drawn; None where it gets none."""
-    drawn = grasp.told.get("drawn", {})
+    drawn = grasp.truth.get("drawn", {})
     if grasp.action not in ("pass", "put-down") or "open_after_s" not in drawn:
         return None
     acts_s = drawn["close_at_s"] + drawn["closing_s"] + drawn["hold_s"]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import f1_score
 
-from evaluation.figures import LabelledTrial
+from evaluation.methods import LabelledTrial
 from studies.fast_handover.ideas import Idea
 from studies.fast_handover.sets import Labelled, Streams, without
 

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from edge_runtime.contract import SITUATIONS
-from evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, STYLE, WARNING, bars, svg
+from evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, STYLE, WARNING, Bar, bars, svg
 from studies.real.proactive import ReplayPicture
-from studies.row_names import shown
+from studies.row_names import row_class, shown
 from training.crossval import HeldOut
 from training.metrics import situation_scores
 from training.recording import DataSet
@@ -28,11 +28,19 @@ def table_bars(rows: dict[str, Any]) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 0.42 * len(rows) + 0.9))
         left, right = figure.subplots(1, 2, sharey=True)
-        bars(left, rows, "situations", "macro_f1", "macro F1, four situations", 0.45)
-        bars(right, rows, "predict_250ms", "auc", "AUC, risky within 0.25 s", 0.5)
+        f1, auc = ("situations", "macro_f1"), ("predict_250ms", "auc")
+        bars(left, _bars(rows, *f1), "macro F1, four situations", 0.45)
+        bars(right, _bars(rows, *auc), "AUC, risky within 0.25 s", 0.5)
         left.set_yticks(range(len(rows)), [shown(name) for name in rows])
         left.invert_yaxis()
         return svg(figure)
+
+
+def _bars(rows: dict[str, Any], task: str, figure: str) -> list[Bar]:
+    return [
+        Bar(row[task][figure], row[task][f"{figure}_ci"], row_class(name))
+        for name, row in rows.items()
+    ]
 
 
 def confusion(data: DataSet, held_out: HeldOut) -> str:

@@ -12,12 +12,14 @@ from typing import Any
 
 from evaluation import stream_pictures as draw
 from evaluation.page import key, write_page
+from evaluation.score_pictures import confusion_spread
 from evaluation.scores import confusion, scores, spread_of
 from evaluation.streams import StreamPicture
 from evaluation.style import SITUATION_COLOURS
 from export.reference import IntArray
 from studies.real.pictures import confusion as four_by_four
 from studies.row_names import LINE, OURS, row_class, shown
+from studies.scenes import pictures
 from studies.scenes.evidence import SceneEvidence, between, heading, number
 from studies.scenes.study import CAVEAT
 from studies.scenes.unseen_report import (
@@ -145,7 +147,7 @@ def _methods(evidence: SceneEvidence) -> str:
 <p>Seven classes count "nothing" once, because no signal tells a light from a heavy object there. So
 accuracy over eight classes cannot pass 0.875 (dotted). Classes are balanced.
 {_threshold(rows.get(LINE))}</p>
-{draw.score_bars(rows, evidence.kind)}
+{pictures.level_bars(rows, evidence.kind)}
 <div class=wide><table><tr><th>{evidence.figures["headline_hz"]} Hz, trials held out, {kind}
 <th>8, accuracy<th>95 %<th>7, accuracy<th>95 %<th>4, accuracy<th>95 %<th>4, F1<th>95 %
 <th>risky called risky<th>safe called risky
@@ -186,7 +188,7 @@ def _confusion(evidence: SceneEvidence) -> str:
     data = with_situations(evidence.data)
     return f"""{heading(evidence, "Confusion of classes")}
 <p>{several if len(retrainings["seeds"]) > 1 else once}</p>
-{draw.confusion_spread(retrainings["confusion"], evidence.kind)}
+{confusion_spread(retrainings["confusion"], evidence.kind)}
 <p>The four situations ({html.escape(evidence.kind)}), as the hand receives them:</p>
 {four_by_four(data, evidence.held_out)}"""
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from edge_runtime.errors import DataNotFound, UnitError
 from evaluation.scores import calls, confusion, leak_check, scores, spread_of
-from evaluation.simple_baselines import ONE_LINE, clock_features, one_line_at, raw_windows
+from evaluation.simple_baselines import SHEAR_RATE_LAW, clock_features, raw_windows, shear_rate_at
 from evaluation.streams import StreamPicture, held_out_streams
 from export.spec import window_samples
 from studies.row_names import CLOCK, LINE, OURS, RAW
@@ -96,7 +96,7 @@ def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) 
     figures["rows"] = {
         name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen
     }
-    figures["rows"][LINE] = one_line_figures(data, seed)
+    figures["rows"][LINE] = shear_rate_figures(data, seed)
     figures["leak"] = leak_check(data, held[RAW].votes["classes"], seed=seed)
     say(f"{folder.name}: objects held out")
     figures["objects"] = {
@@ -157,14 +157,14 @@ def described(data: DataSet, folder: Path) -> dict[str, Any]:
     }
 
 
-def one_line_figures(data: DataSet, seed: int) -> dict[str, Any]:
+def shear_rate_figures(data: DataSet, seed: int) -> dict[str, Any]:
     """What the one-line detector calls, at a window's last sample and anywhere in its 0.10 s."""
     reach = window_samples(data.rate_hz)
     return {
-        "law": ONE_LINE,
+        "law": SHEAR_RATE_LAW,
         "n_windows": len(data.tasks["classes"]),
-        "calls": calls(data, one_line_at(data), seed=seed),
-        "calls_anywhere_in_the_window": calls(data, one_line_at(data, reach), seed=seed),
+        "calls": calls(data, shear_rate_at(data), seed=seed),
+        "calls_anywhere_in_the_window": calls(data, shear_rate_at(data, reach), seed=seed),
     }
 
 
@@ -210,7 +210,7 @@ def evaluated_on_others(
         }
         figures[card] = {
             "data": described(other, folder / card),
-            "rows": rows | {LINE: one_line_figures(other, seed)},
+            "rows": rows | {LINE: shear_rate_figures(other, seed)},
         }
     return figures
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import html
 from typing import Any
 
-from evaluation import stream_pictures as draw
 from studies.row_names import OURS, RAW, shown
+from studies.scenes import pictures
 from studies.scenes.evidence import SceneEvidence, heading, macro_f1, number, table
 
 LEVELS = ("four", "seven")
@@ -35,7 +35,7 @@ def objects_section(evidence: SceneEvidence) -> str:
 <p>Each object is held out in its turn. Macro F1 is over the classes that the object has, never over
 absent ones. An object is light or heavy, and an answer of the wrong weight is a miss in seven
 classes.</p>
-{draw.by_object(objects, evidence.kind)}
+{pictures.objects_left_out(objects, evidence.kind)}
 {table((_first(evidence, "object held out"), "windows", "classes", *heads), rows)}"""
 
 
@@ -123,5 +123,5 @@ def rates_section(evidence: SceneEvidence) -> str:
     scores = ("8, accuracy", "7, accuracy", "4, accuracy", "4, F1")
     first = _first(evidence, "trials held out")
     return f"""{heading(evidence, "Rates")}
-{draw.over_rates(rates, evidence.kind)}
+{pictures.rates(rates, evidence.kind)}
 {table((first, *scores, "risky called risky", "safe called risky"), rows)}"""

@@ -1,5 +1,4 @@
-"""Whole streams evaluated: what the file says, what rivals ask, what a closing hand makes of it,
-and the report."""
+"""Whole streams evaluated: outputs, baselines, the closing hand, figures and the report."""
 
 from __future__ import annotations
 
@@ -21,36 +20,33 @@ from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.graph import open_session
 from edge_runtime.monitor import GripMonitor, Model
 from evaluation.baselines import (
-    CONE,
-    INTENT,
-    LINE,
     Baseline,
+    baselines,
     held_until_let_go,
-    intent,
     matched,
-    rivals,
+    oracle_requests,
 )
-from evaluation.camera import Seen, onsets_by, seen_beside
-from evaluation.closing_hand import Drop, Droppable, Hand, drop_of, model_error_ms, slide
+from evaluation.camera import SeenSlip, onsets_by, seen_beside
+from evaluation.closing_hand import ClosingHand, Drop, Droppable, drop_of, model_error_ms, slide
 from evaluation.detector_baselines import band_pass_fires, cone_fires, detector_signals
-from evaluation.evaluate import EvaluationRequest, evaluate_events
+from evaluation.evaluate import evaluate_events
 from evaluation.event_scores import event_scores, match_alarms
-from evaluation.figures import (
+from evaluation.labels import CONE, ORACLE, SHEAR_RATE
+from evaluation.methods import (
+    DisturbedHold,
     LabelledTrial,
-    calibration,
-    confusions,
-    instability,
-    labels_everywhere,
-    line,
-    line_figures,
-    mcnemar,
-    share,
+    MethodFigures,
+    method_figures,
+    method_result,
     specificity,
 )
-from evaluation.model_outputs import NO_CLASS, OUTPUTS, ModelOutputs, everywhere, rules_of, said
-from evaluation.outcomes import outcome_table, recognised
-from evaluation.real_sets import real_figures
-from evaluation.truths import Grasp, VoluntaryAction, grasp_of, grasps_beside, safe_acts
+from evaluation.model_outputs import NO_CLASS, OUTPUTS, ModelOutputs, everywhere, read_outputs
+from evaluation.outcomes import JudgedTrial, outcome_table, recognised
+from evaluation.real_sets import RealSetsMissing, real_figures
+from evaluation.request import EvaluationRequest
+from evaluation.states import calibration, changes_per_s, confusions, labels_everywhere
+from evaluation.statistics import mcnemar, share
+from evaluation.truths import Grasp, VoluntaryAction, grasp_of, grasps_beside, voluntary_actions
 from export.detectors import detector_names
 from export.spec import BandsLeftOut, StepSpec
 from export.step_graph import feature_graph
@@ -134,12 +130,12 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # -- what the file says
 
 
-def test_what_is_said_of_a_whole_set_is_what_the_monitor_says_of_each_sample(
+def test_the_outputs_of_a_whole_set_are_those_of_the_monitor_at_each_sample(
     eight_classes: Built,
 ) -> None:
     model = Model(eight_classes.model)
     some = eight_classes.data.recordings[:3]
-    told = said(model, some, everywhere(model.session, some, OUTPUTS))
+    told = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
     for one, of in zip(told, some, strict=True):
         monitor = GripMonitor(model, None)
         for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
@@ -155,7 +151,7 @@ def test_what_is_said_of_a_whole_set_is_what_the_monitor_says_of_each_sample(
 
 def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) -> None:
     model, some = Model(four_situations.model), four_situations.data.recordings[:1]
-    (told,) = said(model, some, everywhere(model.session, some, OUTPUTS))
+    (told,) = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
     assert (told.eight == NO_CLASS).all()
     labels = [labels_everywhere(some[0].phases, len(told.situation))]
     assert set(confusions([told], labels, [True], 0)) == {"four"}
@@ -164,19 +160,17 @@ def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) 
 # -- what the truth says
 
 
-def test_a_voluntary_act_is_one_though_the_hand_holds_again_in_it_and_none_within_a_grip_that_fails() -> (
-    None
-):
+def test_a_put_down_is_one_voluntary_action_and_a_grip_that_fails_has_none() -> None:
     put_down = (
         Phase(0, 50, GRASP),
         Phase(50, 60, SAFE_SLIP),
         Phase(60, 80, GRASP),
         Phase(80, 90, SAFE_SLIP),
     )
-    assert safe_acts(recording(phases=put_down)) == [VoluntaryAction(50, 90)]
+    assert voluntary_actions(recording(phases=put_down)) == [VoluntaryAction(50, 90)]
     sliding = (Phase(0, 100, GRASP), Phase(100, 104, SAFE_SLIP), Phase(104, 110, RISKY_SLIP))
-    assert safe_acts(recording(EVENT, phases=sliding)) == []
-    assert safe_acts(recording(phases=put_down, action="hold")) == []
+    assert voluntary_actions(recording(EVENT, phases=sliding)) == []
+    assert voluntary_actions(recording(phases=put_down, action="hold")) == []
 
 
 def test_an_event_of_a_long_stream_is_found_in_the_grasp_that_ended_in_it() -> None:
@@ -198,37 +192,37 @@ def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> No
     assert grasps["hold"].disturbance == "dFt"
     assert grasps["pull"].disturbance is None
     assert {one.style for one in grasps.values()} == {"author"}
-    assert grasps["fall"].told["thing"]["mass_g"] == 197.9
+    assert grasps["fall"].truth["thing"]["mass_g"] == 197.9
 
 
 # -- what stands beside
 
 
-def rival(*asked: np.ndarray) -> Baseline:
+def made_up(*asked: np.ndarray) -> Baseline:
     """One with a setting for each way to ask."""
     return Baseline(
         "made up", tuple(float(k) for k in range(len(asked))), lambda _: lambda k: [asked[int(k)]]
     )
 
 
-def test_a_rival_is_matched_at_its_most_sensitive_setting_with_no_more_false_alarms() -> None:
+def test_a_baseline_is_matched_at_its_most_sensitive_setting_with_no_more_false_alarms() -> None:
     on, per_min = [recording(EVENT)], 1 / (3 / 60)
     three, two, one = at((10, 12), (20, 22), (30, 32)), at((10, 12), (20, 22)), at((10, 12))
-    found = matched(rival(three, two, one, at()), on, 2.0 * per_min)
+    found = matched(made_up(three, two, one, at()), on, 2.0 * per_min)
     assert (found.setting, found.fits) == (1.0, True)
     assert found.false_per_min == pytest.approx(2.0 * per_min)
-    assert matched(rival(three, two, one, at()), on, 0.0).setting == 3.0
+    assert matched(made_up(three, two, one, at()), on, 0.0).setting == 3.0
 
 
-def test_a_rival_that_cannot_be_matched_says_so() -> None:
-    found = matched(rival(at((10, 12), (20, 22)), at((10, 12))), [recording(EVENT)], 0.0)
+def test_a_baseline_that_cannot_be_matched_says_so() -> None:
+    found = matched(made_up(at((10, 12), (20, 22)), at((10, 12))), [recording(EVENT)], 0.0)
     assert (found.setting, found.fits) == (1.0, False)
 
 
-def test_perfect_intent_finds_every_event_within_a_sample_and_nothing_else() -> None:
+def test_the_oracle_finds_every_event_within_a_sample_and_nothing_else() -> None:
     for onset_s in (0.0, 0.999, 1.0, 1.0001):
         of = recording(RiskyEvent(onset_s, None, onset_s + 0.1))
-        told = match_alarms(of, intent(of))
+        told = match_alarms(of, oracle_requests(of))
         assert told.false_s == ()
         assert told.outcomes[0].delay_s is not None
         assert 0.0 < told.outcomes[0].delay_s <= 1.0 / RATE_HZ + 1e-9
@@ -246,7 +240,7 @@ def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
     of = recording()
     of.samples[:] = np.cumsum(rng.normal(0.0, 0.2, of.samples.shape), axis=0)
     of.samples[:, 2::3] = 2.0
-    cone = next(one for one in rivals(_spec(), RULES) if one.name == CONE)
+    cone = next(one for one in baselines(_spec(), RULES) if one.name == CONE)
     fires = [cone.on([of])(friction)[0] for friction in (0.3, 1.0, 3.0)]
     firsts = [int(np.argmax(one)) for one in fires]
     assert fires[2].any()
@@ -281,12 +275,12 @@ def shaking(rng: np.random.Generator, n: int) -> Recording:
     return of
 
 
-def test_the_one_line_exists_only_in_newtons() -> None:
-    assert LINE in [one.name for one in rivals(_spec(), RULES)]
-    in_counts = [one.name for one in rivals(replace(_spec(), unit="count"), RULES)]
-    assert LINE not in in_counts
+def test_the_shear_rate_threshold_exists_only_in_newtons() -> None:
+    assert SHEAR_RATE in [one.name for one in baselines(_spec(), RULES)]
+    in_counts = [one.name for one in baselines(replace(_spec(), unit="count"), RULES)]
+    assert SHEAR_RATE not in in_counts
     assert CONE not in in_counts
-    assert INTENT in in_counts
+    assert ORACLE in in_counts
 
 
 def _spec() -> StepSpec:
@@ -322,22 +316,20 @@ PULL = replace(
 )
 
 
-def kept(drop: Drop, asked_s: float | None, hand: Hand | None = None) -> bool:
-    return bool(Droppable.of([drop], hand).figures([asked_s])["kept"])
+def kept(drop: Drop, asked_s: float | None, hand: ClosingHand | None = None) -> bool:
+    return bool(Droppable.of([drop], hand).kept([asked_s]).kept)
 
 
-def test_a_hand_without_lag_closes_its_stroke_in_the_published_time_and_one_with_lag_is_that_much_later() -> (
-    None
-):
-    assert Hand(lag_s=0.0).travel_m(np.array([-1.0, 0.0, 0.37])).tolist() == pytest.approx(
+def test_a_hand_closes_its_stroke_in_the_published_time_and_its_lag_later() -> None:
+    assert ClosingHand(lag_s=0.0).travel_m(np.array([-1.0, 0.0, 0.37])).tolist() == pytest.approx(
         [0.0, 0.0, 0.12]
     )
-    assert Hand(lag_s=0.05).travel_m(np.array([1.05])) == pytest.approx(0.12 / 0.37, rel=1e-6)
+    assert ClosingHand(lag_s=0.05).travel_m(np.array([1.05])) == pytest.approx(
+        0.12 / 0.37, rel=1e-6
+    )
 
 
-def test_a_falling_object_is_kept_by_a_hand_that_knew_and_lost_by_one_that_is_never_or_too_late_asked() -> (
-    None
-):
+def test_a_falling_object_is_kept_by_a_hand_that_acts_at_once_and_lost_by_a_late_one() -> None:
     assert kept(FALL, 0.0)
     assert not kept(FALL, None)
     assert not kept(FALL, FALL.lost_s + 0.01)
@@ -345,13 +337,13 @@ def test_a_falling_object_is_kept_by_a_hand_that_knew_and_lost_by_one_that_is_ne
 
 def test_an_object_that_still_slides_is_not_kept_though_it_has_not_gone_so_far() -> None:
     late = replace(FALL, lost_s=0.59)
-    assert not kept(late, 0.0, Hand(closing_s=200.0))
+    assert not kept(late, 0.0, ClosingHand(closing_s=200.0))
 
 
 def test_a_hard_pull_is_not_preventable_and_a_gentle_one_on_a_firm_grip_never_slips() -> None:
-    told = Droppable.of([PULL]).figures([0.0])
-    assert (told["preventable"], told["not_preventable"], told["kept"]) == (0, 1, 0)
-    gentle = slide([replace(PULL, cap_n=2.0)], np.array([np.inf]), Hand())
+    figures = Droppable.of([PULL]).kept([0.0])
+    assert (figures.preventable, figures.not_preventable, figures.kept) == (0, 1, 0)
+    gentle = slide([replace(PULL, cap_n=2.0)], np.array([np.inf]), ClosingHand())
     assert gentle.slides_from_s[0] == np.inf
     assert gentle.slid_m[0] == 0.0
 
@@ -363,7 +355,7 @@ def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
     u = np.linspace(0.0, 1.0, 100_001)
     load_n = 0.2 * 9.81 * u**3 * (10.0 + u * (6.0 * u - 15.0))
     expected_s = 0.4 * float(u[np.argmax(load_n > 2.0 * 0.6 * 1.0)])
-    assert slide([slow], np.array([np.inf]), Hand()).slides_from_s[0] == pytest.approx(
+    assert slide([slow], np.array([np.inf]), ClosingHand()).slides_from_s[0] == pytest.approx(
         expected_s, abs=0.004
     )
 
@@ -375,10 +367,10 @@ def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
     lag_s=st.floats(0.0, 0.1),
     grip_n=st.floats(0.3, 1.6),
 )
-def test_who_is_asked_earlier_never_keeps_less(
+def test_a_hand_that_is_asked_earlier_never_keeps_less(
     earlier_s: float, by_s: float, lag_s: float, grip_n: float
 ) -> None:
-    drop, hand = replace(FALL, grip_n=grip_n), Hand(lag_s=lag_s)
+    drop, hand = replace(FALL, grip_n=grip_n), ClosingHand(lag_s=lag_s)
     assert kept(drop, earlier_s, hand) >= kept(drop, earlier_s + by_s, hand)
 
 
@@ -392,82 +384,84 @@ def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None
     assert (told["slips"], told["of"]) == (2, 2)
     assert abs(told["p50"]) < 30.0
     assert drop_of(EVENT, Grasp({})) is None
-    assert Droppable.of([None]).figures([0.1])["kept_share"] is None
+    assert Droppable.of([None]).kept([0.1]).kept_share is None
 
 
 # -- figures
 
 
 def test_a_share_of_all_has_an_exact_interval_that_does_not_say_always() -> None:
-    assert share([True] * 20)["share_ci"] == pytest.approx([0.8316, 1.0], abs=1e-4)
-    assert share([]) == {"share": None, "share_ci": None, "n": 0}
+    assert share([True] * 20).share_ci == pytest.approx((0.8316, 1.0), abs=1e-4)
+    assert (share([]).share, share([]).share_ci, share([]).n) == (None, None, 0)
 
 
 def test_mcnemar_counts_only_what_one_of_two_found() -> None:
     ours = np.array([1, 1, 1, 1, 1, 1, 0], dtype=bool)
     theirs = np.array([0, 0, 0, 0, 0, 1, 0], dtype=bool)
-    told = mcnemar(ours, theirs)
-    assert (told["only_ours"], told["only_theirs"], told["both"], told["neither"]) == (5, 0, 1, 1)
-    assert told["p"] == pytest.approx(0.0625)
-    assert mcnemar(ours, ours)["p"] == 1.0
+    found = mcnemar(ours, theirs)
+    assert (found.only_ours, found.only_theirs, found.both, found.neither) == (5, 0, 1, 1)
+    assert found.p == pytest.approx(0.0625)
+    assert mcnemar(ours, ours).p == 1.0
 
 
 def test_a_hold_is_specific_without_any_alarm_and_counts_only_if_it_held() -> None:
     holds = [("dFn", True, True), ("dFn", True, False), ("dFn", False, False), ("dq", True, True)]
-    told = specificity(holds)
-    assert told is not None
-    assert (told["dFn"]["share"], told["dFn"]["n"], told["dFn"]["failed"]) == (0.5, 2, 1)
-    assert (told["dFt"]["n"], told["dq"]["share"]) == (0, 1.0)
+    figures = specificity([DisturbedHold(*one) for one in holds])
+    assert figures is not None
+    assert (figures["dFn"].share, figures["dFn"].n, figures["dFn"].failed) == (0.5, 2, 1)
+    assert (figures["dFt"].n, figures["dq"].share) == (0, 1.0)
     assert specificity([]) is None
 
 
-def test_safe_acts_are_called_where_the_hand_is_asked_at_any_sample_of_them() -> None:
+def test_voluntary_actions_are_called_where_the_hand_is_asked_at_any_sample_of_them() -> None:
     phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
     told = [
         LabelledTrial(recording(phases=phases, action="pass"), (Grasp({"style": style}),))
         for style in ("p1", "p1", "p2")
     ]
     asked = [at((90, 110)), at((90, 99)), at()]
-    figures = line_figures(line(told, asked), told, None, 0)
-    assert figures["safe_acts_called"]["share"] == pytest.approx(1 / 3)
-    assert figures["safe_acts_by_action"]["pass"]["n"] == 3
-    assert figures["by_style"]["styles"]["p1"]["safe_acts_called"]["share"] == 0.5
-    assert figures["false_alarms"] == 2
-    assert figures["collar_40_ms"]["false_alarms"] == 2
+    figures = figures_of(told, *asked)
+    assert figures.safe_acts_called.share == pytest.approx(1 / 3)
+    assert figures.safe_acts_by_action["pass"].n == 3
+    assert figures.by_style is not None
+    assert figures.by_style.styles["p1"].safe_acts_called.share == 0.5
+    assert figures.false_alarms == 2
+    assert figures.collar_40_ms.false_alarms == 2
+
+
+def figures_of(trials: list[LabelledTrial], *requests: np.ndarray) -> MethodFigures:
+    return method_figures(method_result(trials, requests), trials, None, 0)
 
 
 def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_apart() -> None:
-    slips = (Seen(2.5, 0.005, 2.6), Seen(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05))
+    slips = (
+        SeenSlip(2.5, 0.005, 2.6),
+        SeenSlip(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05),
+    )
     told = [
         LabelledTrial(recording(EVENT), (Grasp({}),), slips),
         LabelledTrial(recording(EVENT), (Grasp({}),), slips[1:]),
     ]
-    figures = line_figures(line(told, [at((103, 150)), at()]), told, None, 0)["camera"]
-    assert (figures["onsets"], figures["events"], figures["found"]) == (3, 2, 1), (
+    figures = figures_of(told, at((103, 150)), at()).camera
+    assert figures is not None
+    assert (figures.onsets, figures.events, figures.found) == (3, 2, 1), (
         "one onset belongs to no event"
     )
-    assert figures["start_sd_ms"]["p50"] == pytest.approx(5.0)
-    assert (figures["delay_ms"]["p50"], figures["lead_ms"]["p50"]) == (
-        pytest.approx(10.0),
-        pytest.approx(30.0),
-    )
-    truth = figures["truth"]
-    assert (truth["delay_ms"]["p50"], truth["lead_ms"]["p50"]) == (
-        pytest.approx(20.0),
-        pytest.approx(20.0),
-    )
-    assert (truth["start_off_ms"]["p50"], truth["gross_off_ms"]["p50"]) == (
-        pytest.approx(10.0),
-        pytest.approx(10.0),
-    )
+    medians = [one and one.p50 for one in (figures.start_sd_ms, figures.delay_ms, figures.lead_ms)]
+    assert medians == pytest.approx([5.0, 10.0, 30.0])
+    truth = figures.truth
+    assert truth is not None
+    times = (truth.delay_ms, truth.lead_ms, truth.start_off_ms, truth.gross_off_ms)
+    assert [one and one.p50 for one in times] == pytest.approx([20.0, 20.0, 10.0, 10.0])
 
 
 def test_without_a_camera_nothing_is_said_of_one_and_without_a_scene_nothing_of_a_truth() -> None:
-    told = [LabelledTrial(recording(EVENT), (Grasp({}),))]
-    assert line_figures(line(told, [at((103, 150))]), told, None, 0)["camera"] is None
-    told = [LabelledTrial(recording(EVENT), (Grasp({}),), (Seen(1.02, 0.005, 1.06),))]
-    figures = line_figures(line(told, [at()]), told, None, 0)["camera"]
-    assert (figures["found"], figures["delay_ms"], figures["truth"]) == (0, None, None)
+    trials = [LabelledTrial(recording(EVENT), (Grasp({}),))]
+    assert figures_of(trials, at((103, 150))).camera is None
+    trials = [LabelledTrial(recording(EVENT), (Grasp({}),), (SeenSlip(1.02, 0.005, 1.06),))]
+    figures = figures_of(trials, at()).camera
+    assert figures is not None
+    assert (figures.found, figures.delay_ms, figures.truth) == (0, None, None)
 
 
 def camera_says(label: str, **without: None) -> dict[str, Any]:
@@ -503,8 +497,8 @@ def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(
 
 def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
     told = [LabelledTrial(recording(EVENT), (Grasp({}),))]
-    figures = line_figures(line(told, [at((97, 99))]), told, None, 0)
-    assert (figures["recall"], figures["collar_40_ms"]["recall"]) == (0.0, 1.0)
+    figures = figures_of(told, at((97, 99)))
+    assert (figures.recall, figures.collar_40_ms.recall) == (0.0, 1.0)
 
 
 def test_probabilities_that_come_true_have_no_calibration_error_and_boasts_have_all_of_it() -> None:
@@ -516,8 +510,8 @@ def test_probabilities_that_come_true_have_no_calibration_error_and_boasts_have_
     boast = calibration([answered(np.full(40, GRASP), p=p)], [label])
     assert fair is not None
     assert boast is not None
-    assert fair["ece"] == pytest.approx(0.0, abs=1e-6)
-    assert (boast["ece"], boast["ece_risky"]) == (pytest.approx(0.25), pytest.approx(0.25))
+    assert fair.ece == pytest.approx(0.0, abs=1e-6)
+    assert (boast.ece, boast.ece_risky) == (pytest.approx(0.25), pytest.approx(0.25))
 
 
 def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
@@ -530,10 +524,10 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
         + [NOTHING] * 25
     )
     one = answered(situation)
-    assert instability([situation], [one]) == pytest.approx(2 / (95 / RATE_HZ))
+    assert changes_per_s([situation], [one]) == pytest.approx(2 / (95 / RATE_HZ))
     label = labels_everywhere((Phase(0, 100, NOTHING), Phase(100, 130, GRASP)), len(situation))
     assert label[130:].tolist() == [UNKNOWN] * 20
-    counts = confusions([one], [label], [None], 0)["four"]["counts"]
+    counts = confusions([one], [label], [None], 0)["four"].counts
     assert counts[NOTHING] == [45, 0, 0, 0, 55]
     assert counts[GRASP] == [5, 25, 0, 0, 0]
 
@@ -541,9 +535,7 @@ def test_unknown_samples_change_no_state_and_are_answers_withheld() -> None:
 # -- the thesis' table
 
 
-def test_a_pull_is_recognised_if_found_and_nothing_else_was_and_a_pass_if_seen_and_left_alone() -> (
-    None
-):
+def test_a_pull_is_recognised_by_one_alarm_in_it_and_a_pass_by_its_state_and_no_alarm() -> None:
     grasps = (Grasp({"style": "p1"}),)
     pull, quiet = (
         LabelledTrial(recording(EVENT, action="pull"), grasps),
@@ -563,17 +555,17 @@ def test_a_pull_is_recognised_if_found_and_nothing_else_was_and_a_pass_if_seen_a
     assert recognised(LabelledTrial(recording(action="pull"), grasps), quiet, at()) is None
 
 
-def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_were_asked_about() -> None:
+def test_the_table_sets_our_word_beside_the_thesis_for_cells_that_have_a_trial() -> None:
     found = [
-        ("soft-ball", "p1", "pass", True),
-        ("soft-ball", "p1", "pass", False),
-        ("apple", "author", "pass", True),
+        JudgedTrial("soft-ball", "p1", "pass", True),
+        JudgedTrial("soft-ball", "p1", "pass", False),
+        JudgedTrial("apple", "author", "pass", True),
     ]
-    rows = {row["object"]: row for row in outcome_table(found)}
+    rows = {row.object: row for row in outcome_table(found)}
     assert len(outcome_table(found)) == 2
-    assert (rows["soft-ball"]["thesis"], rows["soft-ball"]["ours"]) == ("ok", "part")
-    assert (rows["soft-ball"]["recognised"], rows["soft-ball"]["trials"]) == (1, 2)
-    assert rows["apple"]["ours"] == "ok"
+    assert (rows["soft-ball"].thesis, rows["soft-ball"].ours) == ("ok", "part")
+    assert (rows["soft-ball"].recognised, rows["soft-ball"].trials) == (1, 2)
+    assert rows["apple"].ours == "ok"
 
 
 # -- the whole
@@ -658,7 +650,7 @@ def test_the_report_answers_first_and_needs_no_other_file(
 ) -> None:
     figures, page = evaluated
     row = figures["all"]["rows"]["ours, confidence chosen"]
-    assert f"Of {row['events']} grips that fail the hand is asked to act in {row['found']}" in page
+    assert f"Of {row['events']} grips that fail, the hand is asked to act in {row['found']}" in page
     assert page.index("grips that fail") < page.index("<table")
     assert "src=" not in page
     assert "href=" not in page.replace("xlink:href=", "")
@@ -666,9 +658,9 @@ def test_the_report_answers_first_and_needs_no_other_file(
     assert "make real" in page
     assert "trained on" in page  # the made-up set is the one the model learned from
     for title in (
-        "Trials as they went by",
-        "What it stands beside",
-        "How late",
+        "Trials over time",
+        "beside the baselines",
+        "lead that was left",
         "closing hand",
         "outcomes",
         "limits",
@@ -676,10 +668,11 @@ def test_the_report_answers_first_and_needs_no_other_file(
         assert title in page
 
 
-def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(
+def test_as_deployed_alone_says_that_baselines_were_matched_on_what_is_scored(
     eight_classes: Built, scenes: Path
 ) -> None:
-    figures = evaluate_events(Model(eight_classes.model), EvaluationRequest((str(scenes),))).figures
+    request = EvaluationRequest((str(scenes),))
+    figures = evaluate_events(Model(eight_classes.model), request).to_json()
     assert figures["thresholds"]["chosen_on"] is None
     assert figures["thresholds"]["headline"] == "ours, as deployed"
     assert "flatters" in figures["thresholds"]["how"]
@@ -689,7 +682,7 @@ def test_as_deployed_alone_says_that_rivals_were_matched_on_what_is_scored(
 def test_a_threshold_chosen_on_what_is_scored_is_refused(
     eight_classes: Built, scenes: Path
 ) -> None:
-    with pytest.raises(UsageError, match="to choose the confidence on and to be scored"):
+    with pytest.raises(UsageError, match="given both to --choose and to --data"):
         evaluate_events(
             Model(eight_classes.model),
             EvaluationRequest((str(scenes),), choose=(f"{scenes}/../set",)),
@@ -700,7 +693,7 @@ def test_the_figures_of_ours_are_those_of_its_own_answers(
     eight_classes: Built, scenes: Path
 ) -> None:
     model, data = Model(eight_classes.model), load(scenes, windows="natural")
-    figures = evaluate_events(model, EvaluationRequest((str(scenes),))).figures
+    figures = evaluate_events(model, EvaluationRequest((str(scenes),))).to_json()
     told = []
     for of in data.recordings:
         monitor = GripMonitor(model, None)
@@ -710,11 +703,13 @@ def test_the_figures_of_ours_are_those_of_its_own_answers(
         ]
         told.append(match_alarms(of, np.array(acts)))
     expected, got = event_scores(told), figures["all"]["rows"]["ours, as deployed"]
-    assert rules_of(model.card) == RULES
+    assert model.card.decision == RULES
     assert {key: got[key] for key in ("found", "false_alarms", "already_on")} == {
-        key: expected[key] for key in ("found", "false_alarms", "already_on")
+        key: getattr(expected, key) for key in ("found", "false_alarms", "already_on")
     }
 
 
 def test_without_real_recordings_the_report_says_how_to_get_them(tmp_path: Path) -> None:
-    assert "make real" in real_figures(tmp_path)["next"]
+    missing = real_figures(tmp_path)
+    assert isinstance(missing, RealSetsMissing)
+    assert "make real" in missing.next_step

@@ -23,6 +23,7 @@ from evaluation.event_scores import (
     match_alarms,
     match_all_alarms,
 )
+from evaluation.statistics import Spread
 from training.recording import Recording
 from training.timeline import RiskyEvent
 
@@ -41,6 +42,11 @@ def asked(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
     return np.any(
         [(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans] or [np.zeros(length, bool)], axis=0
     )
+
+
+def p50(of: Spread | None) -> float:
+    assert of is not None
+    return of.p50
 
 
 # -- the decision, many streams at once
@@ -171,41 +177,42 @@ def test_figures_count_what_was_found_missed_false_and_already_on():
     told = event_scores(
         [stream("a", (1.02, 1.2)), stream("b", (0.5, 2.0)), stream("c"), stream("d", (2.0, 2.1))]
     )
-    assert (told["events"], told["found"], told["missed"], told["already_on"]) == (4, 1, 3, 1)
-    assert told["recall"] == 0.25
-    assert told["false_alarms"] == 2
-    assert told["false_per_min"] == pytest.approx(2 / (4 * 3 / 60))
-    assert told["false_per_hour"] == pytest.approx(60 * told["false_per_min"])
-    assert told["delay_ms"]["p50"] == pytest.approx(20.0)
-    assert told["lead_used"]["p50"] == pytest.approx(0.4)
-    assert told["in_time"] == 0.25
-    assert told["recall_ci"][0] <= 0.25 <= told["recall_ci"][1]
+    assert (told.events, told.found, told.missed, told.already_on) == (4, 1, 3, 1)
+    assert told.recall == 0.25
+    assert told.false_alarms == 2
+    assert told.false_per_min == pytest.approx(2 / (4 * 3 / 60))
+    assert told.false_per_hour == pytest.approx(60 * told.false_per_min)
+    assert p50(told.delay_ms) == pytest.approx(20.0)
+    assert p50(told.lead_used) == pytest.approx(0.4)
+    assert told.in_time == 0.25
+    assert told.recall_ci is not None
+    assert told.recall_ci[0] <= 0.25 <= told.recall_ci[1]
 
 
 def test_an_alarm_after_gross_slip_finds_the_event_but_not_in_time():
     told = event_scores([stream("a", (1.08, 1.2))])
-    assert (told["recall"], told["in_time"]) == (1.0, 0.0)
-    assert told["lead_ms"]["p50"] == pytest.approx(-30.0)
-    assert told["lead_used"]["p50"] == pytest.approx(1.6)
+    assert (told.recall, told.in_time) == (1.0, 0.0)
+    assert p50(told.lead_ms) == pytest.approx(-30.0)
+    assert p50(told.lead_used) == pytest.approx(1.6)
 
 
 def test_gross_slip_that_nobody_knows_gives_a_delay_and_no_lead():
     told = event_scores([stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))])
-    assert told["delay_ms"]["p50"] == pytest.approx(20.0)
-    assert (told["lead_ms"], told["lead_used"], told["in_time"]) == (None, None, 0.0)
+    assert p50(told.delay_ms) == pytest.approx(20.0)
+    assert (told.lead_ms, told.lead_used, told.in_time) == (None, None, 0.0)
 
 
 @EVENTS.mark
 def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
     told = event_scores([stream("a", (1.0, 1.1), events=())])
-    assert (told["recall"], told["recall_ci"], told["false_per_min_ci"]) == (None, None, None)
-    assert told["false_per_min"] == pytest.approx(20.0)
+    assert (told.recall, told.recall_ci, told.false_per_min_ci) == (None, None, None)
+    assert told.false_per_min == pytest.approx(20.0)
 
 
 @EVENTS.mark
 def test_no_streams_at_all_are_no_figures():
     told = event_scores([])
-    assert (told["events"], told["recall"], told["false_per_min"]) == (0, None, None)
+    assert (told.events, told.recall, told.false_per_min) == (0, None, None)
 
 
 # -- the threshold
@@ -233,7 +240,7 @@ def test_what_was_chosen_is_what_is_heard():
     streams = [answers(400), answers(601)]
     for permille, false in ((0, 2), (410, 1), (610, 0)):
         told = event_scores(match_all_alarms(streams, DecisionRules(), permille))
-        assert (told["false_alarms"], told["found"]) == (false, 2)
+        assert (told.false_alarms, told.found) == (false, 2)
 
 
 def test_where_no_confidence_is_enough_the_highest_is_taken():

@@ -77,7 +77,7 @@ def test_an_object_that_nobody_weighed_is_told_while_it_is_at_hand(tmp_path):
     assert [
         line
         for line in said
-        if "nobody knows how heavy 'cup' is" in line and "cup/meta.json" in line
+        if "no mass given for object 'cup'" in line and "cup/meta.json" in line
     ]
     (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
     for told_ in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):

@@ -32,7 +32,7 @@ def test_people_are_groups_and_a_single_one_s_trials_are(people):
     assert both.groups() == ["p01", "p02"]
     assert (both.kind, both.unit, both.rate_hz) == ("simulated", "N", 50.0)
     assert len(one.groups()) == 4
-    assert "say nothing about others" in one.caveat
+    assert "do not apply to other people" in one.caveat
     assert (both.notes["states"], both.notes["people"]) == ({"kept": 8}, 2)
 
 

@@ -18,7 +18,6 @@ import pytest
 from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 from edge_runtime.errors import DataNotFound, RateError, UnitError
-from evaluation import stream_pictures as draw
 from evaluation.markers import write_between
 from evaluation.scores import (
     CEILING,
@@ -34,9 +33,9 @@ from evaluation.simple_baselines import (
     BACK_SAMPLES,
     JUMP_N,
     clock_features,
-    one_line,
-    one_line_at,
     raw_windows,
+    shear_rate_at,
+    shear_rate_fires,
     windows_alone,
 )
 from evaluation.streams import SHOWN, decided, held_out_streams, shown_trials
@@ -48,6 +47,7 @@ from simulation.folder import write_set
 from simulation.scene import Scene
 from studies.row_names import CLOCK, LINE, OURS, RAW
 from studies.scenes import __main__ as command
+from studies.scenes import pictures
 from studies.scenes.candidate import Candidate
 from studies.scenes.evidence import SceneEvidence
 from studies.scenes.generalising import learning_curve, styles_left_out
@@ -312,39 +312,44 @@ def test_a_window_alone_is_a_recording_of_its_own_that_ends_at_its_row(data: Dat
     np.testing.assert_array_equal(alone.tasks["classes"].label, task.label)
 
 
-def test_the_one_line_finds_a_jump_over_half_a_newton_within_two_samples() -> None:
+def test_the_shear_rate_threshold_finds_a_jump_over_half_a_newton_within_two_samples() -> None:
     assert (BACK_SAMPLES, JUMP_N) == (2, 0.5)
-    up = one_line(shear(1.0, 1.0, 1.0, 1.75, 1.75, 1.75, 1.75))
+    up = shear_rate_fires(shear(1.0, 1.0, 1.0, 1.75, 1.75, 1.75, 1.75))
     assert up.tolist() == [False, False, False, True, True, False, False]
-    down_in_two_steps = one_line(shear(2.0, 2.0, 2.0, 1.625, 1.25, 1.25, 1.25))
+    down_in_two_steps = shear_rate_fires(shear(2.0, 2.0, 2.0, 1.625, 1.25, 1.25, 1.25))
     assert down_in_two_steps.tolist() == [False, False, False, False, True, False, False]
 
 
-def test_the_one_line_is_silent_at_half_a_newton_on_a_slow_ramp_and_about_normals() -> None:
-    assert not one_line(shear(1.0, 1.0, 1.5, 1.5, 1.5)).any()
-    assert not one_line(shear(*(0.25 * np.arange(40)))).any()
-    assert one_line(shear(*(0.2578125 * np.arange(40))))[2:].all()
+def test_the_shear_rate_threshold_is_silent_at_half_a_newton_on_a_slow_ramp_and_about_normals() -> (
+    None
+):
+    assert not shear_rate_fires(shear(1.0, 1.0, 1.5, 1.5, 1.5)).any()
+    assert not shear_rate_fires(shear(*(0.25 * np.arange(40)))).any()
+    assert shear_rate_fires(shear(*(0.2578125 * np.arange(40))))[2:].all()
 
 
-def test_the_one_line_is_causal(data: DataSet) -> None:
+def test_the_shear_rate_threshold_is_causal(data: DataSet) -> None:
     samples = max(
-        (recording.samples for recording in data.recordings), key=lambda one: one_line(one).sum()
+        (recording.samples for recording in data.recordings),
+        key=lambda one: shear_rate_fires(one).sum(),
     )
-    said = one_line(samples)
+    said = shear_rate_fires(samples)
     assert said.any()
     for row in (2, len(samples) // 2, len(samples) - 1):
         changed = samples.copy()
         changed[row:] += 50.0 * np.random.default_rng(row).standard_normal(changed[row:].shape)
-        np.testing.assert_array_equal(one_line(changed)[:row], said[:row])
-        assert one_line(changed)[row]
+        np.testing.assert_array_equal(shear_rate_fires(changed)[:row], said[:row])
+        assert shear_rate_fires(changed)[row]
 
 
-def test_the_one_line_is_asked_at_a_windows_last_sample_or_anywhere_in_its_reach() -> None:
+def test_the_shear_rate_threshold_is_asked_at_a_windows_last_sample_or_anywhere_in_its_reach() -> (
+    None
+):
     # says slip at rows 3 and 4
     made = a_set(shear(0, 0, 0, 1, 1, 1, 1, 1, 1, 1), [2, 3, 4, 5, 6, 7])
-    assert one_line_at(made).tolist() == [False, True, True, False, False, False]
-    assert one_line_at(made, 3).tolist() == [False, True, True, True, True, False]
-    assert one_line_at(made, 100).tolist() == [False, True, True, True, True, True]
+    assert shear_rate_at(made).tolist() == [False, True, True, False, False, False]
+    assert shear_rate_at(made, 3).tolist() == [False, True, True, True, True, False]
+    assert shear_rate_at(made, 100).tolist() == [False, True, True, True, True, True]
 
 
 def test_the_clock_tells_seconds_since_the_last_contact_and_the_summed_force() -> None:
@@ -727,6 +732,6 @@ def test_a_page_without_its_markers_is_refused_and_left_as_it_is(tmp_path: Path)
 
 def test_an_object_met_in_one_trial_alone_has_no_interval_and_is_drawn_all_the_same() -> None:
     alone = {"four": {"macro_f1": 0.5, "macro_f1_ci": None}}
-    assert "<svg" in draw.by_object({"ours": {"a": alone}}, "simulated")
+    assert "<svg" in pictures.objects_left_out({"ours": {"a": alone}}, "simulated")
     rate = {"rows": {"ours": alone}, "others": {"apple": {"rows": {"ours": alone}}}}
-    assert "<svg" in draw.over_rates({"50": rate, "100": rate}, "simulated")
+    assert "<svg" in pictures.rates({"50": rate, "100": rate}, "simulated")

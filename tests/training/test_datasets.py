@@ -84,13 +84,13 @@ def test_a_set_that_is_not_there_says_how_to_get_it(
     with pytest.raises(DataNotFound, match="no known data set in this folder"):
         load(tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(DataNotFound, match="a file where a folder belongs"):
+    with pytest.raises(DataNotFound, match="a file, not a folder"):
         load(tmp_path / "file")
 
 
 @pytest.mark.parametrize("path", ["/", "//", "/./"])
 def test_a_path_that_was_cut_short_to_the_whole_file_system_is_not_searched(path: str) -> None:
-    with pytest.raises(DataNotFound, match="whole file system"):
+    with pytest.raises(DataNotFound, match="root of the file system"):
         load(path)
 
 
@@ -112,9 +112,9 @@ def test_groups_are_chosen_by_the_seed(tmp_path: Path) -> None:
 
 def test_more_groups_than_there_are_cannot_be_kept(tmp_path: Path) -> None:
     write_eflesh(tmp_path)
-    with pytest.raises(TooFewGroups, match="4 groups"):
+    with pytest.raises(TooFewGroups, match="4 exist"):
         load(tmp_path, groups=5)
-    with pytest.raises(UsageError, match="keeps nobody"):
+    with pytest.raises(UsageError, match="keeps no group"):
         load(tmp_path, groups=0)
 
 

@@ -36,7 +36,7 @@ def load(
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
 
-    channels: which of the set's channel choices, None for its usual 18. groups: keep only so many
+    channels: one of the channel counts a set offers, None for its usual 18. groups: keep so many
     people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows:
     in the thesis' layout equal class counts, or every window there is (to score on), or dense
     (training/windows.py).
@@ -61,7 +61,7 @@ def find(name_or_path: str | Path) -> Path:
     for place in places:
         if place.is_dir() and place.resolve() == Path(place.resolve().anchor):
             raise DataNotFound(
-                "the whole file system is no data set",
+                "the root of the file system is not a data set",
                 where=place,
                 cause="a path that was cut short",
                 next_step="give the folder of the set",
@@ -69,17 +69,17 @@ def find(name_or_path: str | Path) -> Path:
         if place.is_dir():
             return place
     if named:
-        told = os.environ.get(FOLDER_VARIABLE)
+        is_set = os.environ.get(FOLDER_VARIABLE)
         raise DataNotFound(
-            f"data set {name_or_path} is not there",
+            f"data set {name_or_path} not found",
             where=places[0],
             cause=f"{FOLDER_VARIABLE} points elsewhere"
-            if told
+            if is_set
             else f"{FOLDER_VARIABLE} is not set",
             next_step=f"set {FOLDER_VARIABLE} to the folder that holds {name_or_path}/",
         )
     raise DataNotFound(
-        "a file where a folder belongs" if places[0].exists() else "no such data set or folder",
+        "a file, not a folder" if places[0].exists() else "no such data set or folder",
         where=places[0],
         cause="a name misspelt, or a path from another folder",
         next_step=f"give a folder, or one of {', '.join(PUBLIC_SETS)}",
@@ -93,10 +93,10 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
     """
     names = data.groups()
     if n_groups < 1:
-        raise UsageError(f"groups={n_groups} keeps nobody", next_step=f"keep 1 to {len(names)}")
+        raise UsageError(f"groups={n_groups} keeps no group", next_step=f"keep 1 to {len(names)}")
     if n_groups > len(names):
         raise TooFewGroups(
-            f"{len(names)} groups (people, blocks), {n_groups} asked for",
+            f"{n_groups} groups (people, blocks) requested, {len(names)} exist",
             next_step=f"keep 1 to {len(names)}",
         )
     kept = set(np.random.default_rng(seed).permutation(names)[:n_groups].tolist())
@@ -118,12 +118,13 @@ def _read(root: Path, channels: int | None, seed: int, windows: Choice, part: Pa
             "no known data set in this folder",
             where=root,
             cause="a level too high or too low, or an empty copy",
-            next_step="give the folder of a public set, one of holdfast record, or <object>/<action>/trial_<n>.csv",
+            next_step="give a public set, a folder of `holdfast record`, or a folder with "
+            "<object>/<action>/trial_<n>.csv",
         )
     data: DataSet = fits[0].load(root, seed=seed, windows=windows, part=part)
     if channels is not None and channels != 3 * data.n_sensors:
         raise ChannelError(
-            f"{3 * data.n_sensors} channels, {channels} asked for",
+            f"{channels} channels requested, the set has {3 * data.n_sensors}",
             where=root,
             next_step="leave channels out",
         )

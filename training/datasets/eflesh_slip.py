@@ -1,4 +1,4 @@
-"""Reader of eflesh_slip: a gripper holds an object, and in some trials somebody tugs at it.
+"""Reader of eflesh_slip: a gripper holds an object, and in some trials a person tugs at it.
 
 V. Pattabiraman et al., "eFlesh: Highly customizable Magnetic Touch Sensing using Cut-Cell
 Microstructures", arXiv:2506.09994 (2025), MIT. An easy set: one threshold on the amplitude does as
@@ -32,8 +32,8 @@ BLOCK_TRIALS = 6
 """Object ids are not published; neighbouring trials are likely of one object and stay together."""
 DEPARTURE_UT, DEPARTURE_ROWS = 100.0, 10
 CAVEAT = (
-    "Tug against steady hold, one label a trial and no onset; an easy set: one threshold on the amplitude "
-    "reaches 0.993 of the trials, so that no forest can claim a victory here."
+    "Tug against steady hold, one label a trial and no onset; an easy set: one threshold on the "
+    "amplitude is right in 0.993 of the trials, so a forest cannot show an advantage here."
 )
 
 
@@ -77,8 +77,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
 def threshold_baseline(
     data: DataSet, *, n_folds: int | None = None, seed: int = 0
 ) -> dict[str, float]:
-    """Accuracy of one threshold on the amplitude of the field (norm over channels), the line to
-    beat.
+    """Accuracy of one threshold on the amplitude of the field (norm over channels): a baseline.
 
     trial_accuracy: largest amplitude in the last second, threshold from the other blocks;
     trial_accuracy_in_sample: threshold from the same trials; window_accuracy: amplitude at each
@@ -112,8 +111,7 @@ def amplitude(samples: FloatArray) -> FloatArray:
 
 
 def fit_threshold(value: FloatArray, positive: BoolArray) -> float:
-    """The cut of [M] values with most on the right side; of several equally good the widest gap's
-    middle."""
+    """The cut of [M] values with most on the right side; of equal ones the widest gap's middle."""
     cuts = np.concatenate([[value.min() - 1.0], np.unique(value)])
     # Cut k calls the values up to cuts[k] negative, and the rest positive.
     order = np.searchsorted(cuts, value)
@@ -126,8 +124,7 @@ def fit_threshold(value: FloatArray, positive: BoolArray) -> float:
 
 
 def departure_row(samples: FloatArray) -> int | None:
-    """First row at which some channel leaves its baseline by over 100 uT and stays so for 0.1 s; or
-    None.
+    """First row at which a channel leaves its baseline by over 100 uT for 0.1 s, or None.
 
     The set has no onset in it. This stands in for one, so that a delay can be measured from
     somewhere.

@@ -1,11 +1,12 @@
-"""The labeller of human_slip_uskin: situations from the rotation of the object, which no model
-sees.
+"""The labels of human_slip_uskin: situations from the rotation of the object, no model input.
 
 Per trial, with x the 48 channels, e the middle angle of the object quaternion's xyx decomposition
 in degrees (the authors' own measure of slip), s and t the rows where the move starts and ends::
 
-    bias       xb = x - median(x[0:60])               contact   z = sum of the 16 normals of xb, z >= 1 N
-    reference  r = median(e[max(0, s-30) : s-3])      rotation  d = |e - r|
+    bias       xb = x - median(x[0:60])
+    contact    z = sum of the 16 normals of xb, z >= 1 N
+    reference  r = median(e[max(0, s-30) : s-3])
+    rotation   d = |e - r|
     situation  z < 1 nothing; d < 5 grasp; 5 <= d < 15 safe_slip; d >= 15 risky_slip
 
 Contact always uses all 16 normals, so the labels do not depend on the channels a model gets.
@@ -38,8 +39,7 @@ def contact_force_n(prepared: FloatArray) -> FloatArray:
 
 
 def middle_angle_deg(quaternion: npt.NDArray[np.floating]) -> FloatArray:
-    """[T, 4] quaternions (w, x, y, z) -> [T] middle angle of the xyx Euler decomposition, 0..180
-    degrees.
+    """[T, 4] quaternions (w, x, y, z) -> [T] middle angle of the xyx Euler decomposition, degrees.
 
     The closed form of scipy's `Rotation.from_quat([x, y, z, w]).as_euler("xyx")[1]`: R_xx =
     cos(angle), hence angle = 2 atan2(|(y, z)|, |(w, x)|). It needs no unit norm and has no gimbal
@@ -62,8 +62,9 @@ def rotation_from_start_deg(angle_deg: FloatArray, start: int) -> FloatArray:
 
 
 def in_hand(object_q: npt.NDArray[np.floating], hand_q: npt.NDArray[np.floating]) -> FloatArray:
-    """[T, 4] the object's orientation in the hand, hand^-1 object, of quaternions [T, 4], w first;
-    0 where one is none.
+    """[T, 4] orientation of the object in the hand, hand^-1 object, of quaternions w first.
+
+    0 where one of the two is no rotation.
 
     The wrist, which turns both, cancels.
     """
@@ -89,8 +90,10 @@ def situations(force_n: FloatArray, rotation_deg: FloatArray) -> npt.NDArray[np.
 
 
 def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> tuple[Phase, ...]:
-    """Runs of one situation, from the tare to 60 rows after the move; rows without a label are in
-    none."""
+    """Runs of one situation, from the tare to 60 rows after the move.
+
+    Rows without a label are in none.
+    """
     label = situations(force_n, rotation_deg)[: end + AROUND_MOVE_ROWS]
     label[:BIAS_ROWS] = UNLABELLED
     edges = np.flatnonzero(np.diff(label)) + 1
@@ -101,10 +104,9 @@ def phases(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> tuple[Pha
 
 
 def events(found: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
-    """Slips that become risky: onset where 5 deg are passed, gross slip where 15 deg are, end where
-    all is well again.
+    """Slips that become risky: onset at 5 deg, gross slip at 15 deg, end below 5 deg.
 
-    When the load comes on nobody recorded; the onset here is the object's, later than the load's.
+    Load onset was not recorded; the onset here is the object's, which is later.
     """
     runs: list[list[Phase]] = []
     for phase in found:
@@ -121,8 +123,7 @@ def events(found: tuple[Phase, ...], rate_hz: float) -> tuple[RiskyEvent, ...]:
 
 
 def situation_windows(force_n: FloatArray, rotation_deg: FloatArray, end: int) -> TrialRows:
-    """Windows of 6 rows side by side, from the tare to 60 rows after the move; labelled by their
-    last row."""
+    """Adjacent windows of 6 rows, labelled by their last row, up to 60 rows after the move."""
     stop = min(len(force_n), end + AROUND_MOVE_ROWS)
     row = _last_rows(BIAS_ROWS, stop, SITUATION_STEP_ROWS)
     label = situations(force_n, rotation_deg)[row]
@@ -132,8 +133,7 @@ def situation_windows(force_n: FloatArray, rotation_deg: FloatArray, end: int) -
 def prediction_windows(
     force_n: FloatArray, rotation_deg: FloatArray, start: int, end: int
 ) -> TrialRows:
-    """Grasp rows around the move: 1 where the rotation exceeds 15 deg within the 15 rows that
-    follow."""
+    """Grasp rows around the move: 1 where the rotation exceeds 15 deg within the next 15 rows."""
     n = len(force_n)
     row = _last_rows(max(BIAS_ROWS, start - AROUND_MOVE_ROWS), min(end, n), PREDICTION_STEP_ROWS)
     has_future = row + 1 < n
@@ -145,8 +145,7 @@ def prediction_windows(
 def frames_since_contact(
     force_n: FloatArray, contact_n: float = CONTACT_N
 ) -> npt.NDArray[np.int64]:
-    """[T] rows since z last rose through contact_n, -1 before it ever did: the clock a scripted set
-    contains."""
+    """[T] rows since z last rose through contact_n, -1 before: the timing of a scripted set."""
     touching = force_n >= contact_n
     rises = touching & ~np.concatenate([[False], touching[:-1]])
     row = np.arange(len(force_n))

@@ -1,5 +1,4 @@
-"""Reader of human_slip_uskin: people pinch a book-shaped object and move it fast; uSkin at the
-grip.
+"""Reader of human_slip_uskin: people pinch a book-shaped object between uSkin and move it fast.
 
 K. Nazari et al., "Bioinspired trajectory modulation for effective slip control in robot
 manipulation", Nature Machine Intelligence (2025), doi 10.1038/s42256-025-01062-2. No licence is
@@ -31,9 +30,10 @@ N_TAXELS = 16
 SIX_TAXELS = (5, 9, 10, 11, 12, 13)
 """The 18-channel case, counted from 1 as the set's own column names do."""
 CAVEAT = (
-    "The label is the rotation of the object, about half of it the wrist's (R2 0.53 with hand tilt); "
-    "'safe slip' here is an involuntary rotation of 5-15 deg, not a voluntary release; the set is "
-    "scripted: a clock (frames since contact and summed force) alone does better than a raw forest."
+    "The label is the rotation of the object, about half of it the wrist's (R2 0.53 with hand "
+    "tilt); 'safe slip' here is an involuntary rotation of 5-15 deg, not a voluntary release; the "
+    "set is scripted: timing only (frames since contact and summed force) does better than a raw "
+    "forest."
 )
 
 
@@ -56,16 +56,15 @@ class _Move:
 
 
 def recognises(root: Path) -> bool:
-    """Whether a folder is in this format: one of its two files is there (load names a missing
-    other)."""
+    """Whether a folder is in this format: one of its two files is there."""
     return (root / SIGNALS).is_file() or (root / TRIALS).is_file()
 
 
 def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     """Read and label a folder in this format, 18 channels (six taxels) or all 48, unit N.
 
-    in_hand: label by the object's rotation in the hand (both IMUs), in which the wrist has no part,
-    and not by the object's alone, which is the set's usual measure.
+    in_hand: label by the object's rotation in the hand (both IMUs), without the wrist's part. The
+    set's usual measure is the rotation of the object alone.
 
     Tasks: "situations" (0..3) and "predict_250ms" (0/1: over 15 deg within 0.25 s, from grasp
     rows). Unusable trials (not 60 < start < end <= n) are left out and counted in notes. Columns of
@@ -74,25 +73,10 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     Raises DataNotFound, ColumnError, NotANumber, ChannelError or EmptyRecording.
     """
     columns = _columns(channels)
-    wanted: dict[str, tuple[int | None, ...]] = {
-        "xela": (None, 48),
-        "object_imu": (None, 7),
-        "offset": (None,),
-    }
-    arrays = read_arrays(root / SIGNALS, wanted | ({"hand_imu": (None, 7)} if in_hand else {}))
+    arrays = _arrays(root, in_hand)
     moves = list(_moves(read_table(root / TRIALS), arrays))
-    usable = [move for move in moves if move.usable]
-    if not usable:
-        raise EmptyRecording(
-            "no usable trial",
-            where=root,
-            cause="no trial with 60 < start_index < end_index <= n",
-            next_step="check start_index and end_index in trials.csv",
-        )
-    turned = arrays["object_imu"][:, :4]
-    angle_deg = labels.middle_angle_deg(
-        labels.in_hand(turned, arrays["hand_imu"][:, :4]) if in_hand else turned
-    )
+    usable = _usable(moves, root)
+    angle_deg = labels.middle_angle_deg(_orientation(arrays, in_hand))
     trials = [_trial(move, arrays["xela"], angle_deg, columns) for move in usable]
     recordings, situations, predictions = map(list, zip(*trials, strict=True))
     return DataSet(
@@ -112,17 +96,45 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
     )
 
 
-def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
-    """[M, 2]: frames since contact (last rise of z through 1 N; -1 before any) and z in N, at each
-    window.
+def _arrays(root: Path, in_hand: bool) -> dict[str, npt.NDArray[Any]]:
+    wanted: dict[str, tuple[int | None, ...]] = {
+        "xela": (None, 48),
+        "object_imu": (None, 7),
+        "offset": (None,),
+    }
+    return read_arrays(root / SIGNALS, wanted | ({"hand_imu": (None, 7)} if in_hand else {}))
 
-    A warning baseline, never an input. `data` must hold all 48 channels, because z sums all 16
-    normals; `rows` may come from the 18-channel set, whose windows are the same. Raises
+
+def _usable(moves: list[_Move], root: Path) -> list[_Move]:
+    usable = [move for move in moves if move.usable]
+    if not usable:
+        raise EmptyRecording(
+            "no usable trial",
+            where=root,
+            cause="no trial with 60 < start_index < end_index <= n",
+            next_step="check start_index and end_index in trials.csv",
+        )
+    return usable
+
+
+def _orientation(arrays: dict[str, npt.NDArray[Any]], in_hand: bool) -> npt.NDArray[np.floating]:
+    """[T, 4] quaternions of the object, or of the object in the hand."""
+    object_q = arrays["object_imu"][:, :4]
+    return labels.in_hand(object_q, arrays["hand_imu"][:, :4]) if in_hand else object_q
+
+
+def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
+    """[M, 2]: frames since contact and normal force z in N, at each window.
+
+    Contact: the last rise of z through 1 N; -1 before any.
+
+    Input of the timing-only baseline, of no model. `data` must hold all 48 channels, because z
+    sums all 16 normals; `rows` may come from the 18-channel set, whose windows are the same. Raises
     ChannelError.
     """
     if data.n_sensors != N_TAXELS:
         raise ChannelError(
-            f"the clock needs all {3 * N_TAXELS} channels, not {3 * data.n_sensors}",
+            f"the timing-only baseline needs all {3 * N_TAXELS} channels, not {3 * data.n_sensors}",
             next_step=f"load the set with channels={3 * N_TAXELS}",
         )
     features = np.empty((len(rows), 2))
@@ -163,7 +175,7 @@ def _moves(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> Iterator[_Move]
 
 
 def _bounds(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.int64]:
-    """[trials + 1] row where each trial starts; table and signals must tell the same story."""
+    """[trials + 1] row where each trial starts; table and signals must agree."""
     n_rows = len(arrays["xela"])
     bounds = np.append(table.whole_numbers("offset"), n_rows)
     agree = (
@@ -174,7 +186,7 @@ def _bounds(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np
     )
     if not agree:
         raise ColumnError(
-            f"offsets and lengths of {len(table)} trials do not cover the {n_rows} rows of {SIGNALS}",
+            f"{len(table)} trials do not cover the {n_rows} rows of {SIGNALS}",
             where=table.path,
             cause="signals and trials of different versions",
             next_step=COPY_AGAIN,

@@ -1,5 +1,4 @@
-"""Several sets as one: recordings side by side, their names behind the set's, their windows
-together."""
+"""Several sets as one: their recordings and windows side by side, named by set."""
 
 from __future__ import annotations
 
@@ -16,9 +15,9 @@ from training.recording import DataSet, LabelledRows, Recording
 def join(sets: Sequence[DataSet]) -> DataSet:
     """One set of several, each balanced as it was, at the rate of the first.
 
-    Trials and groups get their set's name before theirs, so that nobody of two sets is taken for
-    one. Redistributable only if all are. Raises RateError, UnitError, ChannelError, LabelError or
-    DataError.
+    Trials and groups get their set's name before theirs, so that people of two sets stay two
+    groups. Redistributable only if all are. Raises RateError, UnitError, ChannelError, LabelError
+    or DataError.
     """
     first, *others = sets
     for other in others:
@@ -46,8 +45,10 @@ def join(sets: Sequence[DataSet]) -> DataSet:
 
 
 def require_alike(other: DataSet, first: DataSet) -> None:
-    """See that one model can be asked about both. Raises RateError, UnitError, ChannelError,
-    LabelError, DataError."""
+    """Check that one model fits both sets.
+
+    Raises RateError, UnitError, ChannelError, LabelError or DataError.
+    """
     wrong = (
         (
             RateError,

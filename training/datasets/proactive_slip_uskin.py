@@ -1,5 +1,4 @@
-"""Reader of proactive_slip_uskin: an arm carries a box between two uSkin pads, and the box may
-slip.
+"""Reader of proactive_slip_uskin: an arm carries a box between two uSkin pads; the box may slip.
 
 K. Nazari, W. Mandil, A. Ghalamzan E., "Proactive slip control by learned slip model and trajectory
 adaptation", CoRL 2022, arXiv:2209.06019, MIT. Seven trials, three of which slip: for a replay and a
@@ -34,7 +33,10 @@ both pads and both failing trials (769, 763 and 754 counts; the next are 726 and
 FIRST_ROW = 30
 """Half a second for filters to settle before the first window."""
 UNLABELLED = -1
-CAVEAT = "Seven trials, only three of which slip: a demonstration, which cannot support any accuracy claim."
+CAVEAT = (
+    "Seven trials, only three of which slip: a demonstration, which cannot support any accuracy "
+    "claim."
+)
 
 
 def recognises(root: Path) -> bool:

@@ -68,8 +68,7 @@ def _check_array(array: npt.NDArray[Any], name: str, shape: Shape, path: Path) -
 
 @dataclass(frozen=True)
 class Table:
-    """A csv table, cells still text: columns by name, line numbers counted from the header as line
-    1."""
+    """A csv table of text cells: columns by name; the header is line 1."""
 
     path: Path
     columns: dict[str, list[str]]
@@ -91,8 +90,7 @@ class Table:
             )
 
     def numbers(self, name: str, *, finite: bool = True) -> FloatArray:
-        """One column as float64. Raises ColumnError, or NotANumber with its line (nan too, if
-        `finite`)."""
+        """One column as float64. Raises ColumnError, or NotANumber (of nan too, if `finite`)."""
         cells = self.text(name)
         values = np.array([_number(cell) for cell in cells], dtype=object)
         bad = [

@@ -1,5 +1,4 @@
-"""Reader of what `holdfast record` leaves: trial folders with tactile.csv, meta.json and
-tactile.truth.json.
+"""Reader of the folders of `holdfast record`: tactile.csv, meta.json, tactile.truth.json.
 
 Who did what with which object stands in each meta.json, so a whole recording, one person's folder,
 or any choice of trials is a data set. Only kept trials are read. A person is a group: no split ever
@@ -27,29 +26,28 @@ from training.windows import Choice, TimedTrial
 
 KEPT = "kept"
 EMPTY_HAND = "nothing"
-TO_THE_MOMENT = ("scene", "camera")
+EXACT = ("scene", "camera")
 CAVEAT = (
-    "Phases come from keys, a camera, a scene or a rule, as each says in tactile.truth.json: a pressed key is late by "
-    "a human's reaction. Light and heavy differ only by object."
+    "Phases come from keys, a camera, a scene or a rule, as tactile.truth.json says of each: a "
+    "pressed key is late by a human's reaction. Light and heavy differ only by object."
 )
-ONE_PERSON = " One person: the figures say nothing about others."
+ONE_PERSON = " One person: the figures do not apply to other people."
 
 
 def recognises(root: Path) -> bool:
-    """Whether a folder holds a trial of the recorder's."""
+    """Whether a folder holds a trial of `holdfast record`."""
     return any("recorder" in read_json(path.with_name(META)) for path in _trials(root))
 
 
 def load(
     root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored
 ) -> DataSet:
-    """All kept trials of a folder, as training.datasets.thesis gives its own. Raises a
-    DataError."""
-    told = [(path, read_json(path.with_name(META))) for path in _trials(root)]
-    kept = [(path, meta) for path, meta in told if meta.get("state") == KEPT]
+    """All kept trials of a folder, as training.datasets.thesis does. Raises a DataError."""
+    found = [(path, read_json(path.with_name(META))) for path in _trials(root)]
+    kept = [(path, meta) for path, meta in found if meta.get("state") == KEPT]
     if not kept:
         raise DataNotFound(
-            f"no kept trial among {len(told)}",
+            f"no kept trial among {len(found)}",
             where=root,
             cause="all of them were interrupted or done again",
             next_step="record again",
@@ -69,7 +67,7 @@ def load(
     data = thesis.assembled(
         about, trials, seed=seed, windows=windows, part=span(part, thesis.READING, 1.0)
     )
-    states = dict(Counter(str(meta.get("state")) for _, meta in told))
+    states = dict(Counter(str(meta.get("state")) for _, meta in found))
     caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
     notes = {**data.notes, "layout": "recorded", "states": states, "people": len(people)}
     return replace(data, caveat=caveat, notes=notes)
@@ -83,16 +81,16 @@ def _trials(root: Path) -> list[Path]:
 
 
 def _kind(meta: dict[str, Any]) -> str:
-    """recorded, or simulated where the source was no hand."""
-    asked = meta.get("configuration")
-    told = str(asked.get("source", "")) if isinstance(asked, dict) else ""
-    return "simulated" if told.startswith(("virtual://", "sim://")) else "recorded"
+    """simulated where the source was a virtual or simulated hand, else recorded."""
+    configuration = meta.get("configuration")
+    source = str(configuration.get("source", "")) if isinstance(configuration, dict) else ""
+    return "simulated" if source.startswith(("virtual://", "sim://")) else "recorded"
 
 
 def _timed(path: Path, meta: dict[str, Any], root: Path, unit: Any, people: bool) -> TimedTrial:
     thing, action = str(meta.get("object")), str(meta.get("action"))
     empty = action == EMPTY_HAND
-    place = thesis.Place(
+    place = thesis.TrialPlace(
         path, None if empty else path.parent.parent.parent, None if empty else action
     )
     timed = thesis.timed(place, root, unit, phased)
@@ -106,7 +104,7 @@ def _timed(path: Path, meta: dict[str, Any], root: Path, unit: Any, people: bool
     provenances = {
         str(phase.get("provenance")) for phase in read_json(truth_path(path)).get("phases", [])
     }
-    return replace(timed, recording=recording, timed=bool(provenances & {*TO_THE_MOMENT}))
+    return replace(timed, recording=recording, timed=bool(provenances & {*EXACT}))
 
 
 def phased(trial: Trial, recording: Recording) -> tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]:

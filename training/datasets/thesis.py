@@ -2,10 +2,10 @@
 
 Beside the objects there may be the hand alone, `nothing/trial_<n>.csv` or `nothing.csv`; in the
 root a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable"}; in an object's
-folder a `meta.json` {"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which is believed
-before the script and which the actions `hold` and `daily` cannot do without. The preparation is the
-thesis': magnets turned the right way round, the mean of five rows taken off, time from zero. Its
-moving average is not, because it smooths away what the band-pass bank looks for.
+folder a `meta.json` {"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which replaces
+the script and which the actions `hold` and `daily` need. The preparation is the thesis': magnets
+turned the right way round, the mean of five rows subtracted, time from zero. Its moving average is
+left out, because it removes the vibrations that the band-pass bank detects.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ FOLDERS = (*SITUATION_OF_ACTION, *UNSCRIPTED)
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 Phased = Callable[[Trial, Recording], tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]]
 CAVEAT = (
-    "Light and heavy differ only by object, and in 'nothing' by no signal at all: windows without contact "
-    "bear the weight of an object that is not there. Where a trial has no truth file its labels follow the "
-    "script (action from 7 s), not a measurement."
+    "Light and heavy differ only by object: windows without contact keep the light/heavy label of "
+    "their trial although no signal carries it. Where a trial has no truth file its labels follow "
+    "the script (action from 7 s), not a measurement."
 )
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where a trial lies; `object_folder` and `action` are None for the hand alone."""
+class TrialPlace:
+    """Where a trial is; `object_folder` and `action` are None for the hand alone."""
 
     path: Path
     object_folder: Path | None = None
@@ -76,8 +76,7 @@ READING = 0.5
 
 
 def recognises(root: Path) -> bool:
-    """Whether a folder holds at least one `<object>/<action>/trial_<n>.csv` with an action of the
-    thesis."""
+    """Whether a folder holds an `<object>/<action>/trial_<n>.csv` with an action of the thesis."""
     return any(
         _action(path.parent)
         for path in root.glob("*/*/trial_*.csv")
@@ -126,8 +125,7 @@ def assembled(
     windows: Choice,
     part: Part = ignored,
 ) -> DataSet:
-    """A data set of trials; meta: name, unit, kind, and where they are from. Raises RateError,
-    ChannelError, .."""
+    """A data set of trials. meta: name, unit, kind, origin. Raises RateError or ChannelError."""
     rate_hz = _common_rate([trial.recording for trial in trials])
     natural = natural_windows(trials, part)
     chosen = {
@@ -169,17 +167,17 @@ def _meta(root: Path) -> dict[str, Any]:
     return meta
 
 
-def _places(root: Path) -> Iterator[Place]:
+def _places(root: Path) -> Iterator[TrialPlace]:
     """Every trial of the folder, objects and actions by name, trials by number."""
     for folder in sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else ():
         if plain_word(folder.name) == EMPTY_HAND:
-            yield from (Place(path) for path in _numbered(folder))
+            yield from (TrialPlace(path) for path in _numbered(folder))
             continue
         for actions in sorted(path for path in folder.iterdir() if path.is_dir()):
             for path in _numbered(actions):
-                yield Place(path, folder, _known_action(actions))
+                yield TrialPlace(path, folder, _known_action(actions))
     if (root / f"{EMPTY_HAND}.csv").is_file():
-        yield Place(root / f"{EMPTY_HAND}.csv")
+        yield TrialPlace(root / f"{EMPTY_HAND}.csv")
 
 
 def _numbered(folder: Path) -> list[Path]:
@@ -197,16 +195,15 @@ def _known_action(folder: Path) -> str:
     action = _action(folder)
     if action is None:
         raise LabelError(
-            f"{folder.name!r} is no action",
+            f"{folder.name!r} is not an action",
             where=folder,
-            next_step=f"name the folder one of {', '.join(FOLDERS)}, or move it out of the data set",
+            next_step=f"name the folder one of {', '.join(FOLDERS)}, or move it out of the set",
         )
     return action
 
 
-def timed(place: Place, root: Path, unit: Any, phased: Phased | None = None) -> TimedTrial:
-    """A trial read, prepared and with its phases: those that phased gives, else those of its truth
-    or the script."""
+def timed(place: TrialPlace, root: Path, unit: Any, phased: Phased | None = None) -> TimedTrial:
+    """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
     trial = read_trial(place.path)
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
     recording = Recording(
@@ -256,7 +253,8 @@ def _common_rate(recordings: list[Recording]) -> float:
             )
         if recording.n_sensors != recordings[0].n_sensors:
             raise ChannelError(
-                f"has {recording.n_sensors} sensors, {recordings[0].trial_id} has {recordings[0].n_sensors}",
+                f"{recording.n_sensors} sensors, but {recordings[0].n_sensors} in "
+                f"{recordings[0].trial_id}",
                 where=recording.trial_id,
                 next_step="move it to a set of its own",
             )
