@@ -233,9 +233,29 @@ def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(mode
     assert said
 
 
+SHORT_PULL = """
+[record]
+rate_hz = 150
+[physics]
+step_s = 0.003
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+style = "author"
+close_at_s = 0.8
+hold_s = 2.0
+tail_s = 0.5
+[effects.brush]
+count = 5
+[effects.dipole]
+"""
+
+
 def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, tmp_path):
-    url = "virtual://ft232h?scene=pull-soft-ball&seed=2&fault=nack:3@4%2B0.1&fault=unplug@5%2B0.2"
-    _, answers, samples, _ = live(model, url, 8.0)
+    (tmp_path / "pull.toml").write_text(SHORT_PULL, encoding="utf-8")
+    faults = "fault=nack:3@1.5%2B0.1&fault=unplug@2%2B0.1"
+    url = f"virtual://ft232h?scene={tmp_path / 'pull.toml'}&seed=2&{faults}"
+    _, answers, samples, _ = live(model, url, 5.0)
     with sample_file(tmp_path / "kept.csv", 18) as file:
         for sample in samples:
             file.write(sample)

@@ -664,7 +664,7 @@ TARGETS = {
     "sealed_card": Target(sealed_card, (small_card(),)),
     "onnx_bytes": Target(onnx_bytes, (small_onnx(), small_onnx()[:-9], small_onnx() + b"\x08\x0a")),
     "resealed_model": Target(
-        resealed_model, (b"", b"\x00\x10\x00\x00A", b"\x000\x00\x03A\x80\x02\x00\x01\x03"), 300
+        resealed_model, (b"", b"\x00\x10\x00\x00A", b"\x000\x00\x03A\x80\x02\x00\x01\x03"), 100
     ),
     "arrays": Target(
         arrays,
@@ -689,6 +689,7 @@ TARGETS = {
             b"i2c://1",
             b"usb://tiny-usb?number=2",
         ),
+        150,
     ),
     "commands": Target(
         commands,
