@@ -507,7 +507,10 @@ RECORDED = HEAD.replace(b"\n", b",host_ns,device_us,sequence,valid1\n") + ROWS.r
 LOADS = b"Time,X1,Y1,Z1,Fx,Fy,Fz\n" + b"".join(
     b"%d,%d,2,%d,0,0,%d\n" % (k, k % 3, 100 * (k % 20 > 9), 3 * (k % 20 > 9)) for k in range(80)
 )
-CARD = b'title="a"\n[record]\nrate_hz=150\n[physics]\nstep_s=1e-3\n[[trials]]\nobjects=["soft-ball"]\naction="pull"\n'
+CARD = (
+    b'title="a"\n[record]\nrate_hz=150\n[physics]\nstep_s=1e-3\n'
+    b'[[trials]]\nobjects=["soft-ball"]\naction="pull"\n'
+)
 MORE_OF_A_CARD = (
     b"count=2\nhold_s={uniform=[2,3]}\ngrip_n={choice=[4,8]}\nspare={normal=[2,1]}\n"
     b"[objects.pear]\nmass_g=180\n[effects.brush]\ncount=5\n[effects.dipole]\n[effects.hall_noise]\n"

@@ -32,7 +32,7 @@ def here_again() -> Iterator[None]:
     AREA,
     "an input that broke something once",
     elsewhere="a fixed crash comes back, because its input was not kept",
-    here="every such input is a file in tests/fuzz/corpus and is replayed by every run of the tests",
+    here="every such input is a file in tests/fuzz/corpus, which every run of the tests replays",
 )
 def test_every_input_that_ever_broke_something_is_now_taken_or_refused_with_an_error_of_ours(
     record_property,
@@ -71,7 +71,8 @@ def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     take seconds."""
     if importlib.util.find_spec("atheris") is None:
         pytest.skip(
-            "no wheel of atheris for this machine (x86_64 Linux, Python 3.11 to 3.13): the corpus alone is run"
+            "atheris has no wheel for this machine (x86_64 Linux, Python 3.11 to 3.13): "
+            "only the corpus is run"
         )
     out = tmp_path_factory.mktemp("fuzz")
     done = subprocess.run(
@@ -97,7 +98,7 @@ def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     AREA,
     "unforeseen bytes",
     elsewhere="a parser meets them in the field, and the process on the hand ends in a traceback",
-    here="coverage-guided fuzzing of everything that takes bytes or text: taken, or refused with a typed error",
+    here="coverage-guided fuzzing of every parser: bytes are taken, or refused with a typed error",
 )
 @pytest.mark.parametrize("name", TARGETS)
 def test_fuzzing_finds_nothing_but_errors_of_ours(fuzzed, name, record_property):

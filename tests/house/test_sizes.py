@@ -1,0 +1,57 @@
+"""Short functions, short files, and no two modules that import each other."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from statistics import median, quantiles
+
+import pytest
+from rooms import MAY_IMPORT, ROOT
+
+FILES = sorted(path for room in MAY_IMPORT for path in (ROOT / room).rglob("*.py"))
+MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in FILES}
+
+
+def function_lines() -> dict[str, int]:
+    """Lines of every function, its signature and docstring counted."""
+    return {
+        f"{path.relative_to(ROOT)}:{node.name}": (node.end_lineno or 0) - node.lineno + 1
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.FunctionDef)
+    }
+
+
+def test_functions_are_short() -> None:
+    lines = function_lines()
+    assert {name: n for name, n in lines.items() if n > 45} == {}
+    assert median(lines.values()) <= 8
+    assert quantiles(lines.values(), n=10)[-1] <= 25
+
+
+def test_files_hold_one_idea() -> None:
+    lines = {str(p.relative_to(ROOT)): len(p.read_text("utf-8").splitlines()) for p in FILES}
+    assert {name: n for name, n in lines.items() if n > 350} == {}
+    assert median(lines.values()) <= 110
+
+
+def imported(path: Path) -> set[str]:
+    """Our modules that a file imports, in functions too."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.update(f"{node.module}.{alias.name}" for alias in node.names)
+            names.add(node.module)
+    return {name for name in names if name in MODULES}
+
+
+def test_no_module_imports_one_that_imports_it() -> None:
+    order = TopologicalSorter({name: imported(path) for name, path in MODULES.items()})
+    try:
+        order.prepare()
+    except CycleError as circle:
+        pytest.fail(" -> ".join(circle.args[1]))
