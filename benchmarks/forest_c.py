@@ -53,12 +53,12 @@ def c_walk(
         np.concatenate(leaf_votes(forest, n_classes)).astype(np.int32),
     ]
     out, kept = np.zeros(n_classes, dtype=np.int32), np.ascontiguousarray(rows)
-    pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+    tables = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
     pointers = [ctypes.c_void_p(kept.ctypes.data + k * kept.strides[0]) for k in range(len(kept))]
     rest = (
-        pointers[0],
+        tables[0],
         ctypes.c_int32(len(roots)),
-        *pointers[1:],
+        *tables[1:],
         ctypes.c_int32(n_classes),
         ctypes.c_void_p(out.ctypes.data),
     )

@@ -77,9 +77,8 @@ LAYOUTS: dict[str, tuple[Finger, ...]] = {
 def read_layout(text: str) -> tuple[Finger, ...]:
     """A layout by name, or a place for each finger (see above). Raises UsageError.
 
-    >>> read_layout("1:35,22,72/0:35>50")[1:]
-    (Finger(address=34, channel=None, moved=None, mux=112), Finger(address=53, channel=0, moved=80,
-    mux=114))
+    >>> read_layout("1:35,22,72/0:35>50")[2]
+    Finger(address=53, channel=0, moved=80, mux=114)
     >>> read_layout("mux@71")[5]
     Finger(address=34, channel=1, moved=None, mux=113)
     """

@@ -17,7 +17,7 @@ from holdfast.recorder.labels import read_meta
 
 FORMAT = 1
 KEPT, RECORDING, INTERRUPTED, REDONE, VOID = "kept", "recording", "interrupted", "redone", "void"
-LOCK = ".lock"
+LOCK = ".holdfast.lock"
 
 
 @contextmanager

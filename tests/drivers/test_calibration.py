@@ -655,7 +655,9 @@ def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(calibrate, "N_TREES", 30)  # the figures of 200 to within what is asked
+    monkeypatch.setattr(
+        "holdfast.calibration.judging.N_TREES", 30
+    )  # the figures of 200 to within what is asked
     calibrate_with(
         eflesh, "--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2025-04-16"
     )

@@ -16,9 +16,9 @@ from hard_marks import EXACT, MILLION, SMALL, TIES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx.utils import Extractor
+from skl2onnx.common import tree_ensemble
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
-import export.forest
 from edge_runtime.contract import CLASSES, SITUATIONS
 from edge_runtime.errors import NotANumber, VerificationFailed
 from edge_runtime.graph import open_session
@@ -458,9 +458,9 @@ def lying_nodes(
 
 LIES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "a threshold": lambda patch: patch.setattr(
-        export.forest,
+        tree_ensemble,
         "add_tree_to_attribute_pairs",
-        lying_converter(export.forest.add_tree_to_attribute_pairs),
+        lying_converter(tree_ensemble.add_tree_to_attribute_pairs),
     ),
     "a leaf": lambda patch: patch.setattr(
         onnx.helper,

@@ -206,8 +206,8 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
         in said
     )
     report = (tmp_path / "report.html").read_text()
-    assert "By a camera, and by the truth" in report
-    assert "<td>1 of 1<td>" in report
+    assert "Alarms against a camera" in report
+    assert "<td>1 of 1<br>" in report
 
     only_seen = [line for line in lines if line["provenance"] == "camera"]
     (folder / "events.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in only_seen))
@@ -227,7 +227,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert data["data"]["onsets_by"] == {"camera": 1}
     assert data["rows"]["ours, as deployed"]["camera"]["truth"] is None
     assert "the truth of these events is not known" in (said := capsys.readouterr().out)
-    assert "load onsets are those of camera 1" in said
+    assert "source of load onsets: camera 1" in said
 
 
 def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_path):

@@ -14,7 +14,7 @@ import numpy as np
 import onnx
 import pytest
 
-from edge_runtime import self_checks as checks
+from edge_runtime import graph_checks
 from edge_runtime.graph import StepGraph
 from edge_runtime.model_file import CARD_KEY
 from edge_runtime.monitor import Model
@@ -101,7 +101,7 @@ def test_a_step_that_keeps_something_every_time_is_found(monkeypatch, capsys):
         return really(graph)
 
     monkeypatch.setattr(StepGraph, "step", leaking)
-    monkeypatch.setattr(checks, "SILENT_STEPS", FEWER_STEPS)
+    monkeypatch.setattr(graph_checks, "SILENT_STEPS", FEWER_STEPS)
     assert main(["selftest", str(DEFAULT)]) == 1
     failed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("failed")]
     assert [line[8:36].strip() for line in failed] == ["memory"]
@@ -214,7 +214,7 @@ DAMAGES = {
 )
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
 def test_the_selftest_fails_on(four_situations: Built, tmp_path: Path, capsys, monkeypatch, damage):
-    monkeypatch.setattr(checks, "SILENT_STEPS", FEWER_STEPS)
+    monkeypatch.setattr(graph_checks, "SILENT_STEPS", FEWER_STEPS)
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
     Model(path)
     assert main(["selftest", str(path), "--json"]) == 1

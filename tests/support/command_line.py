@@ -10,7 +10,7 @@ import pytest
 
 from holdfast.cli import main
 
-PROGRESS = re.compile(r"warning: | *\d+ s  ")
+PROGRESS = re.compile(r"warning: |exporting | *\d+ s  |  ")
 Run = Callable[..., tuple[int, str, str]]
 
 
