@@ -152,7 +152,7 @@ def _read_index(folder: Path) -> Mapping[str, Any]:
             f"no readable {INDEX}",
             where=folder,
             cause="no training wrote to this folder, or it did not finish",
-            next_step=f"python training/train.py --out {folder}",
+            next_step=f"holdfast train --data FOLDER --out {folder}",
         ) from None
     if not isinstance(index, dict) or index.get("format") != FORMAT:
         raise ArtifactError(

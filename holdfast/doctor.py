@@ -133,7 +133,7 @@ def _default_model() -> list[Finding]:
 
     path = Path("build/default/holdfast.onnx")
     if not path.exists():
-        step = "python training/train.py && python export/export.py"
+        step = "holdfast train && holdfast export, or use models/holdfast-150hz.onnx"
         return [Finding("model", "missing", f"no {path}", step)]
     try:
         model_id = Model(path).card.model_id

@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     if "predict_250ms" in figures:
         print(f"held out, grouped: 0.25 s prediction AUC {figures['predict_250ms']['auc']:.3f}")
     show(data.caveat)
-    show(f"artifact: {args.out}; next: python export/export.py {args.out}")
+    show(f"artifact: {args.out}; next: holdfast export {args.out}")
     return 0
 
 
