@@ -121,7 +121,7 @@ def test_clearing_a_bus_looks_at_scl_too():
 
 
 @STUCK_BUS.mark
-def test_scl_held_low_is_said_once_and_every_reading_is_invalid_until_it_is_let_go():
+def test_scl_held_low_is_reported_once_and_every_reading_is_invalid_until_it_is_released():
     bench, emulated = bridge(HeldScl)
     bench.hand.start()
     bench.read_for(0.1)

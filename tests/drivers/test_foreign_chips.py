@@ -105,7 +105,7 @@ def test_a_chip_that_is_no_mux_at_the_mux_s_address_is_written_to_by_no_hand():
 
 @FOREIGN_CHIP.mark
 @pytest.mark.parametrize("layout", ["mux@71", "moved@71"])
-def test_fingers_asked_together_reset_no_foreign_chip_by_the_general_call(layout):
+def test_fingers_triggered_together_reset_no_foreign_chip_by_the_general_call(layout):
     chips = [Pca9685(), Ads1115(), Expander()]
     bench, before = with_chips(
         *chips, layout=layout, on_wire=layout[: layout.index("@")], setup=Setup(together=True)

@@ -171,8 +171,8 @@ def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_b
 @pytest.mark.hard_case(
     "What comes from outside",
     "a reply that comes late",
-    elsewhere="it is taken for the answer to the next question",
-    here="marks take turns, and a bridge that failed is drained first",
+    elsewhere="it is taken for the reply to the next request",
+    here="two marks alternate in the requests, and a bridge that failed is drained first",
 )
 def test_a_late_reply_never_answers_the_next_question():
     field_ut = np.array([[[0, 0, 1000.0]] * 6, [[0, 0, 30000.0]] * 6])

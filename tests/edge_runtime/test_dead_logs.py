@@ -229,7 +229,7 @@ def failing(name: str) -> tuple[Sink, str]:
 @pytest.mark.parametrize(
     "name", ["full disk", "closed descriptor", "closed terminal", "closed pipe"]
 )
-def test_a_log_that_fails_is_dropped_once_and_told_while_the_others_get_every_line(
+def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_line(
     name, prediction
 ):
     log, why = failing(name)

@@ -506,7 +506,7 @@ def test_a_resealed_file_is_refused_before_onnxruntime_opens_it(
 @pytest.mark.parametrize(
     "alter", [situation_plus_seven, zero_leaves, endless_loop, tree_that_loops, deep_tree]
 )
-def test_so_it_is_when_it_is_opened_for_use(
+def test_a_resealed_file_is_refused_when_it_is_opened_for_use(
     alter: Callable[[onnx.ModelProto], None], tmp_path: Path
 ) -> None:
     model = opened()

@@ -275,7 +275,7 @@ def test_an_empty_hand_is_seen_empty_and_then_answers_nothing(model: Model) -> N
 
 
 @RESTART.mark
-def test_a_start_under_load_is_told_until_the_hand_has_been_empty(model: Model) -> None:
+def test_a_start_under_load_is_reported_until_the_hand_has_been_empty(model: Model) -> None:
     empty = 0.02 * np.random.default_rng(3).normal(size=(200, 18))
     answers = fed(model, np.concatenate([noise(200), empty]), bias_known=True)
     loaded = [answer.started_loaded for answer in answers]

@@ -315,12 +315,13 @@ CONTRADICTED = {
 @pytest.mark.hard_case(
     "What comes from outside",
     "a sealed file whose card lies about its graph",
-    elsewhere="the seal holds, for anybody can make one, and the process ends in the first sample",
+    elsewhere="the seal is valid, because anyone can seal a file, "
+    "and the process ends at the first sample",
     here="card and graph are compared when the file is opened, and every value of the card has "
     "its range",
 )
 @pytest.mark.parametrize("fault", CONTRADICTED)
-def test_a_card_is_refused_that_speaks_of(
+def test_a_card_that_contradicts_its_graph_is_refused(
     four_situations: Built, tmp_path: Path, fault: str
 ) -> None:
     data = content(four_situations.model)

@@ -69,7 +69,7 @@ stalled_consumer = pytest.mark.hard_case(
 
 
 @stalled_consumer
-def test_a_pipe_that_nobody_reads_loses_whole_lines_counted_and_delays_no_sample(
+def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
     model, stalled, record_property
 ):
     clock, heard = VirtualClock(), io.StringIO()
@@ -120,7 +120,7 @@ def test_a_consumer_that_comes_back_gets_the_newest_line_whole(stalled):
     "counted; no answer is late",
     unguarded=True,
 )
-def test_a_plain_print_into_a_pipe_that_nobody_reads_would_wait_for_ever(stalled):
+def test_a_plain_print_into_a_pipe_without_a_reader_would_wait_for_ever(stalled):
     os.set_blocking(stalled[1], False)  # what would wait raises instead
     with pytest.raises(BlockingIOError):
         os.writev(stalled[1], [b"x" * 1000 + b"\n"] * 400) and os.write(
@@ -198,10 +198,10 @@ def still(sequence: int, t_ns: int) -> Sample:
     AREA,
     "a recording a few per cent off the model's rate",
     elsewhere="read on the model's schedule, rows come twice or never, without a message",
-    here="a recording is due at its own rate, so that every row is met once",
+    here="a recording is read at its own rate, so that every row is read once",
 )
 @pytest.mark.parametrize("rate_hz", [137.0, 150.0, 164.0])
-def test_a_recording_within_the_tolerance_is_met_row_by_row(model, rate_hz):
+def test_a_recording_within_the_tolerance_is_read_row_by_row(model, rate_hz):
     clock, rows = VirtualClock(), np.arange(300.0)
     replay = Replay(
         np.arange(300), np.repeat(rows[:, None], 18, axis=1), np.ones((300, 6), bool), rate_hz, "N"
@@ -317,7 +317,8 @@ def test_the_monitor_alone_refuses_time_that_runs_backwards(model):
     AREA,
     "a clock that jumps forwards",
     elsewhere="an hour of lost samples is filled in, one by one, before the next",
-    here="one more than a gap that blinds is enough; then unknown until settled",
+    here="at most one step more than the longest bridged gap is filled in; "
+    "then unknown until settled",
 )
 @pytest.mark.parametrize("ahead_s", [0.1, 3600.0, 1e9])
 def test_a_jump_ahead_takes_no_more_steps_than_a_gap(model, ahead_s, monkeypatch):
@@ -404,7 +405,7 @@ def test_a_flooded_port_delays_commands_and_no_sample(record_property):
             heard.append(len(log) - before)
             if command.override:
                 break
-    record_property("samples until the override is heard", len(heard))
+    record_property("samples until the override counts", len(heard))
     assert heard == [MOST_A_SAMPLE] * 3 + [101 - 3 * MOST_A_SAMPLE]
 
 

@@ -152,7 +152,7 @@ REFUSED = {
     here="refused in one line that names the file, the line and the column",
 )
 @pytest.mark.parametrize("fault", REFUSED)
-def test_a_file_is_refused_where(tmp_path: Path, fault: str) -> None:
+def test_a_damaged_trial_file_is_refused(tmp_path: Path, fault: str) -> None:
     header, lines, error, names = REFUSED[fault]
     refuses(written(tmp_path, header, lines), error, names)
 

@@ -120,7 +120,7 @@ def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
 
 
 @EVENTS.mark
-def test_an_alarm_that_was_on_before_finds_nothing_and_is_false():
+def test_an_alarm_that_was_on_before_detects_nothing_and_is_false():
     told = match_alarms(recording(EVENT), asked((0.5, 2.0)))
     assert told.outcomes[0].alarm_s is None
     assert told.outcomes[0].already_on
@@ -142,7 +142,7 @@ def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_fin
 
 
 @COLLAR.mark
-def test_an_event_is_found_once_and_a_second_alarm_in_it_is_neither_found_nor_false():
+def test_an_event_is_detected_once_and_a_second_alarm_in_it_is_not_false():
     told = match_alarms(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
     assert told.outcomes[0].delay_s == pytest.approx(0.01)
     assert told.false_s == ()

@@ -112,7 +112,7 @@ def test_lasting_noise_cannot_lock_the_alarm_on_for_ever() -> None:
 
 
 @EVENTS.mark
-def test_neither_can_a_lasting_tone() -> None:
+def test_a_lasting_tone_cannot_lock_the_alarm_on_for_ever() -> None:
     fired = detect(burst(quiet(100.0), 5.0, 95.0, 2.0))["band_pass"]
     assert fired[at(5.5) : at(10.0)].all()
     assert not fired[at(90.0) :].any()

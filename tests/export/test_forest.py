@@ -311,7 +311,7 @@ def test_a_file_that_is_wrong_in_one_place_is_not_verified(
     what=st.sampled_from(["leaf", "threshold"]),
 )
 @settings(max_examples=8)
-def test_it_does_not_matter_which_leaf_or_which_threshold_is_wrong(
+def test_one_wrong_leaf_or_threshold_anywhere_fails_the_verification(
     kind: str, place: int, what: str
 ) -> None:
     forest, rows = fitted(kind, (0, 1, 2, 3), 4)

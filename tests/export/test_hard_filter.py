@@ -373,7 +373,7 @@ def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_clas
 
 
 @BAD_SAMPLE.mark
-def test_a_risky_sample_that_comes_again_and_again_asks_for_nothing_yet_and_an_override_is_heard(
+def test_a_repeated_risky_sample_requests_no_act_and_an_override_beside_it_counts(
     eight_classes: Built,
 ) -> None:
     """The hand acts on two risky samples in a row, not on one that came twice."""

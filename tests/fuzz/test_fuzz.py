@@ -97,7 +97,7 @@ def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 @pytest.mark.hard_case(
     AREA,
     "unforeseen bytes",
-    elsewhere="a parser meets them in the field, and the process on the hand ends in a traceback",
+    elsewhere="a parser receives them on the hand, and the process ends in a traceback",
     here="coverage-guided fuzzing of every parser: bytes are taken, or refused with a typed error",
 )
 @pytest.mark.parametrize("name", TARGETS)

@@ -163,7 +163,7 @@ def test_a_hundred_thousand_columns_are_looked_at_once_each(name: str) -> None:
 
 
 @HUGE_INPUT.mark
-def test_so_is_a_file_of_them(tmp_path: Path) -> None:
+def test_a_file_of_a_hundred_thousand_columns_is_refused(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(
         "Time," + ",".join(f"A{k}" for k in range(100_000)) + "\n", encoding="ascii"
     )
@@ -443,7 +443,7 @@ def test_no_escape_in_a_warning_or_an_error_of_the_system_reaches_the_terminal(
         ("usb:/ft232h", "usb://ft232h"),
     ],
 )
-def test_a_source_without_its_scheme_is_told_what_to_write(
+def test_a_source_without_its_scheme_is_refused_with_what_to_write(
     word: str, meant: str, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -453,7 +453,9 @@ def test_a_source_without_its_scheme_is_told_what_to_write(
 
 
 @MISTAKEN_ARGUMENT.mark
-def test_so_it_is_for_a_live_source_and_for_a_scan(tmp_path: Path, monkeypatch) -> None:
+def test_a_live_source_and_a_scan_without_a_scheme_are_refused_too(
+    tmp_path: Path, monkeypatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     clock = VirtualClock()
     with pytest.raises(UsageError, match="write usb://ft232h for the bridge itself"):
@@ -471,7 +473,7 @@ def test_a_file_with_the_name_of_a_bridge_is_a_file(tmp_path: Path, monkeypatch)
 
 
 @MISTAKEN_ARGUMENT.mark
-def test_an_unescaped_plus_in_a_fault_is_told_to_be_escaped() -> None:
+def test_an_unescaped_plus_in_a_fault_is_refused_with_its_escape() -> None:
     url = "virtual://ft232h?fault=nack:3@1.5+0.2"
     with pytest.raises(UsageError) as caught:
         open_live(url, clock=VirtualClock(), say=print)
@@ -482,7 +484,7 @@ def test_an_unescaped_plus_in_a_fault_is_told_to_be_escaped() -> None:
 
 
 @MISTAKEN_ARGUMENT.mark
-def test_a_models_card_is_told_from_the_model(tmp_path: Path) -> None:
+def test_a_models_card_given_for_the_model_is_recognised(tmp_path: Path) -> None:
     card = tmp_path / "m.json"
     for there in (False, True):
         if there:

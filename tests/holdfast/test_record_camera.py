@@ -247,11 +247,11 @@ def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_
 @pytest.mark.hard_case(
     "What comes from outside",
     "a camera that is unplugged in the middle of a trial",
-    elsewhere="the recorder ends with it, or keeps a video that stops without a word",
-    here="the hand is recorded on; the camera part is void, in events.jsonl, meta.json "
+    elsewhere="the recorder ends with it, or keeps a video that stops without a message",
+    here="the recording of the hand continues; the camera part is void, in events.jsonl, meta.json "
     "and on the screen",
 )
-def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_on(tmp_path):
+def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_end(tmp_path):
     with start(*words_of(tmp_path), "--seconds", "2") as run:
         heard(run, "recording p01")
         for pid in children(run.pid):

@@ -171,8 +171,8 @@ def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
 @pytest.mark.hard_case(
     AREA,
     "a disk that is full in the middle of a trial",
-    elsewhere="half a line at the end, which no reader takes, or the recorder goes on without "
-    "a word",
+    elsewhere="half a line at the end, which no reader takes, or the recorder continues without "
+    "a message",
     here="one error; the rows before stay whole, the half line is taken back, the trial "
     "says interrupted or recording",
 )

@@ -199,7 +199,8 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
     "an SSH connection that drops while a trial is recorded",
     elsewhere="the recorder dies with the terminal, and its trial says for ever that it is "
     "being recorded",
-    here="the trial ends as by SIGTERM: whole, interrupted, and it comes up again",
+    here="the trial ends as by SIGTERM: its rows are whole, its state is interrupted, "
+    "it is announced again",
 )
 def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     master, slave = pty.openpty()

@@ -210,10 +210,12 @@ DAMAGES = {
     "Forest and ONNX",
     "a model that is wrong and properly sealed",
     elsewhere="its hash is right, its golden rows are its own, and so it is trusted",
-    here="laws that no golden row can vouch for are checked on the file itself",
+    here="the selftest checks properties of the file that golden rows cannot show",
 )
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-def test_the_selftest_fails_on(four_situations: Built, tmp_path: Path, capsys, monkeypatch, damage):
+def test_the_selftest_fails_on_a_model_with_any_of_these_faults(
+    four_situations: Built, tmp_path: Path, capsys, monkeypatch, damage
+):
     monkeypatch.setattr(graph_checks, "SILENT_STEPS", FEWER_STEPS)
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
     Model(path)

@@ -167,7 +167,7 @@ def artifact(eight_classes: Built, tmp_path: Path) -> Path:
 
 
 @OVERWRITTEN.mark
-def test_training_does_not_replace_an_artifact_unless_told(
+def test_training_does_not_replace_an_artifact_without_force(
     run: Run, artifact: Path, tmp_path: Path
 ) -> None:
     before = bytes_of(artifact)
@@ -214,7 +214,7 @@ def test_the_bare_command_rebuilds_the_fixture_s_model_and_replaces_no_other(
 
 
 @OVERWRITTEN.mark
-def test_an_export_replaces_what_was_made_of_its_artifact_and_nothing_else_unless_told(
+def test_an_export_replaces_its_own_earlier_model_and_nothing_else_without_force(
     run: Run,
     artifact: Path,
     tmp_path: Path,

@@ -105,7 +105,7 @@ any_step = {
     st.sampled_from([0.0, 0.3, 10.0]),
     st.integers(0, 99),
 )
-def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_leaves_the_numbers(
+def test_no_step_from_a_microsecond_to_a_second_gains_energy_or_is_not_finite(
     kind, dt_s, grip_n, speed, seed
 ):
     held = body(16, **{**kind, "kinetic": 0.8 * kind["friction"]})
@@ -243,7 +243,8 @@ def test_a_slow_load_slips_at_the_static_limit_and_not_before():
 @pytest.mark.hard_case(
     AREA,
     "a curved object",
-    elsewhere="the normal falls with the way, and the push that belongs to it is left out",
+    elsewhere="the normal force falls along the path, and the squeeze that belongs to it "
+    "is left out",
     here="both are there, and energy is kept",
 )
 def test_on_a_ball_the_normal_falls_and_squeezes_and_on_a_cylinder_it_does_not():

@@ -157,13 +157,13 @@ SMALL = HardCase(
 GOLDEN = HardCase(
     FOREST,
     "a runtime or a file that answers differently",
-    "it opens without a complaint, and is believed",
+    "it opens without an error, and its answers are used",
     "golden sequences are replayed at load, and a difference is an error",
 )
 CERTAIN = HardCase(
     METRICS,
     "probabilities of 0 and 1",
-    "a share of 0 for what did happen costs infinitely much, and a naive softmax overflows",
+    "a probability of 0 for what did happen has an infinite log loss; a naive softmax overflows",
     "calibrated probabilities of finite votes are finite, above 0, and sum to 1",
 )
 ABSENT = HardCase(

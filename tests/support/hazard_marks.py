@@ -110,7 +110,7 @@ DEAD_LOG = Hazard(
 RESTART = Hazard(
     LIVE,
     "The program restarts while the hand holds something",
-    "Forces above the stored unloaded bias are told as `started_loaded`, and "
+    "Forces above the stored unloaded bias are reported as `started_loaded`, and "
     "`nothing` is not answered until the hand"
     " has been empty",
     "The hand's own controller keeps its grip while no answer comes",

@@ -126,7 +126,7 @@ def test_a_class_that_was_never_seen_is_given_no_probability_and_the_others_keep
 
 @pytest.mark.parametrize("present", [[2], [0, 3]])
 @ABSENT.mark
-def test_so_it_is_with_only_one_class_or_two(present: list[int]) -> None:
+def test_with_only_one_class_or_two_the_others_are_given_no_probability(present: list[int]) -> None:
     label = np.resize(present, 60)
     p = probability(np.eye(4)[label], fit_calibration(np.eye(4)[label], label))
     np.testing.assert_array_equal(p.argmax(axis=1), label)
