@@ -98,10 +98,12 @@ class Boosting:
     iterations: int = 100
     leaves: int = 31
     threads: int = 1
+    bins: int = 255
 
     def fit(self, features: FloatRows, label: IntArray, seed: int) -> None:
         """See Learner."""
         model = HistGradientBoostingClassifier(
+            max_bins=self.bins,
             max_iter=self.iterations,
             max_leaf_nodes=self.leaves,
             class_weight="balanced",

@@ -49,7 +49,7 @@ CARDS = {
 }
 STEP_S = {card: 0.001 if card == "broad" else 0.003 for card in CARDS.values()}
 """Long steps: the study asks for streams, not for slip times to the millisecond."""
-TRIALS = {"thesis": 45, "broad": 27, "p1": 45, "p2": 45, "daily": 6, "perturbed-hold": 9}
+TRIALS = {"thesis": 30, "broad": 18, "p1": 30, "p2": 30, "daily": 6, "perturbed-hold": 9}
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         Idea("forest", learner=lambda: Forest(SMALL), objects_left_out=True),
         Idea("veto", learner=lambda: Forest(SMALL), decision="veto"),
         Idea("personal", learner=lambda: Forest(SMALL), decision="personal"),
-        Idea("boosting", learner=lambda: Boosting(10, 8)),
+        Idea("boosting", learner=lambda: Boosting(10, 8, bins=8)),
         Idea("context", learner=lambda: Forest(SMALL), features="with context"),
     ]
     said: list[str] = []
