@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from evaluation.closing_hand import KeptObjects
-from evaluation.statistics import Interval, McNemar, Share, Spread
+from evaluation.statistics import McNemar, Spread
+from training.figures import Interval, Share
 
 
 def number(value: float | None, places: int = 2) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,13 @@ from evaluation.model_outputs import OUTPUTS, everywhere, read_outputs
 from evaluation.request import EvaluationRequest
 from evaluation.scored_set import ScoredSet, score_set
 from evaluation.thresholds import Chosen, MatchingStreams, Thresholds, find_thresholds
-from evaluation.window_scores import at_windows, heads_asked, require_model_fits, window_figures
+from evaluation.window_scores import (
+    WindowFigures,
+    at_windows,
+    heads_asked,
+    require_model_fits,
+    window_figures,
+)
 from export.spec import StepSpec
 from training.datasets import find, load
 from training.fitting import with_situations
@@ -141,7 +146,7 @@ def _named(name: str, data: DataSet) -> str:
 
 def _window_figures(
     model: Model, data: DataSet, computed: Sequence[Outputs], seed: int
-) -> dict[str, Any]:
+) -> WindowFigures:
     whole = with_situations(data)
     names = ["situation", "unknown", *heads_asked(model, whole)]
     rows = [np.arange(len(one.samples)) for one in whole.recordings]

@@ -66,7 +66,7 @@ class Evaluation:
         """figures.json; of one set alone, its window figures stand on top."""
         first = next(iter(self.sets.values()))
         alone = len(self.sets) == 1
-        return (first.windows if alone else {"model_id": self.model.model_id}) | {
+        return (first.windows.to_json() if alone else {"model_id": self.model.model_id}) | {
             "model": asdict(self.model),
             "thresholds": self.thresholds.to_json(),
             "seed": self.seed,

@@ -17,7 +17,8 @@ import numpy.typing as npt
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.decision import DecisionRules
 from evaluation.alarms import Answers, act_requests
-from evaluation.statistics import Interval, Spread, ratio_interval, spread
+from evaluation.statistics import Spread, ratio_interval, spread
+from training.figures import Interval
 from training.metrics import draw_groups
 from training.recording import Recording
 from training.timeline import RiskyEvent

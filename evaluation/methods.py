@@ -23,8 +23,9 @@ from evaluation.event_scores import (
     event_scores,
     match_alarms,
 )
-from evaluation.statistics import Interval, Share, share
+from evaluation.statistics import share
 from evaluation.truths import DISTURBANCES, Grasp, style_of, voluntary_actions
+from training.figures import Interval, Share
 from training.recording import Recording
 
 

@@ -58,7 +58,7 @@ here is a rotation that turns back before 15 degrees; no intention is known.
 {number(states.true_changes_per_s)}); calibration error {number(ece, 3)}, of risky
 {number(ece_risky, 3)}; macro F1 over four situations per sample
 {number(states.confusion["four"].macro_f1, 3)}, at windows
-{number(one.windows["situations"]["macro_f1"], 3)}.</p>
+{number(one.windows.heads.situations.macro_f1, 3)}.</p>
 {_eflesh(real.eflesh)}"""
 
 

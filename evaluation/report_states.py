@@ -103,7 +103,7 @@ def _quality(of: SetFigures) -> list[str]:
         number(calibrated.ece if calibrated else None, 3),
         number(calibrated.ece_risky if calibrated else None, 3),
         *(_f1(confusion.get(level)) for level in ("four", "seven", "eight")),
-        number(of.windows["situations"]["macro_f1"], 3),
+        number(of.windows.heads.situations.macro_f1, 3),
     ]
 
 

@@ -25,6 +25,7 @@ from evaluation.states import StateFigures, risky_states, state_figures
 from evaluation.statistics import McNemar, mcnemar
 from evaluation.thresholds import Thresholds, requests_of
 from evaluation.truths import grasp_of, grasps_beside
+from evaluation.window_scores import WindowFigures
 from training.objects import read_json
 from training.recording import DataSet
 from training.say import Part, ignored
@@ -66,7 +67,7 @@ class SetFigures:
     """
 
     card: SetCard
-    windows: dict[str, Any]
+    windows: WindowFigures
     rows: dict[str, MethodFigures]
     states: StateFigures
     mcnemar: dict[str, McNemar]
@@ -77,7 +78,7 @@ class SetFigures:
         """As it stands in figures.json."""
         figures = {
             "data": self.card.to_json(),
-            "windows": self.windows,
+            "windows": self.windows.to_json(),
             "rows": {name: asdict(one) for name, one in self.rows.items()},
             "states": asdict(self.states),
             "mcnemar": {name: asdict(one) for name, one in self.mcnemar.items()},
@@ -104,7 +105,7 @@ def score_set(
     data: DataSet,
     outputs: list[ModelOutputs],
     thresholds: Thresholds,
-    windows: dict[str, Any],
+    windows: WindowFigures,
     seed: int,
     part: Part = ignored,
 ) -> ScoredSet:
@@ -195,7 +196,7 @@ def _heavy(data: DataSet) -> list[bool | None]:
     return heavy
 
 
-def _card(root: Path, data: DataSet, windows: dict[str, Any]) -> SetCard:
+def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
     meta = read_json(root / "meta.json")
     return SetCard(
         name=data.name,
@@ -209,6 +210,6 @@ def _card(root: Path, data: DataSet, windows: dict[str, Any]) -> SetCard:
         events=sum(len(one.events) for one in data.recordings),
         samples=data.notes.get("samples"),
         onsets_by=onsets_by(root, data.recordings),
-        trained_on_recordings=windows["trained_on_recordings"],
+        trained_on_recordings=windows.trained_on_recordings,
         caveat=data.caveat,
     )

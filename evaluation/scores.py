@@ -7,7 +7,7 @@ nothing once, with the votes of both added. Intervals are 95 %, over trials, unl
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from edge_runtime.contract import (
     BoolArray,
 )
 from export.reference import IntArray, riskier_argmax, situation_votes
+from training.figures import Interval, Share
 from training.metrics import Labels, share_scores, situation_scores
 from training.recording import DataSet
 
@@ -36,6 +37,65 @@ LEAK_EXPLAINED = (
     "samples; the offset is the trial's unloaded start). A leak is a 99 % interval over trials "
     "that lies wholly above 0.875, or, sharper, above 0.5 for the weight within nothing."
 )
+
+
+@dataclass(frozen=True)
+class LevelScores:
+    """Accuracy and F1 at one level. present: number of classes that occur."""
+
+    accuracy: float | None
+    accuracy_ci: Interval | None
+    macro_f1: float | None
+    macro_f1_ci: Interval | None
+    f1: dict[str, float | None]
+    f1_ci: dict[str, Interval | None]
+    present: int
+
+
+@dataclass(frozen=True)
+class RiskyCalls:
+    """Share of the windows of each situation that are called risky; of risky, the recall."""
+
+    risky: Share
+    safe: Share
+    grasp: Share
+    nothing: Share
+
+
+@dataclass(frozen=True)
+class ClassScores:
+    """Scores of votes for the eight classes, at every level."""
+
+    n_windows: int
+    n_trials: int
+    eight: LevelScores
+    seven: LevelScores
+    four: LevelScores
+    calls: RiskyCalls
+
+
+@dataclass(frozen=True)
+class LeakCheck:
+    """Whether votes know the weight where no signal carries it. ci99: 99 % intervals."""
+
+    leak: bool
+    eight_class_accuracy: float | None
+    eight_class_accuracy_ci99: Interval | None
+    ceiling: float
+    weight_within_nothing: float | None
+    weight_within_nothing_ci99: Interval | None
+    balanced: bool
+    explanation: str
+
+
+@dataclass(frozen=True)
+class RecallSpread:
+    """Recall of each class in every retraining, and its range; None for an absent class."""
+
+    recall: dict[str, list[float] | None]
+    spread: dict[str, float | None]
+    largest_spread: float
+    within_10_percent: bool
 
 
 def labels_at(label: Labels, level: str) -> IntArray:
@@ -57,33 +117,45 @@ def answers_at(votes: IntArray, level: str) -> IntArray:
     return riskier_argmax(votes)
 
 
-def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
-    """Accuracy and macro F1 at every level, and `calls`, of votes [M, 8] on "classes".
-
-    F1 is over the classes present.
-    """
+def scores(data: DataSet, votes: IntArray, *, seed: int = 0) -> ClassScores:
+    """Accuracy and macro F1 at every level, and `calls`, of votes [M, 8] on "classes"."""
     label, groups = data.tasks["classes"].label, data.group_of("classes")
-    figures: dict[str, Any] = {"n_windows": len(label), "n_trials": len(np.unique(groups))}
-    for level, classes in LEVELS.items():
-        truth, answer = labels_at(label, level), answers_at(votes, level)
-        right = share_scores(truth == answer, groups, seed=seed)
-        figures[level] = {"accuracy": right["share"], "accuracy_ci": right["share_ci"]}
-        figures[level] |= situation_scores(truth, answer, groups, classes=classes, seed=seed)
-        figures[level]["present"] = len(np.unique(truth))
-    return figures | {"calls": calls(data, answers_at(votes, "four") == RISKY_SLIP, seed=seed)}
+    levels = {
+        level: _level_scores(labels_at(label, level), answers_at(votes, level), groups, level, seed)
+        for level in LEVELS
+    }
+    called = calls(data, answers_at(votes, "four") == RISKY_SLIP, seed=seed)
+    return ClassScores(len(label), len(np.unique(groups)), **levels, calls=called)
 
 
-def calls(data: DataSet, called: BoolArray, *, seed: int = 0) -> dict[str, Any]:
-    """Situation -> share of its windows that are called risky; of risky ones this is the recall."""
+def _level_scores(
+    truth: IntArray, answer: IntArray, groups: npt.ArrayLike, level: str, seed: int
+) -> LevelScores:
+    right = share_scores(truth == answer, groups, seed=seed)
+    f1 = situation_scores(truth, answer, groups, classes=LEVELS[level], seed=seed)
+    return LevelScores(
+        accuracy=right.share,
+        accuracy_ci=right.share_ci,
+        macro_f1=f1.macro_f1,
+        macro_f1_ci=f1.macro_f1_ci,
+        f1=f1.f1,
+        f1_ci=f1.f1_ci,
+        present=len(np.unique(truth)),
+    )
+
+
+def calls(data: DataSet, called: BoolArray, *, seed: int = 0) -> RiskyCalls:
+    """Shares of the windows that are called risky. called [M]: at each window of "classes"."""
     truth, groups = labels_at(data.tasks["classes"].label, "four"), data.group_of("classes")
     situations = {"risky": RISKY_SLIP, "safe": SAFE_SLIP, "grasp": GRASP, "nothing": NOTHING}
-    return {
+    shares = {
         name: share_scores(called[truth == situation], groups[truth == situation], seed=seed)
         for name, situation in situations.items()
     }
+    return RiskyCalls(**shares)
 
 
-def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, Any]:
+def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> LeakCheck:
     """Whether votes [M, 8] of held-out trials know a weight that no signal carries.
 
     Classes must be balanced.
@@ -96,20 +168,20 @@ def leak_check(data: DataSet, votes: IntArray, *, seed: int = 0) -> dict[str, An
         share_scores(hit, of, percent=LEAK_PERCENT, n_draws=LEAK_DRAWS, seed=seed)
         for hit, of in ((right, groups), (weight, groups[empty]))
     )
-    return {
-        "leak": _above(whole, CEILING) or _above(within, 0.5),
-        "eight_class_accuracy": whole["share"],
-        "eight_class_accuracy_ci99": whole["share_ci"],
-        "ceiling": CEILING,
-        "weight_within_nothing": within["share"],
-        "weight_within_nothing_ci99": within["share_ci"],
-        "balanced": len(np.unique(np.bincount(label, minlength=len(CLASSES)))) == 1,
-        "explanation": LEAK_EXPLAINED,
-    }
+    return LeakCheck(
+        leak=_above(whole, CEILING) or _above(within, 0.5),
+        eight_class_accuracy=whole.share,
+        eight_class_accuracy_ci99=whole.share_ci,
+        ceiling=CEILING,
+        weight_within_nothing=within.share,
+        weight_within_nothing_ci99=within.share_ci,
+        balanced=len(np.unique(np.bincount(label, minlength=len(CLASSES)))) == 1,
+        explanation=LEAK_EXPLAINED,
+    )
 
 
-def _above(figure: dict[str, Any], limit: float) -> bool:
-    return bool(figure["share_ci"] is not None and figure["share_ci"][0] > limit)
+def _above(figure: Share, limit: float) -> bool:
+    return figure.share_ci is not None and figure.share_ci[0] > limit
 
 
 def confusion(label: Labels, votes: IntArray) -> npt.NDArray[np.int64]:
@@ -120,16 +192,16 @@ def confusion(label: Labels, votes: IntArray) -> npt.NDArray[np.int64]:
     )
 
 
-def spread_of(matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
-    """Recall of each class in every retraining, and its range; None for an absent class."""
+def spread_of(matrices: list[npt.NDArray[np.int64]]) -> RecallSpread:
+    """Spread of the recall over retrainings. matrices: [8, 8] counts of each."""
     recalls = np.array([np.diagonal(m) / np.maximum(m.sum(axis=1), 1) for m in matrices])
     there = matrices[0].sum(axis=1) > 0
     span = np.where(there, np.ptp(recalls, axis=0), np.nan)
-    return {
-        "recall": {
+    return RecallSpread(
+        recall={
             name: recalls[:, k].tolist() if there[k] else None for k, name in enumerate(CLASSES)
         },
-        "spread": {name: float(span[k]) if there[k] else None for k, name in enumerate(CLASSES)},
-        "largest_spread": float(np.nanmax(span)),
-        "within_10_percent": bool(np.nanmax(span) <= 0.10 + 1e-9),
-    }
+        spread={name: float(span[k]) if there[k] else None for k, name in enumerate(CLASSES)},
+        largest_spread=float(np.nanmax(span)),
+        within_10_percent=bool(np.nanmax(span) <= 0.10 + 1e-9),
+    )

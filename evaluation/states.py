@@ -19,8 +19,9 @@ from evaluation.event_scores import EventMatch, event_scores, match_alarms
 from evaluation.methods import without_samples
 from evaluation.model_outputs import NO_CLASS, ModelOutputs
 from evaluation.scores import LEVELS, labels_at
-from evaluation.statistics import Interval, Share, Spread, share
+from evaluation.statistics import Spread, share
 from evaluation.truths import voluntary_actions
+from training.figures import Interval, Share
 from training.metrics import Labels, situation_scores
 from training.timeline import Phase
 
@@ -215,7 +216,14 @@ def _confusion(
     matrix = np.bincount((n + 1) * was + answered, minlength=n * (n + 1)).reshape(n, n + 1)
     groups = np.repeat(group, [int(at.sum()) for at in labelled])
     scores = situation_scores(was, answered, groups, classes=classes, seed=seed)
-    return ConfusionFigures((*classes, "unknown"), matrix.tolist(), **scores)
+    return ConfusionFigures(
+        (*classes, "unknown"),
+        matrix.tolist(),
+        scores.macro_f1,
+        scores.macro_f1_ci,
+        scores.f1,
+        scores.f1_ci,
+    )
 
 
 def _with_weight(situation: npt.NDArray[np.int64], heavy: bool) -> npt.NDArray[np.int64]:

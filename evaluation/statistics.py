@@ -13,10 +13,8 @@ import numpy as np
 from scipy.stats import binomtest
 
 from edge_runtime.contract import BoolArray, FloatArray
+from training.figures import Interval, Share
 from training.metrics import INTERVAL_PERCENT
-
-Interval = tuple[float, float]
-"""The 95 % interval of a figure."""
 
 
 @dataclass(frozen=True)
@@ -35,17 +33,8 @@ def spread(values: Sequence[float]) -> Spread | None:
     return Spread(*(float(np.percentile(values, percent)) for percent in (5, 50, 95)))
 
 
-@dataclass(frozen=True)
-class Share:
-    """A share of n cases, 0 to 1, and its exact interval; None without a case."""
-
-    share: float | None
-    share_ci: Interval | None
-    n: int
-
-
 def share(hits: Sequence[bool]) -> Share:
-    """The share of the hits that are true."""
+    """The share of the hits that are true, and its exact interval."""
     n = len(hits)
     if not n:
         return Share(None, None, 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,38 @@ from edge_runtime.fit import require_fit
 from edge_runtime.graph import Outputs, run_recordings
 from edge_runtime.monitor import Model
 from training.featurise import pick_rows, rows_wanted
+from training.figures import HeadFigures
 from training.fitting import fingerprint, with_situations
 from training.metrics import report
 from training.plan import TASK_HEADS
 from training.recording import DataSet
 
 
-def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> dict[str, Any]:
+@dataclass(frozen=True)
+class WindowFigures:
+    """Figures of a model at the windows of a set.
+
+    trained_on_recordings: recordings of the set that the model was trained on. unknown_windows:
+    where the state would be unknown; each counts as a miss.
+    """
+
+    heads: HeadFigures
+    model_id: str
+    data: str
+    kind: str
+    trained_on_recordings: int
+    unknown_windows: int
+    caveat: str
+    seed: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in figures.json."""
+        fields = asdict(self)
+        del fields["heads"]
+        return self.heads.to_json() | fields
+
+
+def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> WindowFigures:
     """Figures of a model at the windows of a set, and how much of the set it was trained on.
 
     Every recording is streamed from a fresh state, as on the hand; a window at which the state
@@ -50,32 +76,31 @@ def heads_asked(model: Model, data: DataSet) -> list[str]:
 
 def window_figures(
     model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0
-) -> dict[str, Any]:
+) -> WindowFigures:
     """The same from computed answers at the windows of a set with the task "situations"."""
     heads = heads_asked(model, data)
     withheld = answers["situations"]["unknown"]
     situation = np.where(withheld, len(SITUATIONS), answers["situations"]["situation"])
-    figures = report(data, situation, _risky_score(answers, heads), seed=seed)
     seen = set(model.card.raw["training"].get("recordings", ()))
     overlap = sum(fingerprint(recording) in seen for recording in data.recordings)
-    return {
-        **figures,
-        "model_id": model.card.model_id,
-        "data": data.name,
-        "kind": data.kind,
-        "trained_on_recordings": overlap,
-        "unknown_windows": int(withheld.sum()),
-        "caveat": data.caveat,
-        "seed": seed,
-    }
+    return WindowFigures(
+        heads=report(data, situation, _risky_score(answers, heads), seed=seed),
+        model_id=model.card.model_id,
+        data=data.name,
+        kind=data.kind,
+        trained_on_recordings=overlap,
+        unknown_windows=int(withheld.sum()),
+        caveat=data.caveat,
+        seed=seed,
+    )
 
 
 def _risky_score(answers: dict[str, dict[str, Any]], heads: list[str]) -> FloatArray | None:
     """The further head's answer; where the hand would say unknown it predicts nothing."""
     if "p_risky_250ms" not in heads:
         return None
-    said = answers["predict_250ms"]
-    return np.where(said["unknown"], 0.0, said["p_risky_250ms"].astype(np.float64))
+    at_task = answers["predict_250ms"]
+    return np.where(at_task["unknown"], 0.0, at_task["p_risky_250ms"].astype(np.float64))
 
 
 def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, dict[str, Any]]:

@@ -41,7 +41,7 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
 
     data = load(ready(TRAIN))
     trained = train(data, work / "model", TrainingPlan(), seed=0)
-    macro_f1 = trained.figures["situations"]["macro_f1"]
+    macro_f1 = trained.figures.situations.macro_f1
     print(f"macro F1 over four situations, trials held out: {macro_f1:.2f}", flush=True)
     path, verified = export_artifact(work / "model", out / "holdfast.onnx")
     checked = verified["heads"]["situation"]

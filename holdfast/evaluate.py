@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, positive, seed, show
 from edge_runtime.writing import require_writable, write_whole
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from evaluation.evaluation_figures import Evaluation
     from evaluation.methods import MethodFigures
     from evaluation.request import EvaluationRequest
+    from evaluation.window_scores import WindowFigures
+    from training.figures import Interval
     from training.progress import Stages
 
 
@@ -150,46 +152,45 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
     ]
 
 
-def _windows_in_words(figures: dict[str, Any]) -> list[str]:
-    situations = figures["situations"]
-    macro = _with_interval(situations["macro_f1"], situations["macro_f1_ci"])
+def _windows_in_words(figures: WindowFigures) -> list[str]:
+    heads = figures.heads
+    situations, head = heads.situations, heads.predict_250ms
+    macro = _with_interval(situations.macro_f1, situations.macro_f1_ci)
     lines = [
-        f"{figures['data']} ({figures['kind']}): {figures['n_trials']} trials, "
-        f"{figures['n_groups']} groups",
+        f"{figures.data} ({figures.kind}): {heads.n_trials} trials, {heads.n_groups} groups",
         f"macro F1 over four situations  {macro}",
     ]
     lines += [
-        f"  F1 {name:<12} {_with_interval(value, situations['f1_ci'][name])}"
-        for name, value in situations["f1"].items()
+        f"  F1 {name:<12} {_with_interval(value, situations.f1_ci[name])}"
+        for name, value in situations.f1.items()
     ]
-    if "predict_250ms" in figures:
-        head = figures["predict_250ms"]
-        precision = _with_interval(head["average_precision"], head["average_precision_ci"])
+    if head is not None:
+        precision = _with_interval(head.average_precision, head.average_precision_ci)
         lines += [
-            f"0.25 s prediction: AUC          {_with_interval(head['auc'], head['auc_ci'])}",
+            f"0.25 s prediction: AUC          {_with_interval(head.auc, head.auc_ci)}",
             f"  average precision {precision}",
         ]
-    return [*lines, *_warnings(figures), figures["caveat"]]
+    return [*lines, *_warnings(figures), figures.caveat]
 
 
-def _warnings(figures: dict[str, Any]) -> list[str]:
+def _warnings(figures: WindowFigures) -> list[str]:
     """What makes the figures of a set better or worse than they look."""
     warnings = []
-    if figures["unknown_windows"]:
+    if figures.unknown_windows:
         warnings.append(
-            f"WARNING: the state is unknown at {figures['unknown_windows']} windows (lost or "
+            f"WARNING: the state is unknown at {figures.unknown_windows} windows (lost or "
             "unsettled sensors); they count as misses."
         )
-    if figures["trained_on_recordings"]:
+    if figures.trained_on_recordings:
         warnings.append(
-            f"WARNING: the model was trained on {figures['trained_on_recordings']} of these "
-            f"{figures['n_trials']} recordings; these figures flatter it. Held-out figures are in "
-            "its card and in make real."
+            f"WARNING: the model was trained on {figures.trained_on_recordings} of these "
+            f"{figures.heads.n_trials} recordings; these figures flatter it. Held-out figures are "
+            "in its card and in make real."
         )
     return warnings
 
 
-def _with_interval(value: float | None, interval: list[float] | None) -> str:
+def _with_interval(value: float | None, interval: Interval | None) -> str:
     if value is None:
         return "not defined (the class is absent)"
     if not interval:

@@ -55,11 +55,12 @@ def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, Any
         used = replace(plan, groups=spec.groups)
         held_out = cross_validate(data, features_of(data, spec), used, seed=seed)
         figures = held_out_figures(data, held_out, seed)
+        assert figures.predict_250ms is not None  # the set has that task
         result[name] = costs[name] | {
-            "macro_f1": figures["situations"]["macro_f1"],
-            "macro_f1_ci": figures["situations"]["macro_f1_ci"],
-            "auc": figures["predict_250ms"]["auc"],
-            "auc_ci": figures["predict_250ms"]["auc_ci"],
+            "macro_f1": figures.situations.macro_f1,
+            "macro_f1_ci": figures.situations.macro_f1_ci,
+            "auc": figures.predict_250ms.auc,
+            "auc_ci": figures.predict_250ms.auc_ci,
             "features": feature_count(spec),
             "clock_free": all(math.isfinite(GROUPS[group].memory_s) for group in spec.groups),
         }

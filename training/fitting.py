@@ -17,6 +17,7 @@ from export.artifact import Artifact, write_artifact
 from export.heads import Head
 from training.crossval import HeldOut, cross_validate, fit_calibration, fit_forest, main_task
 from training.featurise import FloatRows, features_of, spec_for
+from training.figures import HeadFigures
 from training.metrics import report
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet, Recording
@@ -29,7 +30,7 @@ VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntim
 class Trained:
     """What a training run leaves in memory: held-out figures, and the votes behind them."""
 
-    figures: dict[str, Any]
+    figures: HeadFigures
     held_out: HeldOut
 
 
@@ -56,15 +57,23 @@ def train(
     features = features_of(data, spec, part)
     held_out = cross_validate(data, features, plan, seed=seed, say=say)
     say("final forests on all recordings")
-    artifact = final_artifact(data, features, held_out, plan, seed)
-    write_artifact(out, artifact)
-    return Trained(artifact.training["held_out"], held_out)
+    figures = held_out_figures(data, held_out, seed)
+    write_artifact(out, final_artifact(data, features, held_out, figures, plan, seed))
+    return Trained(figures, held_out)
 
 
 def final_artifact(
-    data: DataSet, features: dict[str, FloatRows], held_out: HeldOut, plan: TrainingPlan, seed: int
+    data: DataSet,
+    features: dict[str, FloatRows],
+    held_out: HeldOut,
+    figures: HeadFigures,
+    plan: TrainingPlan,
+    seed: int,
 ) -> Artifact:
-    """Forests on all windows, calibrated on the held-out votes, with their origin."""
+    """Forests on all windows, calibrated on the held-out votes, with their origin.
+
+    figures: of the held-out votes, for the model card.
+    """
     return Artifact(
         spec=spec_for(data, plan.groups),
         preparation=data.preparation,
@@ -73,7 +82,7 @@ def final_artifact(
             _final_head(data, features[task], plan, task, held_out, seed) for task in data.tasks
         ],
         rows=np.concatenate(list(features.values())),
-        training=_origin(data, plan, seed, held_out_figures(data, held_out, seed)),
+        training=_origin(data, plan, seed, figures),
     )
 
 
@@ -95,7 +104,7 @@ def require_classes(data: DataSet) -> None:
             )
 
 
-def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> dict[str, Any]:
+def held_out_figures(data: DataSet, held_out: HeldOut, seed: int = 0) -> HeadFigures:
     """Metrics of the held-out votes, situations always four."""
     score = held_out.shares("predict_250ms")[:, 1] if "predict_250ms" in data.tasks else None
     return report(with_situations(data), held_out.situations(), score, seed=seed)
@@ -125,9 +134,7 @@ def _final_head(
     )
 
 
-def _origin(
-    data: DataSet, plan: TrainingPlan, seed: int, figures: dict[str, Any]
-) -> dict[str, Any]:
+def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> dict[str, Any]:
     """What the model card says of where it comes from."""
     prints = [fingerprint(recording) for recording in data.recordings]
     return {
@@ -151,7 +158,7 @@ def _origin(
         "main_task": main_task(data),
         "plan": plan.to_json(),
         "seed": seed,
-        "held_out": figures,
+        "held_out": figures.to_json(),
         "versions": versions(),
     }
 

@@ -24,6 +24,7 @@ from sklearn.metrics import average_precision_score, roc_auc_score
 
 from edge_runtime.contract import SITUATIONS, FloatArray
 from edge_runtime.errors import LabelError, NotANumber
+from training.figures import HeadFigures, Interval, PredictionFigures, Share, SituationFigures
 from training.recording import DataSet
 
 N_DRAWS = 1000
@@ -38,21 +39,19 @@ def report(
     *,
     n_draws: int = N_DRAWS,
     seed: int = 0,
-) -> dict[str, Any]:
-    """All figures for answers at every window of a set, as one JSON object.
+) -> HeadFigures:
+    """All figures for answers at every window of a set.
 
     predicted [M]: situation at each window of the task "situations". risky_score [M2]: score at
     each window of the task "predict_250ms"; None where the model has no such head.
     """
-    values: dict[str, Any] = {"n_trials": len(data.recordings), "n_groups": len(data.groups())}
     truth, groups = data.tasks["situations"].label, data.group_of("situations")
-    values["situations"] = situation_scores(truth, predicted, groups, n_draws=n_draws, seed=seed)
+    situations = situation_scores(truth, predicted, groups, n_draws=n_draws, seed=seed)
+    prediction = None
     if risky_score is not None:
         truth, groups = data.tasks["predict_250ms"].label, data.group_of("predict_250ms")
-        values["predict_250ms"] = prediction_scores(
-            truth, risky_score, groups, n_draws=n_draws, seed=seed
-        )
-    return values
+        prediction = prediction_scores(truth, risky_score, groups, n_draws=n_draws, seed=seed)
+    return HeadFigures(len(data.recordings), len(data.groups()), situations, prediction)
 
 
 def situation_scores(
@@ -63,8 +62,8 @@ def situation_scores(
     classes: tuple[str, ...] = SITUATIONS,
     n_draws: int = N_DRAWS,
     seed: int = 0,
-) -> dict[str, Any]:
-    """macro_f1, f1 by class and their intervals, from labels [M], [M] and groups [M].
+) -> SituationFigures:
+    """F1 by class, its mean and their intervals, from labels [M], [M] and groups [M].
 
     A prediction of len(classes) means "unknown": an answer withheld, which misses what was there.
     Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
@@ -79,12 +78,12 @@ def situation_scores(
     total = by_group.sum(axis=0)[None]
     draws = np.einsum("bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group)
     f1, f1_draws = _f1(total)[0], _f1(draws)
-    return {
-        "macro_f1": _value(_macro(total, _f1(total))[0]),
-        "macro_f1_ci": _interval(_macro(draws, f1_draws)),
-        "f1": {name: _value(f1[k]) for k, name in enumerate(classes)},
-        "f1_ci": {name: _interval(f1_draws[:, k]) for k, name in enumerate(classes)},
-    }
+    return SituationFigures(
+        macro_f1=_value(_macro(total, _f1(total))[0]),
+        macro_f1_ci=_interval(_macro(draws, f1_draws)),
+        f1={name: _value(f1[k]) for k, name in enumerate(classes)},
+        f1_ci={name: _interval(f1_draws[:, k]) for k, name in enumerate(classes)},
+    )
 
 
 def prediction_scores(
@@ -94,8 +93,8 @@ def prediction_scores(
     *,
     n_draws: int = N_DRAWS,
     seed: int = 0,
-) -> dict[str, Any]:
-    """auc, average_precision and their intervals, from labels 0/1 [M], scores [M] and groups [M].
+) -> PredictionFigures:
+    """AUC, average precision and their intervals, from labels 0/1 [M], scores [M] and groups [M].
 
     Raises LabelError for another label, and NotANumber for a score that is not finite.
     """
@@ -108,17 +107,17 @@ def prediction_scores(
             next_step="score an answer withheld as 0",
         )
     if not len(truth):
-        return dict.fromkeys(("auc", "auc_ci", "average_precision", "average_precision_ci"))
+        return PredictionFigures()
     both = len(np.unique(truth)) == 2
     ranking = rank(truth, score)
     draws = draw_groups(int(code.max()) + 1, n_draws, seed)
     figures = np.array([ranking.auc_and_precision(draw[code]) for draw in draws]).reshape(-1, 2)
-    return {
-        "auc": float(roc_auc_score(truth, score)) if both else None,
-        "auc_ci": _interval(figures[:, 0]),
-        "average_precision": float(average_precision_score(truth, score)) if both else None,
-        "average_precision_ci": _interval(figures[:, 1]),
-    }
+    return PredictionFigures(
+        auc=float(roc_auc_score(truth, score)) if both else None,
+        auc_ci=_interval(figures[:, 0]),
+        average_precision=float(average_precision_score(truth, score)) if both else None,
+        average_precision_ci=_interval(figures[:, 1]),
+    )
 
 
 def share_scores(
@@ -128,15 +127,15 @@ def share_scores(
     percent: tuple[float, float] = INTERVAL_PERCENT,
     n_draws: int = N_DRAWS,
     seed: int = 0,
-) -> dict[str, Any]:
+) -> Share:
     """Share of the windows [M] that are hit, its interval over groups [M], and their number n."""
     if not len(hit):
-        return {"share": None, "share_ci": None, "n": 0}
+        return Share(None, None, 0)
     code = _codes(groups)
     windows, hits = np.bincount(code), np.bincount(code, weights=hit)
     draws = draw_groups(len(windows), n_draws, seed)
     interval = _interval((draws @ hits) / (draws @ windows), percent)
-    return {"share": float(np.mean(hit)), "share_ci": interval, "n": len(hit)}
+    return Share(float(np.mean(hit)), interval, len(hit))
 
 
 @dataclass(frozen=True)
@@ -229,6 +228,9 @@ def _value(figure: float) -> float | None:
 
 def _interval(
     draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT
-) -> list[float] | None:
+) -> Interval | None:
     defined = draws[np.isfinite(draws)]
-    return [float(edge) for edge in np.percentile(defined, percent)] if defined.size else None
+    if not defined.size:
+        return None
+    low, high = np.percentile(defined, percent)
+    return float(low), float(high)

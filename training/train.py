@@ -16,12 +16,13 @@ if not __package__:
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, run_script, seed, show
 from edge_runtime.errors import DataError
 
 if TYPE_CHECKING:
+    from training.figures import HeadFigures
     from training.progress import Stages
     from training.recording import DataSet
 
@@ -84,10 +85,10 @@ def run(args: argparse.Namespace) -> int:
     with stages(len(folders) + MOST_STAGES) as say:
         say("loading the libraries")
         data, figures = _trained(args, folders, say)
-    situations = figures["situations"]
-    print(f"held out, grouped: macro F1 over four situations {situations['macro_f1']:.3f}")
-    if "predict_250ms" in figures:
-        print(f"held out, grouped: 0.25 s prediction AUC {figures['predict_250ms']['auc']:.3f}")
+    head = figures.predict_250ms
+    print(f"held out, grouped: macro F1 over four situations {figures.situations.macro_f1:.3f}")
+    if head is not None:
+        print(f"held out, grouped: 0.25 s prediction AUC {head.auc:.3f}")
     show(data.caveat)
     show(f"artifact: {args.out}; next: holdfast export {args.out}")
     return 0
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _trained(
     args: argparse.Namespace, folders: Sequence[str], say: Stages
-) -> tuple[DataSet, dict[str, Any]]:
+) -> tuple[DataSet, HeadFigures]:
     """The set that was trained on, and the held-out figures."""
     from edge_runtime.writing import require_writable
     from export.artifact import require_no_artifact

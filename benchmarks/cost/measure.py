@@ -26,6 +26,7 @@ from export.reference import IntArray, reference_votes, riskier_argmax, situatio
 from export.spec import StepSpec
 from training.crossval import HeldOut, fit_calibration, main_task
 from training.featurise import FloatRows
+from training.figures import SituationFigures
 from training.fitting import held_out_figures
 from training.recording import DataSet, Recording
 from training.splits import assign_groups
@@ -51,7 +52,7 @@ class Fitted:
     """
 
     forest: Forest
-    figures: dict[str, Any]
+    figures: SituationFigures
     calibration: Calibration
     of: list[tuple[Voted, Voted]]
 
@@ -78,7 +79,7 @@ def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     calibration = fit_calibration(
         _held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label
     )
-    figures = held_out_figures(asking, _held_out(evaluated, asking))["situations"]
+    figures = held_out_figures(asking, _held_out(evaluated, asking)).situations
     return Fitted(forest, figures, calibration, [(chosen_on, evaluated)])
 
 
@@ -109,7 +110,7 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     ]
     held = _held_out(_of(data, votes, range(len(rows))), data)
     calibration = fit_calibration(held.shares("situations"), task.label)
-    figures = held_out_figures(data, held)["situations"]
+    figures = held_out_figures(data, held).situations
     return Fitted(forests[0], figures, calibration, list(zip(others, evaluated, strict=True)))
 
 
@@ -152,7 +153,7 @@ def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> dict[str, Any]:
         there, here = (_answers(point, voted, fitted.calibration, spec) for voted in (choose, ask))
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
         matches += match_all_alarms(here, point.rules, chosen[-1])
-    scores = {"macro_f1": fitted.figures["macro_f1"], "macro_f1_ci": fitted.figures["macro_f1_ci"]}
+    scores = {"macro_f1": fitted.figures.macro_f1, "macro_f1_ci": fitted.figures.macro_f1_ci}
     return scores | asdict(event_scores(matches)) | {"permille": chosen}
 
 

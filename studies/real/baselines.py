@@ -7,7 +7,6 @@ sign of a slip; the leaky split shows what a wrong test reports.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,9 @@ from studies.row_names import LEAKY_FOLDS
 from training.crossval import cross_validate, fit_forest
 from training.datasets.human_slip_uskin import clock_features
 from training.featurise import FloatRows, features_of, spec_for
+from training.figures import HeadFigures
 from training.fitting import held_out_figures
-from training.metrics import prediction_scores, situation_scores
+from training.metrics import report
 from training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from training.recording import DataSet
 from training.splits import leaky_folds
@@ -27,14 +27,14 @@ from training.splits import leaky_folds
 """Fewer than the honest rows have: a warning need not take longer than what it warns of."""
 
 
-def raw_forest(data: DataSet, *, folds: int = RAW_BASELINE.folds, seed: int = 0) -> dict[str, Any]:
+def raw_forest(data: DataSet, *, folds: int = RAW_BASELINE.folds, seed: int = 0) -> HeadFigures:
     """The thesis' untuned forest on the raw window, people held out."""
     features = features_of(data, spec_for(data, RAW_BASELINE.groups))
     plan = replace(RAW_BASELINE, folds=folds)
     return held_out_figures(data, cross_validate(data, features, plan, seed=seed), seed)
 
 
-def clock(all_channels: DataSet, *, seed: int = 0) -> dict[str, Any]:
+def clock(all_channels: DataSet, *, seed: int = 0) -> HeadFigures:
     """Timing only: frames since contact and total force, people held out (needs 48 channels)."""
     features = {
         task: clock_features(all_channels, rows) for task, rows in all_channels.tasks.items()
@@ -45,19 +45,12 @@ def clock(all_channels: DataSet, *, seed: int = 0) -> dict[str, Any]:
     )
 
 
-def leaky(data: DataSet, *, seed: int = 0) -> dict[str, Any]:
+def leaky(data: DataSet, *, seed: int = 0) -> HeadFigures:
     """The raw forest with windows split at random, neighbours on both sides: wrong on purpose."""
     plan, features = RAW_BASELINE, features_of(data, spec_for(data, RAW_BASELINE.groups))
     votes = {task: _leaky_votes(data, features[task], plan, task, seed) for task in data.tasks}
-    truth, groups = data.tasks["situations"].label, data.group_of("situations")
-    figures = {
-        "situations": situation_scores(
-            truth, riskier_argmax(votes["situations"]), groups, seed=seed
-        )
-    }
     score: FloatArray = votes["predict_250ms"][:, 1].astype(np.float64)
-    truth, groups = data.tasks["predict_250ms"].label, data.group_of("predict_250ms")
-    return figures | {"predict_250ms": prediction_scores(truth, score, groups, seed=seed)}
+    return report(data, riskier_argmax(votes["situations"]), score, seed=seed)
 
 
 def _leaky_votes(

@@ -54,8 +54,8 @@ def stream_one_fold(
     part = data.of_groups(held)
     answers = stream(model, part, ["situation"])["situations"]["situation"]
     expected = held_out.situations()[np.isin(data.group_of("situations"), sorted(held))]
-    figures = evaluate(model, part, seed=seed)
-    return {**figures, "rows": len(answers), "label_mismatches": int((answers != expected).sum())}
+    figures = evaluate(model, part, seed=seed).to_json()
+    return figures | {"rows": len(answers), "label_mismatches": int((answers != expected).sum())}
 
 
 def _head(

@@ -31,6 +31,7 @@ from studies.row_names import CLOCK, LEAKY, OURS_18, OURS_48
 from training.crossval import HeldOut, cross_validate
 from training.datasets import load
 from training.featurise import cpu_cost, features_of, spec_for
+from training.figures import HeadFigures
 from training.fitting import final_artifact, held_out_figures, versions
 from training.plan import TrainingPlan
 from training.progress import stages
@@ -54,8 +55,8 @@ def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
     spec = spec_for(data, plan.groups)
     features = features_of(data, spec)
     held_out = cross_validate(data, features, plan, seed=seed, say=say, verify_spec=spec)
-    figures = held_out_figures(data, held_out, seed)
-    figures |= {
+    ours = held_out_figures(data, held_out, seed)
+    figures = ours.to_json() | {
         "data": data.name,
         "kind": data.kind,
         "channels": 18,
@@ -66,14 +67,16 @@ def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
     figures["features_cost"] = cpu_cost(data, spec)
     say("one fold's file, sealed, loaded and streamed sample by sample")
     figures["streamed_fold"] = stream_one_fold(data, features, plan, held_out, out, seed)
-    figures["rows"] = table_rows(data, figures, plan, seed, say)
+    figures["rows"] = {
+        name: _row_json(row) for name, row in table_rows(data, ours, plan, seed, say).items()
+    }
     say("eflesh_slip: blocks held out")
     eflesh = study_eflesh(load("eflesh_slip"), plan, seed)
     figures["eflesh_slip"] = eflesh.figures
     say("proactive_slip_uskin: two slips replayed")
     pictures = study_proactive(load("proactive_slip_uskin"), plan, seed)
     say("final forests on all people, exported")
-    figures["model"] = final_model(final_artifact(data, features, held_out, plan, seed), out)
+    figures["model"] = final_model(final_artifact(data, features, held_out, ours, plan, seed), out)
     figures |= {"seed": seed, "host": host(), "versions": versions()}
     figures["seconds"] = round(time.perf_counter() - started, 1)
     say("report")
@@ -82,8 +85,8 @@ def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
 
 
 def table_rows(
-    data: DataSet, figures: dict[str, Any], plan: TrainingPlan, seed: int, say: Say
-) -> dict[str, Any]:
+    data: DataSet, ours: HeadFigures, plan: TrainingPlan, seed: int, say: Say
+) -> dict[str, HeadFigures]:
     """Every row of the table: our forests, the baselines and the two warnings."""
     say("all 48 channels")
     everything = load(HUMAN, channels=48)
@@ -91,7 +94,7 @@ def table_rows(
     wide = held_out_figures(
         everything, cross_validate(everything, features, plan, seed=seed, say=say), seed
     )
-    rows = {OURS_18: figures, OURS_48: wide}
+    rows = {OURS_18: ours, OURS_48: wide}
     say("baseline: raw windows, 18 channels")
     rows["raw forest, 18 channels"] = baselines.raw_forest(data, seed=seed)
     say("baseline: raw windows, 48 channels, fewer folds")
@@ -100,10 +103,13 @@ def table_rows(
     rows[CLOCK] = baselines.clock(everything, seed=seed)
     say("leaky split: windows split at random")
     rows[LEAKY] = baselines.leaky(data, seed=seed)
-    return {
-        name: {key: row[key] for key in ("situations", "predict_250ms")}
-        for name, row in rows.items()
-    }
+    return rows
+
+
+def _row_json(row: HeadFigures) -> dict[str, Any]:
+    """A row of the table as it stands in metrics.json."""
+    figures = row.to_json()
+    return {task: figures[task] for task in ("situations", "predict_250ms")}
 
 
 def verification_of(held_out: HeldOut) -> dict[str, Any]:

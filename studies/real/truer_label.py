@@ -38,7 +38,8 @@ def truer_label(root: Path, seed: int, say: Say) -> dict[str, Any]:
     rows["raw forest, 18 channels"] = baselines.raw_forest(data, seed=seed)
     say("timing-only baseline")
     rows[CLOCK] = baselines.clock(everything, seed=seed)
-    return {"kind": data.kind, "windows": _counts(data), "rows": rows}
+    figures = {name: row.to_json() for name, row in rows.items()}
+    return {"kind": data.kind, "windows": _counts(data), "rows": figures}
 
 
 def _counts(data: DataSet) -> dict[str, int]:

@@ -64,13 +64,13 @@ def rate_folders(folder: Path) -> list[Path]:
 
 def gathered(studies: Sequence[RateStudy]) -> dict[str, Any]:
     """The figures of all rates; the fastest rate is the headline."""
-    rates = {f"{study.figures['rate_hz']:g}": study.figures for study in studies}
+    rates = {f"{study.figures.rate_hz:g}": study.figures.to_json() for study in studies}
     kinds = {study.data.kind for study in studies}
     return {
         "kind": kinds.pop() if len(kinds) == 1 else "mixed",
         "caveat": CAVEAT,
         "headline_hz": list(rates)[-1],
-        "leak": any(figures["leak"]["leak"] for figures in rates.values()),
+        "leak": any(study.figures.leak.leak for study in studies),
         "rates": rates,
     }
 

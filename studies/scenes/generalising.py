@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.scores import scores
+from evaluation.scores import ClassScores, scores
+from export.reference import IntArray
 from studies.scenes.candidate import Candidate
+from studies.scenes.figures import LearningPoint, StyleLeftOut
 from training.crossval import cross_validate
 from training.datasets.joined import join
 from training.recording import DataSet
@@ -21,30 +23,24 @@ TRIALS = (100, 200, 400, 600, 800, 1000)
 
 def styles_left_out(
     sets: Mapping[str, DataSet], ways: Mapping[str, Candidate], seed: int, say: Say
-) -> dict[str, Any]:
-    """Style -> line -> figures on its windows of forests trained on the other styles alone."""
-    figures: dict[str, Any] = {}
+) -> dict[str, StyleLeftOut]:
+    """Style -> figures on its windows of forests trained on the other styles alone."""
+    figures = {}
     for style, unseen in sets.items():
         say(f"{style} left out")
-        met = join([one for name, one in sets.items() if name != style])
-        figures[style] = {
-            "trained_on_trials": len(met.recordings),
-            "rows": {
-                name: scores(
-                    unseen,
-                    way.votes(
-                        met,
-                        way.features(met),
-                        np.arange(len(met.tasks["classes"])),
-                        way.features(unseen),
-                        seed,
-                    ),
-                    seed=seed,
-                )
-                for name, way in ways.items()
-            },
+        seen = join([one for name, one in sets.items() if name != style])
+        rows = {
+            name: scores(unseen, _votes(way, seen, unseen, seed), seed=seed)
+            for name, way in ways.items()
         }
+        figures[style] = StyleLeftOut(len(seen.recordings), rows)
     return figures
+
+
+def _votes(way: Candidate, seen: DataSet, unseen: DataSet, seed: int) -> IntArray:
+    """[M, 8] votes on the unseen windows of a forest trained on all that are seen."""
+    every = np.arange(len(seen.tasks["classes"]))
+    return way.votes(seen, way.features(seen), every, way.features(unseen), seed)
 
 
 def learning_curve(
@@ -53,20 +49,16 @@ def learning_curve(
     ways: Mapping[str, Candidate],
     seed: int,
     counts: Sequence[int] = TRIALS,
-) -> list[dict[str, Any]]:
-    """Rows: so many of the trials, and each line's figures on them, trials held out."""
+) -> list[LearningPoint]:
+    """Figures of every method from so many of the trials, trials held out."""
     order = np.random.default_rng(seed).permutation(len(data.recordings))
-    task, rows = data.tasks["classes"], []
+    task, points = data.tasks["classes"], []
     for count in (one for one in counts if one <= len(order)):
         mask = np.isin(task.trial, order[:count])
         part = replace(data, tasks={"classes": task.take(mask)})
-        row: dict[str, Any] = {"trials": count, "windows": int(mask.sum())}
+        rows: dict[str, ClassScores] = {}
         for name, way in ways.items():
             held = cross_validate(part, {"classes": features[name][mask]}, way.plan, seed=seed)
-            found = scores(part, held.votes["classes"], seed=seed)
-            row[name] = {
-                level: {key: found[level][key] for key in ("macro_f1", "macro_f1_ci")}
-                for level in ("four", "eight")
-            }
-        rows.append(row)
-    return rows
+            rows[name] = scores(part, held.votes["classes"], seed=seed)
+        points.append(LearningPoint(count, int(mask.sum()), rows))
+    return points

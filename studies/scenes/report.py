@@ -7,13 +7,14 @@ small set.
 from __future__ import annotations
 
 import html
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from evaluation import stream_pictures as draw
 from evaluation.page import key, write_page
 from evaluation.score_pictures import confusion_spread
-from evaluation.scores import confusion, scores, spread_of
+from evaluation.scores import confusion, scores
 from evaluation.streams import StreamPicture
 from evaluation.style import SITUATION_COLOURS
 from export.reference import IntArray
@@ -21,7 +22,7 @@ from studies.real.pictures import confusion as four_by_four
 from studies.row_names import LINE, OURS, row_class, shown
 from studies.scenes import pictures
 from studies.scenes.evidence import SceneEvidence, between, heading, number
-from studies.scenes.study import CAVEAT
+from studies.scenes.study import CAVEAT, retraining
 from studies.scenes.unseen_report import (
     LEVEL_FIGURES,
     curve_section,
@@ -66,11 +67,12 @@ def demo_report(
     are known. streams: of `held_out_streams`. Raises OutputError.
     """
     votes: IntArray = held_out.votes["classes"]
+    matrix, seed = confusion(data.tasks["classes"].label, votes), int(figures.get("seed", 0))
     rate = {
         "rate_hz": data.rate_hz,
         "data": {"name": data.name, "kind": data.kind, "n_trials": len(data.recordings)},
-        "rows": {OURS: scores(data, votes, seed=int(figures.get("seed", 0)))},
-        "retrainings": {OURS: _one_retraining(data, votes, int(figures.get("seed", 0)))},
+        "rows": {OURS: asdict(scores(data, votes, seed=seed))},
+        "retrainings": {OURS: retraining([seed], [matrix]).to_json()},
     }
     name = f"{data.rate_hz:g}"
     shown_figures = {
@@ -81,11 +83,6 @@ def demo_report(
         "rates": {name: rate},
     }
     return write_scene_report(path, SceneEvidence(shown_figures, data, held_out, streams))
-
-
-def _one_retraining(data: DataSet, votes: IntArray, seed: int) -> dict[str, Any]:
-    matrix = confusion(data.tasks["classes"].label, votes)
-    return {"seeds": [seed], "confusion": [matrix.tolist()], **spread_of([matrix])}
 
 
 def _summary(evidence: SceneEvidence) -> str:

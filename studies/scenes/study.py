@@ -10,18 +10,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.errors import DataNotFound, UnitError
-from evaluation.scores import calls, confusion, leak_check, scores, spread_of
+from evaluation.scores import ClassScores, calls, confusion, leak_check, scores, spread_of
 from evaluation.simple_baselines import SHEAR_RATE_LAW, clock_features, raw_windows, shear_rate_at
 from evaluation.streams import StreamPicture, held_out_streams
 from export.spec import window_samples
 from studies.row_names import CLOCK, LINE, OURS, RAW
 from studies.scenes.candidate import Candidate
+from studies.scenes.figures import (
+    DescribedSet,
+    LearningPoint,
+    OtherSetFigures,
+    RateFigures,
+    Retraining,
+    ShearRateFigures,
+    StyleLeftOut,
+)
 from studies.scenes.generalising import learning_curve, styles_left_out
 from training.crossval import HeldOut, cross_validate
 from training.datasets import load
@@ -68,7 +76,7 @@ def ways(
 class RateStudy:
     """Figures of one rate, and what its pictures are made from."""
 
-    figures: dict[str, Any]
+    figures: RateFigures
     data: DataSet
     held_out: HeldOut
     streams: list[StreamPicture]
@@ -88,35 +96,51 @@ def study_rate(folder: Path, chosen: dict[str, Candidate], seed: int, say: Say) 
         name: cross_validate(data, {"classes": features[name]}, way.plan, seed=seed)
         for name, way in chosen.items()
     }
-    figures: dict[str, Any] = {
-        "rate_hz": data.rate_hz,
-        "window_samples": window_samples(data.rate_hz),
-    }
-    figures["data"] = described(data, folder / TRAINED)
-    figures["rows"] = {
-        name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen
-    }
-    figures["rows"][LINE] = shear_rate_figures(data, seed)
-    figures["leak"] = leak_check(data, held[RAW].votes["classes"], seed=seed)
+    rows = {name: scores(data, held[name].votes["classes"], seed=seed) for name in chosen}
+    leak = leak_check(data, held[RAW].votes["classes"], seed=seed)
     say(f"{folder.name}: objects held out")
-    figures["objects"] = {
+    objects = {
         name: objects_held_out(data, features[name], way, seed) for name, way in chosen.items()
     }
-    figures["others"] = evaluated_on_others(folder, data, features, chosen, seed, say)
-    styles = {TRAINED: data} | {
-        card: load(folder / card, seed=seed) for card in STYLES if (folder / card).is_dir()
-    }
-    if len(styles) > 1:
-        figures["styles"] = styles_left_out(
-            styles, chosen, seed, lambda line: say(f"{folder.name}: {line}")
-        )
-    say(f"{folder.name}: fewer trials")
-    pair = {name: way for name, way in chosen.items() if name in (OURS, RAW)}
-    figures["learning_curve"] = learning_curve(data, features, pair, seed)
-    figures["retrainings"] = retrained(folder.name, data, features, chosen, seed, say)
+    figures = RateFigures(
+        rate_hz=data.rate_hz,
+        window_samples=window_samples(data.rate_hz),
+        data=described(data, folder / TRAINED),
+        rows=rows | {LINE: shear_rate_figures(data, seed)},
+        leak=leak,
+        objects=objects,
+        others=evaluated_on_others(folder, data, features, chosen, seed, say),
+        styles=_styles(folder, data, chosen, seed, say),
+        learning_curve=_fewer_trials(folder.name, data, features, chosen, seed, say),
+        retrainings=retrained(folder.name, data, features, chosen, seed, say),
+    )
     say(f"{folder.name}: three whole trials")
     streams = held_out_streams(folder / TRAINED, data, features[OURS], chosen[OURS].plan, seed)
     return RateStudy(figures, data, held[OURS], streams)
+
+
+def _styles(
+    folder: Path, data: DataSet, chosen: dict[str, Candidate], seed: int, say: Say
+) -> dict[str, StyleLeftOut] | None:
+    """Each style left out; None where only one style is there."""
+    there = [card for card in STYLES if (folder / card).is_dir()]
+    if not there:
+        return None
+    styles = {TRAINED: data} | {card: load(folder / card, seed=seed) for card in there}
+    return styles_left_out(styles, chosen, seed, lambda line: say(f"{folder.name}: {line}"))
+
+
+def _fewer_trials(
+    rate: str,
+    data: DataSet,
+    features: dict[str, FloatRows],
+    chosen: dict[str, Candidate],
+    seed: int,
+    say: Say,
+) -> list[LearningPoint]:
+    say(f"{rate}: fewer trials")
+    pair = {name: way for name, way in chosen.items() if name in (OURS, RAW)}
+    return learning_curve(data, features, pair, seed)
 
 
 def read_trained(folder: Path, seed: int) -> DataSet:
@@ -136,7 +160,7 @@ def read_trained(folder: Path, seed: int) -> DataSet:
     return data
 
 
-def described(data: DataSet, folder: Path) -> dict[str, Any]:
+def described(data: DataSet, folder: Path) -> DescribedSet:
     """What a set is, for the JSON: kind, card, counts of trials, windows and samples."""
     card = {
         k: v
@@ -148,29 +172,23 @@ def described(data: DataSet, folder: Path) -> dict[str, Any]:
         for name, count in data.notes.items()
         if name in ("windows", "windows_natural", "samples")
     }
-    return {
-        "name": data.name,
-        "kind": data.kind,
-        "n_trials": len(data.recordings),
-        **card,
-        **counts,
-    }
+    return DescribedSet(data.name, data.kind, len(data.recordings), card, counts)
 
 
-def shear_rate_figures(data: DataSet, seed: int) -> dict[str, Any]:
+def shear_rate_figures(data: DataSet, seed: int) -> ShearRateFigures:
     """What the one-line detector calls, at a window's last sample and anywhere in its 0.10 s."""
     reach = window_samples(data.rate_hz)
-    return {
-        "law": SHEAR_RATE_LAW,
-        "n_windows": len(data.tasks["classes"]),
-        "calls": calls(data, shear_rate_at(data), seed=seed),
-        "calls_anywhere_in_the_window": calls(data, shear_rate_at(data, reach), seed=seed),
-    }
+    return ShearRateFigures(
+        law=SHEAR_RATE_LAW,
+        n_windows=len(data.tasks["classes"]),
+        calls=calls(data, shear_rate_at(data), seed=seed),
+        calls_anywhere_in_the_window=calls(data, shear_rate_at(data, reach), seed=seed),
+    )
 
 
 def objects_held_out(
     data: DataSet, features: FloatRows, way: Candidate, seed: int
-) -> dict[str, Any]:
+) -> dict[str, ClassScores]:
     """Object -> figures on its windows from a forest trained without the object."""
     names = np.array([recording.object_name or "" for recording in data.recordings])[
         data.tasks["classes"].trial
@@ -191,10 +209,10 @@ def evaluated_on_others(
     chosen: dict[str, Candidate],
     seed: int,
     say: Say,
-) -> dict[str, Any]:
-    """Card -> row -> figures on all its windows (not balanced), trained on every thesis trial."""
+) -> dict[str, OtherSetFigures]:
+    """Card -> figures on all its windows (not balanced), trained on every thesis trial."""
     everything = np.arange(len(data.tasks["classes"]))
-    figures: dict[str, Any] = {}
+    figures = {}
     for card in (card for card in OTHERS if (folder / card).is_dir()):
         say(f"{folder.name}: trained on {TRAINED}, evaluated on {card}")
         other = load(folder / card, windows="natural")
@@ -208,10 +226,8 @@ def evaluated_on_others(
             )
             for name, way in chosen.items()
         }
-        figures[card] = {
-            "data": described(other, folder / card),
-            "rows": rows | {LINE: shear_rate_figures(other, seed)},
-        }
+        threshold = {LINE: shear_rate_figures(other, seed)}
+        figures[card] = OtherSetFigures(described(other, folder / card), rows | threshold)
     return figures
 
 
@@ -222,7 +238,7 @@ def retrained(
     chosen: dict[str, Candidate],
     seed: int,
     say: Say,
-) -> dict[str, Any]:
+) -> dict[str, Retraining]:
     """Five cross-validations with other seeds, for our forest and the raw-window forest."""
     seeds = [seed + k for k in range(RETRAININGS)]
     matrices: dict[str, list[npt.NDArray[np.int64]]] = {OURS: [], RAW: []}
@@ -231,12 +247,9 @@ def retrained(
         for name, found in matrices.items():
             again = cross_validate(data, {"classes": features[name]}, chosen[name].plan, seed=one)
             found.append(confusion(data.tasks["classes"].label, again.votes["classes"]))
-    return {name: _retraining(seeds, found) for name, found in matrices.items()}
+    return {name: retraining(seeds, found) for name, found in matrices.items()}
 
 
-def _retraining(seeds: Sequence[int], matrices: list[npt.NDArray[np.int64]]) -> dict[str, Any]:
-    return {
-        "seeds": list(seeds),
-        "confusion": [m.tolist() for m in matrices],
-        **spread_of(matrices),
-    }
+def retraining(seeds: Sequence[int], matrices: list[npt.NDArray[np.int64]]) -> Retraining:
+    """Figures of retrainings. matrices: [8, 8] counts of each."""
+    return Retraining(list(seeds), [m.tolist() for m in matrices], spread_of(matrices))

@@ -21,6 +21,7 @@ from edge_runtime.errors import DataNotFound, RateError, UnitError
 from evaluation.markers import write_between
 from evaluation.scores import (
     CEILING,
+    ClassScores,
     answers_at,
     calls,
     confusion,
@@ -190,29 +191,21 @@ def test_votes_that_know_everything_score_one_and_of_the_wrong_weight_only_situa
 ) -> None:
     label = data.tasks["classes"].label
     right, wrong_weight = scores(data, one_hot(label)), scores(data, one_hot(label ^ 1))
-    assert [right[level]["accuracy"] for level in ("eight", "seven", "four")] == [1.0, 1.0, 1.0]
-    assert [wrong_weight[level]["accuracy"] for level in ("eight", "seven", "four")] == [
-        0.0,
-        0.25,
-        1.0,
-    ]
-    assert (right["n_windows"], right["n_trials"]) == (
-        len(label),
-        len(set(data.group_of("classes"))),
-    )
-    assert {level: right[level]["present"] for level in ("eight", "seven", "four")} == {
-        "eight": 8,
-        "seven": 7,
-        "four": 4,
-    }
+    levels = (right.eight, right.seven, right.four)
+    assert [level.accuracy for level in levels] == [1.0, 1.0, 1.0]
+    assert [level.present for level in levels] == [8, 7, 4]
+    levels = (wrong_weight.eight, wrong_weight.seven, wrong_weight.four)
+    assert [level.accuracy for level in levels] == [0.0, 0.25, 1.0]
+    assert (right.n_windows, right.n_trials) == (len(label), len(set(data.group_of("classes"))))
 
 
 def test_calls_are_the_share_of_each_situation_that_is_called_risky(data: DataSet) -> None:
     situation = data.tasks["classes"].label // 2
     called = (situation == RISKY_SLIP) | (situation == SAFE_SLIP)
     called[np.flatnonzero(situation == SAFE_SLIP)[::4]] = False
-    shares = {name: one["share"] for name, one in calls(data, called).items()}
-    assert shares == {"risky": 1.0, "safe": 0.75, "grasp": 0.0, "nothing": 0.0}
+    shares = calls(data, called)
+    assert (shares.risky.share, shares.safe.share) == (1.0, 0.75)
+    assert shares.grasp.share == shares.nothing.share == 0.0
 
 
 def test_a_confusion_matrix_counts_truth_in_rows_and_answers_in_columns() -> None:
@@ -231,19 +224,19 @@ def test_a_confusion_matrix_counts_truth_in_rows_and_answers_in_columns() -> Non
 def test_votes_that_know_the_weight_within_nothing_are_called_a_leak(data: DataSet) -> None:
     label = data.tasks["classes"].label
     told = leak_check(data, one_hot(label))
-    assert told["leak"]
-    assert told["eight_class_accuracy"] == told["weight_within_nothing"] == 1.0
+    assert told.leak
+    assert told.eight_class_accuracy == told.weight_within_nothing == 1.0
 
 
 def test_the_weight_within_nothing_is_a_leak_however_bad_the_rest_is(data: DataSet) -> None:
     label = data.tasks["classes"].label
     bad = leak_check(data, one_hot(np.where(label < 2, label, (label + 2) % 8)))
-    assert bad["leak"]
-    assert bad["eight_class_accuracy"] == 0.25
+    assert bad.leak
+    assert bad.eight_class_accuracy == 0.25
     outvoted = one_hot(np.where(label < 2, 5, label))
     # the answer is safe slip, and yet the votes know the weight
     outvoted[label < 2, label[label < 2]] = 1
-    assert leak_check(data, outvoted)["leak"]
+    assert leak_check(data, outvoted).leak
 
 
 def test_honest_coin_votes_are_no_leak_though_they_know_all_that_can_be_known(
@@ -252,11 +245,11 @@ def test_honest_coin_votes_are_no_leak_though_they_know_all_that_can_be_known(
     label = data.tasks["classes"].label
     coin = np.random.default_rng(0).integers(0, 2, len(label))
     told = leak_check(data, one_hot(np.where(label < 2, coin, label)))
-    assert not told["leak"]
-    assert told["balanced"]
-    low, high = told["weight_within_nothing_ci99"]
+    assert not told.leak
+    assert told.balanced
+    low, high = told.weight_within_nothing_ci99 or (1.0, 0.0)
     assert low < 0.5 < high
-    low, high = told["eight_class_accuracy_ci99"]
+    low, high = told.eight_class_accuracy_ci99 or (1.0, 0.0)
     assert low < CEILING < high
 
 
@@ -265,8 +258,8 @@ def test_who_is_right_on_every_second_window_of_nothing_reaches_the_ceiling_and_
 ) -> None:
     label = data.tasks["classes"].label
     told = leak_check(data, one_hot(np.maximum(label, 1)))
-    assert told["eight_class_accuracy"] == told["ceiling"] == CEILING == 0.875
-    assert not told["leak"]
+    assert told.eight_class_accuracy == told.ceiling == CEILING == 0.875
+    assert not told.leak
 
 
 # What stands beside ours
@@ -379,8 +372,8 @@ def test_no_window_of_a_held_out_object_is_trained_on(data: DataSet) -> None:
     assert sorted(figures) == objects
     assert len(objects) == 5
     for name, one in figures.items():
-        assert one["n_windows"] == (names == name).sum()
-        assert one["eight"]["accuracy"] == 0.0
+        assert one.n_windows == (names == name).sum()
+        assert one.eight.accuracy == 0.0
     everything = way.votes(of_rows(data, number), features, np.arange(len(number)), features, 0)
     np.testing.assert_array_equal(answers_at(everything, "eight"), number)
 
@@ -408,16 +401,16 @@ def test_no_trial_of_a_style_that_is_left_out_is_trained_on(data: DataSet) -> No
     for met, (style, figures) in zip(fitted, told.items(), strict=True):
         other = sets["odd" if style == "even" else "even"]
         assert met == {one.trial_id for one in other.recordings}
-        assert figures["trained_on_trials"] == len(met)
-        assert figures["rows"][OURS]["n_windows"] == len(sets[style].tasks["classes"])
+        assert figures.trained_on_trials == len(met)
+        assert figures.rows[OURS].n_windows == len(sets[style].tasks["classes"])
 
 
 def test_a_learning_curve_asks_for_no_more_trials_than_there_are(data: DataSet) -> None:
     features = {OURS: features_of(data, spec_for(data, SMALL[OURS].plan.groups))["classes"]}
-    rows = learning_curve(data, features, {OURS: SMALL[OURS]}, 0, (30, 60, 1000))
-    assert [row["trials"] for row in rows] == [30, 60]
-    assert rows[0]["windows"] < rows[1]["windows"] == len(data.tasks["classes"])
-    assert rows[1][OURS]["eight"]["macro_f1"] > 0.3
+    few, all_of_them = learning_curve(data, features, {OURS: SMALL[OURS]}, 0, (30, 60, 1000))
+    assert (few.trials, all_of_them.trials) == (30, 60)
+    assert few.windows < all_of_them.windows == len(data.tasks["classes"])
+    assert (all_of_them.rows[OURS].eight.macro_f1 or 0.0) > 0.3
 
 
 def test_trials_of_the_streams_are_met_by_no_forest_that_answers_them(
@@ -469,13 +462,13 @@ def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_aske
     studied: Studied,
 ) -> None:
     figures = studied.rate.figures
-    assert list(figures["rows"]) == [OURS, RAW, CLOCK, LINE]
-    assert list(figures["objects"]) == [OURS, RAW, CLOCK]
-    assert list(figures["others"]) == ["apple"]
-    assert list(figures["others"]["apple"]["rows"]) == [OURS, RAW, CLOCK, LINE]
-    assert figures["others"]["apple"]["data"]["n_trials"] == 12
-    asked = {row["n_windows"] for row in figures["others"]["apple"]["rows"].values()}
-    assert len(asked) == 1
+    assert list(figures.rows) == [OURS, RAW, CLOCK, LINE]
+    assert list(figures.objects) == [OURS, RAW, CLOCK]
+    assert list(figures.others) == ["apple"]
+    apple = figures.others["apple"]
+    assert list(apple.rows) == [OURS, RAW, CLOCK, LINE]
+    assert apple.data.n_trials == 12
+    assert len({row.n_windows for row in apple.rows.values()}) == 1
 
 
 def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: Studied) -> None:
@@ -489,18 +482,20 @@ def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: St
 def test_every_retraining_gives_one_confusion_matrix_of_all_windows(studied: Studied) -> None:
     per_class = np.bincount(studied.rate.data.tasks["classes"].label, minlength=8).tolist()
     for name in (OURS, RAW):
-        again = studied.rate.figures["retrainings"][name]
-        assert len(again["confusion"]) == len(again["seeds"]) == RETRAININGS == 5
-        assert again["seeds"] == [0, 1, 2, 3, 4]
-        for matrix in again["confusion"]:
+        again = studied.rate.figures.retrainings[name]
+        assert len(again.confusion) == len(again.seeds) == RETRAININGS == 5
+        assert again.seeds == [0, 1, 2, 3, 4]
+        for matrix in again.confusion:
             assert np.sum(matrix, axis=1).tolist() == per_class
-        assert len({json.dumps(matrix) for matrix in again["confusion"]}) == RETRAININGS
+        assert len({json.dumps(matrix) for matrix in again.confusion}) == RETRAININGS
 
 
 def test_the_first_retraining_is_the_one_of_the_table(studied: Studied) -> None:
     for name in (OURS, RAW):
-        first = np.array(studied.rate.figures["retrainings"][name]["confusion"][0])
-        accuracy = studied.rate.figures["rows"][name]["eight"]["accuracy"]
+        first = np.array(studied.rate.figures.retrainings[name].confusion[0])
+        row = studied.rate.figures.rows[name]
+        assert isinstance(row, ClassScores)
+        accuracy = row.eight.accuracy
         assert np.trace(first) / first.sum() == pytest.approx(accuracy)
 
 
@@ -510,14 +505,14 @@ def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there
     other[2, 2], other[2, 3] = 6, 2
     other[0, 0], other[0, 1] = 9, 1
     told = spread_of([one, other])
-    assert told["recall"]["grasp_light"] == [1.0, 0.75]
-    assert told["spread"]["grasp_light"] == told["largest_spread"] == 0.25
-    assert told["spread"]["nothing_light"] == pytest.approx(0.1)
-    assert told["spread"]["grasp_heavy"] == 0.0
-    assert told["spread"]["risky_slip_heavy"] is told["recall"]["risky_slip_heavy"] is None
-    assert not told["within_10_percent"]
+    assert told.recall["grasp_light"] == [1.0, 0.75]
+    assert told.spread["grasp_light"] == told.largest_spread == 0.25
+    assert told.spread["nothing_light"] == pytest.approx(0.1)
+    assert told.spread["grasp_heavy"] == 0.0
+    assert told.spread["risky_slip_heavy"] is told.recall["risky_slip_heavy"] is None
+    assert not told.within_10_percent
     other[2, 2], other[2, 3] = 8, 0
-    assert spread_of([one, other])["within_10_percent"]
+    assert spread_of([one, other]).within_10_percent
 
 
 # The decision
@@ -564,7 +559,9 @@ def test_the_command_leaves_json_that_says_it_is_simulated_and_with_what_it_was_
 def test_the_command_and_the_study_in_it_give_the_same_figures(
     commanded: Commanded, studied: Studied
 ) -> None:
-    assert commanded.figures["rates"]["50"] == json.loads(json.dumps(studied.rate.figures))
+    assert commanded.figures["rates"]["50"] == json.loads(
+        json.dumps(studied.rate.figures.to_json())
+    )
 
 
 def test_the_page_says_simulated_beside_its_tables_and_its_pictures(commanded: Commanded) -> None:
@@ -618,10 +615,8 @@ def test_the_page_asks_nobody_for_anything_and_shows_the_figures_of_the_json(
 def test_a_second_rate_has_a_section_and_a_leak_is_said_loudly(
     studied: Studied, tmp_path: Path
 ) -> None:
-    leaking = studied.rate.figures | {
-        "leak": studied.rate.figures["leak"] | {"leak": True},
-        "rate_hz": 100.0,
-    }
+    quiet = studied.rate.figures
+    leaking = replace(quiet, leak=replace(quiet.leak, leak=True), rate_hz=100.0)
     figures = command.gathered([studied.rate, replace(studied.rate, figures=leaking)])
     assert (figures["leak"], figures["headline_hz"]) == (True, "100")
     lines = command.leak_lines(figures)
@@ -645,7 +640,9 @@ def test_the_demo_makes_the_same_page_from_one_set_and_leaves_out_what_is_not_th
     page = demo_report(
         tmp_path / "demo.html", demo, held_out, {"seed": 0}, rate.streams[:1]
     ).read_text()
-    assert f"<b>{rate.figures['rows'][OURS]['four']['macro_f1']:.3f}</b>" in page
+    ours = rate.figures.rows[OURS]
+    assert isinstance(ours, ClassScores)
+    assert f"<b>{ours.four.macro_f1:.3f}</b>" in page
     assert "Confusion of classes" in page
     assert "Unseen objects" not in page
     assert "made &lt;up&gt;" in page

@@ -34,6 +34,7 @@ from export.spec import StepSpec
 from export.verify import cut_forests
 from training.critical_points import band_pass_envelope, band_pass_rows
 from training.crossval import cross_validate, fit_calibration
+from training.figures import PredictionFigures, Share
 from training.metrics import prediction_scores, share_scores, situation_scores
 from training.plan import ForestPlan, TrainingPlan
 from training.recording import DataSet, LabelledRows, Recording
@@ -92,7 +93,7 @@ def probability(shares: FloatArray, calibration: Calibration) -> FloatArray:
 def test_scores_of_exactly_0_and_1_rank_like_any_other() -> None:
     truth, groups = np.array([0, 0, 1, 1, 0, 1]), list("aabbcc")
     certain = prediction_scores(truth, np.array([0.0, 1.0, 1.0, 1.0, 0.0, 0.0]), groups, n_draws=20)
-    assert certain["auc"] == roc_auc_score(truth, [0.1, 0.9, 0.9, 0.9, 0.1, 0.1])
+    assert certain.auc == roc_auc_score(truth, [0.1, 0.9, 0.9, 0.9, 0.1, 0.1])
 
 
 @CERTAIN.unguarded
@@ -141,7 +142,7 @@ def test_scikit_learns_macro_f1_over_all_classes_counts_an_absent_one_as_zero(
     usual = f1_score(truth, truth, labels=range(4), average="macro", zero_division=0.0)
     record_property("macro_f1_of_a_perfect_answer", float(usual))
     assert usual == 0.75
-    assert situation_scores(truth, truth, list("ab") * 15, n_draws=5)["macro_f1"] == 1.0
+    assert situation_scores(truth, truth, list("ab") * 15, n_draws=5).macro_f1 == 1.0
 
 
 # Nothing to score
@@ -151,11 +152,11 @@ def test_scikit_learns_macro_f1_over_all_classes_counts_an_absent_one_as_zero(
 def test_figures_of_no_window_are_none_and_have_all_their_names() -> None:
     some = situation_scores(np.array([0, 1, 2, 3]), np.array([0, 1, 2, 3]), list("abab"), n_draws=5)
     none = situation_scores(NO_ROWS, NO_ROWS, [], n_draws=5)
-    assert none.keys() == some.keys()
-    assert none["macro_f1"] is none["macro_f1_ci"] is None
-    assert set(none["f1"].values()) == set(none["f1_ci"].values()) == {None}
-    assert set(prediction_scores(NO_ROWS, np.zeros(0), []).values()) == {None}
-    assert share_scores(np.zeros(0, np.bool_), []) == {"share": None, "share_ci": None, "n": 0}
+    assert none.f1.keys() == some.f1.keys() == none.f1_ci.keys()
+    assert none.macro_f1 is none.macro_f1_ci is None
+    assert set(none.f1.values()) == set(none.f1_ci.values()) == {None}
+    assert prediction_scores(NO_ROWS, np.zeros(0), []) == PredictionFigures()
+    assert share_scores(np.zeros(0, np.bool_), []) == Share(None, None, 0)
     forest = ExtraTreesClassifier(2).fit([[0.0], [1.0]], [0, 1])
     assert reference_votes(forest, np.zeros((0, 1), np.float32), 2).shape == (0, 2)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import asdict, astuple
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
 from edge_runtime.preparation import Preparation
+from training.figures import PredictionFigures, SituationFigures
 from training.metrics import draw_groups, prediction_scores, rank, report, situation_scores
 from training.recording import DataSet, LabelledRows, Recording
 
@@ -55,16 +57,16 @@ def test_permuting_the_rows_changes_nothing(seed: int) -> None:
     other = {name: values[mixed] for name, values in one.items()}
     assert situations_of(one) == situations_of(other)
     for figure, same in zip(
-        predictions_of(one).values(), predictions_of(other).values(), strict=True
+        astuple(predictions_of(one)), astuple(predictions_of(other)), strict=True
     ):
         assert figure == pytest.approx(same)
 
 
-def situations_of(a: dict[str, Any], n_draws: int = 50) -> dict[str, Any]:
+def situations_of(a: dict[str, Any], n_draws: int = 50) -> SituationFigures:
     return situation_scores(a["truth"], a["predicted"], a["groups"], n_draws=n_draws)
 
 
-def predictions_of(a: dict[str, Any], n_draws: int = 50) -> dict[str, Any]:
+def predictions_of(a: dict[str, Any], n_draws: int = 50) -> PredictionFigures:
     return prediction_scores(a["slips"], a["score"], a["groups"], n_draws=n_draws)
 
 
@@ -73,14 +75,12 @@ def predictions_of(a: dict[str, Any], n_draws: int = 50) -> dict[str, Any]:
 def test_figures_equal_scikit_learns(seed: int) -> None:
     a = answers(seed)
     values = situations_of(a)
-    assert values["macro_f1"] == pytest.approx(
-        f1_score(a["truth"], a["predicted"], average="macro")
-    )
-    assert list(values["f1"].values()) == pytest.approx(
+    assert values.macro_f1 == pytest.approx(f1_score(a["truth"], a["predicted"], average="macro"))
+    assert list(values.f1.values()) == pytest.approx(
         f1_score(a["truth"], a["predicted"], average=None)
     )
-    assert predictions_of(a)["auc"] == roc_auc_score(a["slips"], a["score"])
-    assert predictions_of(a)["average_precision"] == average_precision_score(a["slips"], a["score"])
+    assert predictions_of(a).auc == roc_auc_score(a["slips"], a["score"])
+    assert predictions_of(a).average_precision == average_precision_score(a["slips"], a["score"])
 
 
 @given(seed=SEEDS)
@@ -99,7 +99,7 @@ def test_weighted_figures_equal_scikit_learns_on_the_resampled_rows(seed: int) -
 @pytest.mark.parametrize("seed", range(5))
 def test_intervals_hold_the_figure(seed: int) -> None:
     a = answers(seed, n_rows=4000, n_groups=20)
-    values = flat(situations_of(a, 500) | predictions_of(a, 500))
+    values = flat(asdict(situations_of(a, 500)) | asdict(predictions_of(a, 500)))
     intervals = [name for name in values if "_ci" in name]
     assert len(intervals) == 7
     for name in intervals:
@@ -110,10 +110,10 @@ def test_intervals_hold_the_figure(seed: int) -> None:
 def test_a_perfect_answer_scores_one() -> None:
     a = answers(0)
     values = situation_scores(a["truth"], a["truth"], a["groups"], n_draws=50)
-    assert values["macro_f1"] == 1.0
-    assert values["macro_f1_ci"] == [1.0, 1.0]
-    values = prediction_scores(a["slips"], a["slips"].astype(float), a["groups"], n_draws=50)
-    assert (values["auc"], values["average_precision"]) == (1.0, 1.0)
+    assert values.macro_f1 == 1.0
+    assert values.macro_f1_ci == (1.0, 1.0)
+    ranked = prediction_scores(a["slips"], a["slips"].astype(float), a["groups"], n_draws=50)
+    assert (ranked.auc, ranked.average_precision) == (1.0, 1.0)
 
 
 def test_the_seed_decides_the_intervals_and_nothing_else() -> None:
@@ -123,13 +123,13 @@ def test_the_seed_decides_the_intervals_and_nothing_else() -> None:
         for seed in (0, 0, 1)
     )
     assert one == same
-    assert one["macro_f1_ci"] != other["macro_f1_ci"]
-    assert one["f1"] == other["f1"]
+    assert one.macro_f1_ci != other.macro_f1_ci
+    assert one.f1 == other.f1
 
 
 def test_one_group_has_no_intervals() -> None:
     a = answers(1, n_groups=1)
-    values = flat(situations_of(a) | predictions_of(a))
+    values = flat(asdict(situations_of(a)) | asdict(predictions_of(a)))
     assert all((value is None) == ("_ci" in name) for name, value in values.items())
 
 
@@ -137,18 +137,18 @@ def test_one_group_has_no_intervals() -> None:
 def test_an_absent_class_has_no_f1_and_does_not_count() -> None:
     truth, groups = np.array([1, 1, 3, 3]), list("abab")
     values = situation_scores(truth, np.array([1, 1, 3, 3]), groups, n_draws=10)
-    assert values["f1"] == {"nothing": None, "grasp": 1.0, "safe_slip": None, "risky_slip": 1.0}
-    assert values["f1_ci"]["nothing"] is None
-    assert values["macro_f1"] == 1.0
+    assert values.f1 == {"nothing": None, "grasp": 1.0, "safe_slip": None, "risky_slip": 1.0}
+    assert values.f1_ci["nothing"] is None
+    assert values.macro_f1 == 1.0
     values = situation_scores(truth, np.array([1, 2, 3, 3]), groups, n_draws=10)
-    assert values["f1"]["safe_slip"] == 0.0
-    assert values["macro_f1"] == pytest.approx((2 / 3 + 1.0) / 2)
+    assert values.f1["safe_slip"] == 0.0
+    assert values.macro_f1 == pytest.approx((2 / 3 + 1.0) / 2)
 
 
 @ABSENT.mark
 def test_one_class_only_has_no_auc() -> None:
     values = prediction_scores(np.zeros(4, int), np.arange(4.0), list("abab"), n_draws=10)
-    assert set(values.values()) == {None}
+    assert values == PredictionFigures(None, None, None, None)
 
 
 def test_a_report_has_the_promised_keys_and_is_json() -> None:
@@ -165,7 +165,7 @@ def test_a_report_has_the_promised_keys_and_is_json() -> None:
     }
     data = DataSet("made", recordings, tasks, 60.0, "N", Preparation(), "made", True, "")
     values = json.loads(
-        json.dumps(report(data, a["predicted"], a["score"], n_draws=10), allow_nan=False)
+        json.dumps(report(data, a["predicted"], a["score"], n_draws=10).to_json(), allow_nan=False)
     )
     assert (values["n_trials"], values["n_groups"]) == (8, 8)
     assert values["situations"].keys() == {"macro_f1", "macro_f1_ci", "f1", "f1_ci"}
@@ -176,7 +176,7 @@ def test_a_report_has_the_promised_keys_and_is_json() -> None:
         "average_precision",
         "average_precision_ci",
     }
-    assert "predict_250ms" not in report(data, a["predicted"], n_draws=10)
+    assert "predict_250ms" not in report(data, a["predicted"], n_draws=10).to_json()
 
 
 def test_a_thousand_draws_of_twenty_thousand_rows_take_seconds() -> None:
