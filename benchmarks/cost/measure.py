@@ -18,7 +18,7 @@ from benchmarks.cost.recordings import per_recording, read
 from edge_runtime.contract import RISKY_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN
 from evaluation.alarms import Answers
-from evaluation.event_scores import choose_confidence, event_scores, match_all_alarms
+from evaluation.event_scores import EventScores, choose_confidence, event_scores, match_all_alarms
 from export.exporting import whole_graph
 from export.forest import Forest
 from export.heads import Calibration, Head
@@ -26,7 +26,7 @@ from export.reference import IntArray, reference_votes, riskier_argmax, situatio
 from export.spec import StepSpec
 from training.crossval import HeldOut, fit_calibration, main_task
 from training.featurise import FloatRows
-from training.figures import SituationFigures
+from training.figures import Interval, SituationFigures
 from training.fitting import held_out_figures
 from training.recording import DataSet, Recording
 from training.splits import assign_groups
@@ -57,9 +57,30 @@ class Fitted:
     of: list[tuple[Voted, Voted]]
 
 
+@dataclass(frozen=True)
+class PointFigures:
+    """Figures of a point on unseen recordings.
+
+    macro_f1: over four situations at windows. permille: the least confidence, one for each pair of
+    streams.
+    """
+
+    point: Point
+    macro_f1: float | None
+    macro_f1_ci: Interval | None
+    events: EventScores
+    permille: list[int]
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in the file of the point."""
+        windows = {"macro_f1": self.macro_f1, "macro_f1_ci": self.macro_f1_ci}
+        figures = windows | asdict(self.events) | {"permille": self.permille}
+        return asdict(self.point) | {"what": self.point.what} | figures
+
+
 def measure(
     point: Point, points: Sequence[Point], folder: Path, grown: Grown
-) -> tuple[list[dict[str, Any]], onnx.ModelProto]:
+) -> tuple[list[PointFigures], onnx.ModelProto]:
     """Figures of points that have the forest of this one, and the step graph of that forest."""
     data = read(folder, point.of, point.rate_hz, "train")
     fitted = (_people if point.of == "human" else _grasps)(point, folder, data, grown)
@@ -146,15 +167,15 @@ def _votes(forest: Forest, rows: Sequence[FloatRows], n_classes: int) -> list[In
     return np.split(reference_votes(forest, np.concatenate(rows), n_classes), ends[:-1])
 
 
-def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> dict[str, Any]:
-    """What becomes of the votes by a point's decision."""
+def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> PointFigures:
+    """Figures of the votes with a point's decision."""
     matches, chosen = [], []
     for choose, ask in fitted.of:
         there, here = (_answers(point, voted, fitted.calibration, spec) for voted in (choose, ask))
         chosen.append(choose_confidence(there, point.rules, MOST_FALSE_PER_MIN))
         matches += match_all_alarms(here, point.rules, chosen[-1])
-    scores = {"macro_f1": fitted.figures.macro_f1, "macro_f1_ci": fitted.figures.macro_f1_ci}
-    return scores | asdict(event_scores(matches)) | {"permille": chosen}
+    windows = fitted.figures
+    return PointFigures(point, windows.macro_f1, windows.macro_f1_ci, event_scores(matches), chosen)
 
 
 def _answers(point: Point, voted: Voted, calibration: Calibration, spec: StepSpec) -> list[Answers]:

@@ -14,7 +14,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,15 @@ WORKERS = cpu_count()
 TIMED_ROWS = 200
 TIMED_EVENTS, TIMED_S = 10, 0.2
 TURNS, CALLS = 10, 60
+
+
+@dataclass(frozen=True)
+class Price:
+    """Median microseconds of the forest alone and of the whole step, and bytes of its graph."""
+
+    forest_us: float
+    step_us: float
+    bytes: float
 
 
 def cost(
@@ -65,8 +74,8 @@ def cost(
         kept = at_once(delayed(_kept)(folder, family) for family in _families(chosen))
     figures_of = {(row["what"], row["of"]): row for rows in kept for row in rows}
     rows = [
-        figures_of[point.what, point.of] | us
-        for point, us in zip(chosen, _priced(folder, chosen), strict=True)
+        figures_of[point.what, point.of] | asdict(price)
+        for point, price in zip(chosen, _priced(folder, chosen), strict=True)
     ]
     took = {
         "wall_s": time.monotonic() - began_s,
@@ -185,10 +194,8 @@ def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
     rows = some(folder, fitted, _asked(fitted), TIMED_ROWS)
     np.savez(packed, rows=rows, samples=_about_events(folder, fitted))
     write_whole(_timed(folder, fitted), packed.getvalue())
-    for point, row in zip(points, figures, strict=True):
-        write_whole(
-            _figures(folder, point), json.dumps(asdict(point) | {"what": point.what} | row) + "\n"
-        )
+    for one in figures:
+        write_whole(_figures(folder, one.point), json.dumps(one.to_json()) + "\n")
 
 
 def _figures(folder: Path, point: Point) -> Path:
@@ -207,8 +214,8 @@ def _timed(folder: Path, point: Point) -> Path:
     return folder / "points" / f"{point.fitted.name}.npz"
 
 
-def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
-    """Microseconds (p50) of forest and step, and bytes; all points interleaved in one run."""
+def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
+    """Price of every point; all points interleaved in one run."""
     calls: dict[str, Callable[[], object]] = {}
     for point in dict.fromkeys(point.fitted for point in chosen):
         timed = np.load(_timed(folder, point))
@@ -222,11 +229,11 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[dict[str, float]]:
         name: float(np.median(times)) for name, times in time_in_turns(calls, TURNS, CALLS).items()
     }
     return [
-        {
-            "forest_us": us[f"{point.fitted.name} forest"],
-            "step_us": us[f"{point.fitted.name} step"],
-            "bytes": float(_model(folder, point).stat().st_size),
-        }
+        Price(
+            forest_us=us[f"{point.fitted.name} forest"],
+            step_us=us[f"{point.fitted.name} step"],
+            bytes=float(_model(folder, point).stat().st_size),
+        )
         for point in chosen
     ]
 
