@@ -24,7 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option, ever = parser.add_argument, float("inf")
     trial = "a watched folder, or trial_n.csv with its frames"
     option("trial", type=path_argument, metavar="TRIAL", help=trial)
-    option("--action", choices=ACTIONS, help="default: the name of the trial's folder")
+    option(
+        "--action", choices=ACTIONS, help="action of the trial (default: the name of its folder)"
+    )
     held = "trials that were loaded and held: gross slip begins above their elastic shear"
     option("--no-slip", type=path_argument, nargs="+", default=[], metavar="TRIAL", help=held)
     option("--gross-mm", type=positive, metavar="MM", help="distance of gross slip (default 2)")
@@ -32,8 +34,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--tag-mm", type=printed_mm, metavar="MM", help=side)
     apart = "distance between the tags' centres at the start, as a check"
     option("--apart-mm", type=positive, metavar="MM", help=apart)
-    option("--from", type=float, default=-ever, dest="from_s", metavar="S", help="search from S")
-    option("--until", type=float, default=ever, dest="until_s", metavar="S", help="search until S")
+    option(
+        "--from",
+        type=float,
+        default=-ever,
+        dest="from_s",
+        metavar="S",
+        help="search from S seconds on",
+    )
+    option(
+        "--until",
+        type=float,
+        default=ever,
+        dest="until_s",
+        metavar="S",
+        help="search until S seconds",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--quiet", action="store_true", help="no JSON lines on stdout")
     view = "show the stream in the terminal (needs rich)"
     option("--view", action="store_true", help=view)
-    bias = "of holdfast bias (default: from the first samples)"
+    bias = "file written by holdfast bias (default: from the first samples)"
     option("--bias", type=path_argument, metavar="FILE", help=bias)
     option("--seconds", type=float, metavar="S", help="stop after S seconds (default: Ctrl-C)")
 

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data",
         nargs="+",
         metavar="SET|FOLDER",
-        help="sets by name or path (default: the fixture)",
+        help="sets by name or path (default: a small generated set, to try the command)",
     )
     parser.add_argument(
         "--out",
@@ -64,16 +64,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=WINDOWS,
         default="balanced",
         metavar="WHICH",
-        help="of sets in the thesis' layout: balanced (default), natural, or dense",
+        help="windows of sets in the thesis' layout: balanced (default), natural, or dense",
     )
     parser.add_argument(
         "--size",
         choices=MODEL_SIZES,
         metavar="SIZE",
-        help=f"of a forest for the hand: {', '.join(MODEL_SIZES)}",
+        help=f"size of a forest for the hand: {', '.join(MODEL_SIZES)}",
     )
     parser.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)"
+        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
     )
 
 

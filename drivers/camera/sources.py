@@ -258,7 +258,12 @@ def _read_arrays(path: Path) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64],
             ends_s = np.asarray(file["time_s"], dtype=np.float64)
             return file["frames"], ends_s, Lens.of(file, "trial")
     except FileNotFoundError:
-        raise DataNotFound("no such file", where=path, next_step="check the path") from None
+        raise DataNotFound(
+            "no such file",
+            where=path,
+            next_step="check the path; watch takes oak, a .frames.npz or a recorded folder, "
+            "onset a recorded folder or trial_n.csv",
+        ) from None
     except NOT_AN_ARCHIVE as error:
         raise EmptyRecording(
             f"cannot be read as frames ({type(error).__name__})",

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=path_argument, required=True, metavar="DIR", help="where figures.json goes"
     )
     parser.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="of every random choice (default 0)"
+        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
     )
 
 
