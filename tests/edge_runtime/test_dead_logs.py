@@ -330,7 +330,8 @@ def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_r
     lines = (tmp_path / "kept.csv").read_text().splitlines(keepends=True)
     assert lines[0].startswith("Time,X1,")
     assert all(line.endswith("\n") and line.count(",") == 24 for line in lines)
-    assert file.sink.dropped == 50 - (len(lines) - 1)
+    # what comes after the failure is not counted any more
+    assert 0 < file.sink.dropped <= 50 - (len(lines) - 1)
 
 
 # -- whole programs

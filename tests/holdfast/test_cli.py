@@ -734,7 +734,7 @@ def test_the_doctor_says_what_is_missing_where_there_is_nothing(
     assert found["machine"]["status"] == found["onnxruntime"]["status"] == "ok"
     assert found["human_slip_uskin"]["status"] == found["model"]["status"] == "missing"
     assert "HOLDFAST_DATA" in found["human_slip_uskin"]["next_step"]
-    assert "export.py" in found["model"]["next_step"]
+    assert "holdfast export" in found["model"]["next_step"]
 
 
 def test_the_doctor_finds_a_model_and_a_data_set_that_are_there(
