@@ -37,8 +37,10 @@ def evaluate_events(
 ) -> Evaluation:
     """Evaluate a file on sets.
 
-    say: told what begins. part: told which share of it is done. Raises what reading the sets
-    raises, and ChannelError, UnitError or RateError where one does not fit the model.
+    say: receives what begins. part: receives the share of it that is done.
+
+    Raises what reading the sets raises, and ChannelError, UnitError or RateError where one does not
+    fit the model.
     """
     _require_apart(request)
     run = _Run(model, request, say, part)

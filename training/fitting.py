@@ -45,7 +45,7 @@ def train(
 ) -> Trained:
     """Train on a set and write the artifact folder.
 
-    say: told what begins. part: told which share of it is done.
+    say: receives what begins. part: receives the share of it that is done.
 
     Raises ClassMissing, TooFewGroups, RateError or OutputError.
     """

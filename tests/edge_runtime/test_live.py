@@ -9,7 +9,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -20,7 +19,7 @@ from hazard_marks import RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from live_bench import DEFAULT, ROOT, Steady, go
+from live_bench import DEFAULT, ROOT, RUN, Steady, go
 
 from drivers.calibration_file import read_bias
 from drivers.paced import PacedReplay
@@ -378,13 +377,7 @@ def test_an_address_that_cannot_be_is_a_usage_error(address):
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run_cleanly_with_its_summary(how):
     command = [
-        sys.executable,
-        "-m",
-        "holdfast",
-        "run",
-        str(DEFAULT),
-        "--source",
-        "virtual://ft232h",
+        *RUN,
         "--seconds",
         "60",
     ]

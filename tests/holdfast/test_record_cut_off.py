@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorder_bench import (
     AREA,
-    REST,
     ROOT,
     columns_of,
+    cup_pull,
     heard,
     meta_of,
     recorded,
@@ -62,19 +62,7 @@ record_trials(options, clock, Keys(None), print, lambda: False, host_ns=clock.no
 )
 def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_path, capsys):
     out = tmp_path / "out"
-    words = [
-        "--source",
-        REST,
-        "--out",
-        str(out),
-        "--person",
-        "p01",
-        "--object",
-        "cup",
-        "--action",
-        "nothing",
-    ][:-4]
-    words += ["--object", "cup", "--action", "pull", "--trials", "1", "--at-once"]
+    words = [*map(str, cup_pull(out)), "--trials", "1", "--at-once"]
     done = subprocess.run(
         [sys.executable, "-c", KILLED, *words],
         cwd=ROOT,
@@ -106,18 +94,7 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
 
 
 def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
-    words = (
-        "--source",
-        REST,
-        "--out",
-        tmp_path,
-        "--person",
-        "p01",
-        "--object",
-        "cup",
-        "--action",
-        "pull",
-    )
+    words = cup_pull(tmp_path)
     with start(*words, "--at-once", "--trials", "1") as run:
         heard(run, "recording p01")
         file = tmp_path / "p01/cup/pull/trial_1/tactile.csv"
@@ -178,18 +155,7 @@ def test_where_there_is_no_trial_nothing_can_be_mended(tmp_path, capsys):
 )
 @pytest.mark.parametrize("limit", [40_000, 5_000])
 def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit):
-    words = (
-        "--source",
-        REST,
-        "--out",
-        tmp_path,
-        "--person",
-        "p01",
-        "--object",
-        "cup",
-        "--action",
-        "pull",
-    )
+    words = cup_pull(tmp_path)
     run = start(
         *words,
         "--at-once",

@@ -19,6 +19,7 @@ from recorder_bench import (
     REST,
     ROOT,
     Hand,
+    cup_pull,
     heard,
     meta_of,
     session,
@@ -151,18 +152,7 @@ def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path,
 def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
     master, slave = pty.openpty()
     before = termios.tcgetattr(slave)
-    words = [
-        "--source",
-        REST,
-        "--out",
-        tmp_path / "out",
-        "--person",
-        "p01",
-        "--object",
-        "cup",
-        "--action",
-        "pull",
-    ]
+    words = cup_pull(tmp_path / "out")
     fault = f"{REST}?fault=nack:2@0%2B99"
     words[1] = fault if way == "error" else REST
 
@@ -204,18 +194,7 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
 )
 def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     master, slave = pty.openpty()
-    words = [
-        "--source",
-        REST,
-        "--out",
-        tmp_path / "out",
-        "--person",
-        "p01",
-        "--object",
-        "cup",
-        "--action",
-        "pull",
-    ]
+    words = cup_pull(tmp_path / "out")
     command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
     with subprocess.Popen(
         command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own

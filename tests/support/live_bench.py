@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from edge_runtime.live import SourceReading, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.tare import Tare
 
-if TYPE_CHECKING:
-    pass
-
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"
+
+
+RUN = [sys.executable, "-m", "holdfast", "run", str(DEFAULT), "--source", "virtual://ft232h"]
+"""The command line on the default model and a virtual hand at rest."""
 
 
 class Steady:

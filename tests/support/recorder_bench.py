@@ -93,6 +93,12 @@ def told(*words: object) -> argparse.Namespace:
     return parser.parse_args([str(one) for one in words])
 
 
+def cup_pull(out: Path) -> list[object]:
+    """Words of the verb: the virtual hand at rest, a pull at a cup."""
+    asked = f"--source {REST} --person p01 --object cup --action pull"
+    return [*asked.split(), "--out", out]
+
+
 def recorded(out: Path, *words: object, source: object = REST, person: str = "p01") -> list[str]:
     """One run of the verb on a clock that costs nothing, without a key; what it said."""
     said: list[str] = []
