@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import path_argument, show
+from edge_runtime.command import path_argument, positive, show
 from holdfast.live_options import add_live_options, force_of
 
 
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("--out", type=path_argument, required=True, metavar="FILE", help="bias to write (JSON)")
     duration = "duration of the measurement (default 2)"
-    option("--seconds", type=float, default=2.0, metavar="S", help=duration)
+    option("--seconds", type=positive, default=2.0, metavar="S", help=duration)
     option("--anyway", action="store_true", help="write it even if it is not good")
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import path_argument
+from edge_runtime.command import path_argument, positive
 from holdfast.live_options import add_live_options
 
 
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--view", action="store_true", help=view)
     bias = "file written by holdfast bias (default: from the first samples)"
     option("--bias", type=path_argument, metavar="FILE", help=bias)
-    option("--seconds", type=float, metavar="S", help="stop after S seconds (default: Ctrl-C)")
+    option("--seconds", type=positive, metavar="S", help="stop after S seconds (default: Ctrl-C)")
 
 
 def run(args: argparse.Namespace) -> int:

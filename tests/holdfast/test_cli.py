@@ -811,3 +811,11 @@ def test_an_empty_path_is_a_usage_error_and_not_the_folder_we_are_in(
     run: Run, words: tuple[str, ...]
 ) -> None:
     fails(run, 2, "UsageError", *words, says="the path is empty")
+
+
+@pytest.mark.parametrize("verb", ["run", "bias", "record"])
+@pytest.mark.parametrize("seconds", ["0", "-3", "inf"])
+def test_a_time_that_is_not_above_0_is_refused_by_its_option(
+    run: Run, verb: str, seconds: str
+) -> None:
+    fails(run, 2, "UsageError", verb, "--seconds", seconds, says="is not a number above 0")
