@@ -14,7 +14,7 @@ A layout in a URL is a name (`mux`, or `mux@71` for a mux at 0x71), or a place f
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from edge_runtime.errors import UsageError
@@ -26,8 +26,6 @@ CHANNELS = range(8)
 
 Channel = tuple[int, int]
 """Address of a mux, and number of its channel."""
-Masks = Mapping[int, int]
-"""Address of a mux -> the channels that it enables, one bit each."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ objects.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from edge_runtime.trial_layout import MASSES_G
@@ -85,4 +85,3 @@ OBJECTS = {
         _ball("apple", 66.5, 0.5, 2e4, tall_mm=86.5),
     )
 }
-OBJECT_FIELDS = tuple(field.name for field in fields(Thing) if field.name != "name")
