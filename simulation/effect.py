@@ -34,19 +34,16 @@ class Signal:
     unit: Unit = "N"
 
 
-SensorFunction = Callable[[Signal, Drawn, np.random.Generator], Signal]
-
-
 @dataclass(frozen=True)
 class Effect:
     """One entry of the table of effects.
 
-    make: a SensorFunction; or for `physics` what builds the effect for a batch; or for an effect
-    that `sets` a field of run.StepSettings what turns its constant into that field. needs: effects
-    that must be on the card too. marks_invalid: it can make samples invalid, so the trial's file
-    has columns for that. constant: a parameter that is the same in all trials of a card, which are
-    stepped together. longest_step_s: the longest physics.step_s it allows. gives_unit: the unit
-    after it. in_card_unit: it acts on reported samples, so the unit is converted before it.
+    make: (signal, drawn, random stream) -> signal; or for `physics` what builds the effect for a
+    batch; or for an effect that `sets` a field of run.StepSettings what turns its constant into
+    that field. needs: effects that must be on the card too. marks_invalid: it can make samples
+    invalid, so the trial's file has columns for that. constant: a parameter that is the same in all
+    trials of a card, which are stepped together. longest_step_s: the longest physics.step_s it
+    allows. gives_unit: the unit after it. in_card_unit: it acts on reported samples, so the unit is converted before it.
     """
 
     name: str

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from edge_runtime.contract import FloatArray
-from simulation.effect import Drawn, Effect, Signal
+from simulation.effect import Drawn
+from simulation.sensor.rows import Plan, Rows, row_effect
 from simulation.values import Parameter
 
 UT_PER_T = 1e6
@@ -37,7 +38,7 @@ def dipole_ut(place_m: FloatArray, moment_a_m2: float = MOMENT_A_M2) -> FloatArr
     return scaled
 
 
-def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
+def place_m(forces_n: FloatArray, height_mm: float | FloatArray) -> FloatArray:
     """[.., 3] position of the magnet under forces [.., 3]: normal pushes down, shear sideways."""
     yielding = forces_n / (1.0 + np.abs(forces_n) / STIFFENING_N)
     return np.stack(
@@ -50,75 +51,98 @@ def place_m(forces_n: FloatArray, height_mm: float) -> FloatArray:
     )
 
 
-def dipole(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+def height_plan(drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int) -> Plan:
+    """Distance of the magnet from the chip, unloaded."""
+    return {"height_mm": np.full((1, 1), drawn["height_mm"])}
+
+
+def dipole(rows: Rows, plan: Plan) -> Rows:
     """Force moves a magnet in silicone; the chip under it reads its dipole field, uT.
 
     The field at rest is included. Displacement F / (k (1 + |F| / 30 N)) for each axis, k 30 N/mm
     inwards and 15 N/mm sideways (a Shore-35A dome); field: dipole_ut.
     """
-    return replace(signal, values=dipole_ut(place_m(signal.values, drawn["height_mm"])), unit="uT")
+    return replace(rows, values=dipole_ut(place_m(rows.values, plan["height_mm"])))
 
 
-def cross_talk(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+def leak_plan(drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int) -> Plan:
+    """Shares of the neighbours' field and of the other axes."""
+    ratio = (drawn["height_mm"] / drawn["spacing_mm"]) ** 3
+    return {"near": np.full((1, 1, 1), ratio), "axes": np.full((1, 1, 1), drawn["axes"])}
+
+
+def cross_talk(rows: Rows, plan: Plan) -> Rows:
     """Axes leak into each other, and neighbours' magnets add (height / spacing)^3 of their field.
 
     A dipole's field falls as r^-3; neighbours are the sensors before and after. uT.
     """
-    ratio = (drawn["height_mm"] / drawn["spacing_mm"]) ** 3
-    own = signal.values
+    own = rows.values
     near = np.zeros_like(own)
     near[:, 1:] += own[:, :-1]
     near[:, :-1] += own[:, 1:]
-    leak = drawn["axes"] * (own.sum(axis=2, keepdims=True) - own)
-    return replace(signal, values=own + ratio * near + leak)
+    leak = plan["axes"] * (own.sum(axis=2, keepdims=True) - own)
+    return replace(rows, values=own + plan["near"] * near + leak)
 
 
-def gain_tilt(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """Each sensor has its own gain, 1 + gain_sd n, and its own tilt, tilt_sd_deg n about x and y.
+def turn_plan(drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int) -> Plan:
+    """Each sensor's gain, 1 + gain_sd n, and its tilt, tilt_sd_deg n about x and y.
 
-    n is standard normal. Values become gain * R v, R the rotation. Both are drawn for each
-    recording, so a model cannot learn the calibration.
+    n is standard normal. Both are drawn for each recording, so a model cannot learn the
+    calibration.
     """
-    sensors = signal.values.shape[1]
     gain = 1.0 + drawn["gain_sd"] * rng.normal(size=(sensors, 1))
     angle = np.radians(drawn["tilt_sd_deg"]) * rng.normal(size=(2, sensors))
     (cx, cy), (sx, sy) = np.cos(angle), np.sin(angle)
     zero, one = np.zeros(sensors), np.ones(sensors)
     about_x = np.array([[one, zero, zero], [zero, cx, -sx], [zero, sx, cx]])
     about_y = np.array([[cy, zero, sy], [zero, one, zero], [-sy, zero, cy]])
-    turn = np.einsum("ijs,jks->sik", about_y, about_x)
-    return replace(signal, values=gain * np.einsum("sij,tsj->tsi", turn, signal.values))
+    return {"gain": gain[None], "turn": np.einsum("ijs,jks->sik", about_y, about_x)[None]}
 
 
-def magnet_reversed(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """The magnets of these sensors (1 .. 6) are upside down (thesis): their field flips."""
-    return replace(signal, values=_at(signal.values, drawn["sensors"], -1.0))
+def gain_tilt(rows: Rows, plan: Plan) -> Rows:
+    """Values become gain * R v, R the rotation of the sensor."""
+    turned = np.einsum("rsij,rsj->rsi", plan["turn"], rows.values)
+    return replace(rows, values=plan["gain"] * turned)
 
 
-def magnet_lost(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """From at_s on the magnets of these sensors are lost; the earth's field remains, 48 uT."""
-    values = signal.values.copy()
-    gone = signal.t_s >= drawn["at_s"]
-    for index in _indices(drawn["sensors"]):
-        values[gone, index] = EARTH_UT
-    return replace(signal, values=values)
+def reversed_plan(drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int) -> Plan:
+    """-1 where the magnet of a sensor (1 .. S) is upside down (thesis)."""
+    sign = np.ones((1, sensors, 1))
+    sign[:, _indices(drawn["sensors"])] = -1.0
+    return {"sign": sign}
 
 
-def thermal_drift(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+def magnet_reversed(rows: Rows, plan: Plan) -> Rows:
+    """The field of a magnet that is upside down flips."""
+    return replace(rows, values=rows.values * plan["sign"])
+
+
+def lost_plan(drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int) -> Plan:
+    """From at_s on the magnets of these sensors are lost."""
+    gone = np.zeros((len(t_s), sensors, 1), dtype=np.bool_)
+    gone[:, _indices(drawn["sensors"])] = (t_s >= drawn["at_s"])[:, None, None]
+    return {"gone": gone}
+
+
+def magnet_lost(rows: Rows, plan: Plan) -> Rows:
+    """Without a magnet the earth's field remains, 48 uT."""
+    return replace(rows, values=np.where(plan["gone"], EARTH_UT, rows.values))
+
+
+def warming_plan(drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int) -> Plan:
     """The magnets warm by w (1 - exp(-t / tau)) degC and lose 0.12 % of their field per degree.
 
     That is for neodymium. With compensated = 1 the chip's own temperature coefficient corrects for
     it, and a tenth remains.
     """
-    warm = drawn["warming_degc"] * (1.0 - np.exp(-signal.t_s / drawn["time_s"]))
+    warm = drawn["warming_degc"] * (1.0 - np.exp(-t_s / drawn["time_s"]))
     share = 0.0012 * (0.1 if drawn["compensated"] else 1.0)
-    return replace(signal, values=signal.values * (1.0 - share * warm)[:, None, None])
+    return {"left": (1.0 - share * warm)[:, None, None]}
 
 
-def _at(values: FloatArray, sensors: Sequence[float], factor: float) -> FloatArray:
-    changed = values.copy()
-    changed[:, _indices(sensors)] *= factor
-    return changed
+def thermal_drift(rows: Rows, plan: Plan) -> Rows:
+    """The field that is left."""
+    return replace(rows, values=rows.values * plan["left"])
 
 
 def _indices(sensors: Sequence[float]) -> list[int]:
@@ -128,40 +152,46 @@ def _indices(sensors: Sequence[float]) -> list[int]:
 HEIGHT = Parameter(2.0, "mm", 1.5, 20, "from chip to magnet, unloaded")
 SENSORS = Parameter([], "", 1, 6, "which sensors", many=True)
 MAGNET = (
-    Effect("dipole", "sensor", dipole, {"height_mm": HEIGHT}, gives_unit="uT"),
-    Effect(
+    row_effect("dipole", height_plan, dipole, parameters={"height_mm": HEIGHT}, gives_unit="uT"),
+    row_effect(
         "cross_talk",
-        "sensor",
+        leak_plan,
         cross_talk,
-        {
+        parameters={
             "height_mm": HEIGHT,
             "spacing_mm": Parameter(20.0, "mm", 5, 200, "between neighbouring fingertips"),
             "axes": Parameter(0.01, "", 0, 0.3, "share of the other axes"),
         },
         needs=("dipole",),
     ),
-    Effect(
+    row_effect(
         "gain_tilt",
-        "sensor",
+        turn_plan,
         gain_tilt,
-        {
+        parameters={
             "gain_sd": Parameter(0.05, "", 0, 0.5, "spread of the gains"),
             "tilt_sd_deg": Parameter(3.0, "deg", 0, 45, "spread of the angles"),
         },
     ),
-    Effect("magnet_reversed", "sensor", magnet_reversed, {"sensors": SENSORS}, needs=("dipole",)),
-    Effect(
-        "magnet_lost",
-        "sensor",
-        magnet_lost,
-        {"sensors": SENSORS, "at_s": Parameter(5.0, "s", 0, 1e6, "time of the loss")},
+    row_effect(
+        "magnet_reversed",
+        reversed_plan,
+        magnet_reversed,
+        parameters={"sensors": SENSORS},
         needs=("dipole",),
     ),
-    Effect(
+    row_effect(
+        "magnet_lost",
+        lost_plan,
+        magnet_lost,
+        parameters={"sensors": SENSORS, "at_s": Parameter(5.0, "s", 0, 1e6, "time of the loss")},
+        needs=("dipole",),
+    ),
+    row_effect(
         "thermal_drift",
-        "sensor",
+        warming_plan,
         thermal_drift,
-        {
+        parameters={
             "warming_degc": Parameter({"uniform": [0, 10]}, "degC", -50, 80, "final warming"),
             "time_s": Parameter(300.0, "s", 1, 1e5, "time constant"),
             "compensated": Parameter(1.0, "", 0, 1, "1: the chip compensates"),

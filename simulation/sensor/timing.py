@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from edge_runtime.contract import FloatArray
 from simulation.effect import Drawn, Effect, Signal
+from simulation.sensor.rows import Plan, Rows, row_effect
 from simulation.values import Parameter
 
 STALE_AFTER_S = 0.02
@@ -51,20 +53,19 @@ def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> S
     )
 
 
-def stale_sensor(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """From at_s on for lasts_s a sensor repeats its last value.
+def stale_plan(drawn: Drawn, rng: np.random.Generator, t_s: FloatArray, sensors: int) -> Plan:
+    """From at_s on for lasts_s the sensors are stuck; the driver detects it after 20 ms."""
+    these = [int(number) - 1 for number in drawn["sensors"]]
+    stuck = np.zeros((len(t_s), sensors), dtype=np.bool_)
+    since_s = t_s - drawn["at_s"]
+    stuck[:, these] = ((t_s >= drawn["at_s"]) & (t_s < drawn["at_s"] + drawn["lasts_s"]))[:, None]
+    return {"stuck": stuck, "detected": stuck & (since_s > STALE_AFTER_S)[:, None]}
 
-    After 20 ms the driver detects it, and the sensor is invalid.
-    """
-    values, valid = signal.values.copy(), signal.valid.copy()
-    stuck = np.flatnonzero(
-        (signal.t_s >= drawn["at_s"]) & (signal.t_s < drawn["at_s"] + drawn["lasts_s"])
-    )
-    known = stuck[signal.t_s[stuck] - drawn["at_s"] > STALE_AFTER_S] if stuck.size else stuck
-    for number in drawn["sensors"] if stuck.size else ():
-        values[stuck, int(number) - 1] = values[max(stuck[0] - 1, 0), int(number) - 1]
-        valid[known, int(number) - 1] = False
-    return replace(signal, values=values, valid=valid)
+
+def stale_sensor(rows: Rows, plan: Plan, before: Rows) -> Rows:
+    """A stuck sensor repeats its last value; it is invalid once the driver has detected it."""
+    values = np.where(plan["stuck"][..., None], before.values, rows.values)
+    return Rows(values, rows.valid & ~plan["detected"])
 
 
 TIMING = (
@@ -82,11 +83,12 @@ TIMING = (
         {"share": Parameter(0.01, "", 0, 0.3, "share of the samples")},
         in_card_unit=True,
     ),
-    Effect(
+    row_effect(
         "stale_sensor",
-        "sensor",
+        stale_plan,
         stale_sensor,
-        {
+        chained=True,
+        parameters={
             "sensors": Parameter([], "", 1, 6, "which sensors", many=True),
             "at_s": Parameter({"uniform": [4, 8]}, "s", 0, 1e6, "start"),
             "lasts_s": Parameter({"uniform": [0.1, 1]}, "s", 0, 1e6, "duration"),
