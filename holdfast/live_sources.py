@@ -94,6 +94,11 @@ def open_live(
     return _started(_opener(source, clock, say), source, clock, say, to_force)
 
 
+def is_hand(url: str) -> bool:
+    """Whether a URL is a hand, which has no end of its own, unlike a recording or a scene."""
+    return split_url(url).scheme in HANDS
+
+
 def open_bus(url: str, clock: Any, say: Callable[[str], None] = say) -> Bus:
     """The bus of a hand's URL, its sensors not started. Raises UsageError and a DeviceError."""
     source = _source_url(url)

@@ -30,33 +30,45 @@ class Keys:
 
     def __init__(self, handle: int | None) -> None:
         self._handle = handle
+        self._next = b""
 
     @property
     def closed(self) -> bool:
         """Whether no key can be pressed any more."""
-        return self._handle is None
+        return self._handle is None and not self._next
+
+    def ended(self) -> bool:
+        """`closed` after a look, without waiting, whether the input is at its end; loses no key."""
+        self._next = self._next or self._read(0.0)
+        return self.closed
 
     def pressed(self, wait_s: float = 0.0) -> str:
         """The next known key by its name in KEYS, or ""; waits no longer than wait_s."""
+        byte, self._next = self._next or self._read(wait_s), b""
+        return KEYS.get(byte.decode("ascii", "replace").lower(), "")
+
+    def _read(self, wait_s: float) -> bytes:
+        """The next byte; empty if none came in that time, or at the end of the input."""
         if self._handle is None:
             select.select([], [], [], wait_s)
-            return ""
+            return b""
         if not select.select([self._handle], [], [], wait_s)[0]:
-            return ""
+            return b""
         try:
             byte = os.read(self._handle, 1)
         except OSError:  # the terminal is gone
             byte = b""
         if not byte:
             self._handle = None
-        return KEYS.get(byte.decode("ascii", "replace").lower(), "")
+        return byte
 
 
 @contextmanager
 def listening(handle: int) -> Iterator[Keys]:
     """Keys of a descriptor.
 
-    A terminal reports single presses within the block, and is then restored.
+    A terminal reports single presses within the block, and is then restored. Keys that were pressed
+    before the block count. TCSANOW: the others wait for output that a stopped terminal never takes.
 
     If the terminal belongs to another program (we run in the background), nothing is read from it.
     """
@@ -68,9 +80,8 @@ def listening(handle: int) -> Iterator[Keys]:
         return
     before = termios.tcgetattr(handle)
     try:
-        tty.setcbreak(handle)
+        tty.setcbreak(handle, termios.TCSANOW)
         yield Keys(handle)
     finally:
-        # TCSADRAIN would wait for output that a stopped terminal never takes
         with suppress(termios.error):  # the terminal is gone
             termios.tcsetattr(handle, termios.TCSANOW, before)

@@ -74,7 +74,7 @@ class Quality:
 def in_words(figures: dict[str, Any]) -> str:
     """One line for the operator."""
     if figures["rate_hz"] is None:
-        return f"{figures['samples']} samples: too few for a rate"
+        return f"too few samples for a rate ({figures['samples']})"
     drift = "not known"
     if figures["bias_drift"] is not None:
         drift = f"{figures['bias_drift']:g} {figures['unit']} ({figures['bias_drift_channel']})"

@@ -14,12 +14,13 @@ from edge_runtime.live import Source
 from edge_runtime.visible import visible
 from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
 from holdfast.live_options import force_of
-from holdfast.live_sources import open_live
+from holdfast.live_sources import is_hand, open_live
 from holdfast.real_time import first_in_line
 from holdfast.recorder.about import about
 from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import NOTHING, word
 from holdfast.recorder.folder import RECORDING, opened, require_ours, trials_of
+from holdfast.recorder.keys import Keys
 from holdfast.recorder.plan import Plan, planned
 from holdfast.recorder.scene_truth import truth_of
 from holdfast.recorder.session import HostClock, Session, SessionOptions, Show, show_nothing
@@ -32,7 +33,7 @@ CameraOf = Callable[[dict[str, Any]], Beside]
 def record(
     args: argparse.Namespace,
     clock: Any,
-    keys: Any,
+    keys: Keys,
     say: Callable[[str], None],
     stopped: Any,
     show: Show = show_nothing,
@@ -49,6 +50,7 @@ def record(
     require_ours(args.out)
     plan = planned(args, person)
     require_camera(args)
+    require_keys(args, plan, keys)
     say(f"opening {args.source}")
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
     kind = _kind(args.source)
@@ -92,7 +94,21 @@ def _kind(url: str) -> str:
 
 def _options(args: argparse.Namespace, person: str, plan: Plan, rate_hz: float) -> SessionOptions:
     masses = plan.protocol.mass_g if plan.protocol else {}
-    return SessionOptions(args.out, person, rate_hz, args.seconds, args.at_once, masses)
+    endless = is_hand(args.source)
+    return SessionOptions(args.out, person, rate_hz, args.seconds, args.at_once, masses, endless)
+
+
+def require_keys(args: argparse.Namespace, plan: Plan, keys: Keys) -> None:
+    """Raise UsageError where a trial of the plan needs a key and none can be pressed."""
+    begins = {} if args.at_once else {"begins": "--at-once"}
+    ends = {"ends": "--seconds 8"} if args.seconds is None and is_hand(args.source) else {}
+    missing = begins | ends
+    if plan.tasks and missing and keys.ended():
+        raise UsageError(
+            f"only a key {' and '.join(missing)} a trial, and no key can be pressed",
+            cause="standard input is at its end (</dev/null), or the program is in the background",
+            next_step=f"run it in a terminal, or add {' '.join(missing.values())}",
+        )
 
 
 def require_camera(args: argparse.Namespace) -> None:

@@ -40,7 +40,8 @@ TIME_OVER, SOURCE_OVER = "time over", "source over"
 class SessionOptions:
     """Options of a session.
 
-    seconds: length of a trial; None: until a key. at_once: begin a trial without a key.
+    seconds: length of a trial; None: until a key. at_once: begin a trial without a key. endless:
+    the source has no end of its own.
     """
 
     root: Path
@@ -49,6 +50,12 @@ class SessionOptions:
     seconds: float | None
     at_once: bool
     mass_g: dict[str, float]
+    endless: bool = False
+
+    @property
+    def only_a_key_ends(self) -> bool:
+        """Whether a trial goes on until a key is pressed."""
+        return self.endless and self.seconds is None
 
 
 def show_nothing(trial: TrialRecorder, measured: SourceReading, now_ns: int) -> None:
@@ -119,7 +126,7 @@ class Session:
         """The next key of begin, redo or stop."""
         while not stopped():
             if self.keys.closed:
-                self.say("no keyboard here; --at-once begins trials without a key")
+                self.say("no key can be pressed any more; --at-once begins trials without a key")
                 return "stop"
             key = self.keys.pressed(READY_WAIT_S)
             if key in ("begin", "redo", "stop"):
@@ -206,6 +213,9 @@ class Session:
                 return key
             if key in MARKS and trial.started:
                 self.say(f"{key.replace('_', ' ')} at {trial.mark(key, self.clock.now_ns()):.3f} s")
+            if self.keys.closed and self.options.only_a_key_ends:
+                self.say("no key can be pressed any more; --seconds ends trials without a key")
+                return "signal"
             if self.camera is not None and turn % CAMERA_EVERY == 0:
                 self._look_at_camera(trial, self.camera)
             turn += 1

@@ -304,7 +304,7 @@ def test_tags_of_two_sizes_are_told_after_the_trial_and_everything_is_kept(tmp_p
 
 
 def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
-    with start(*words_of(tmp_path)) as run:
+    with start(*words_of(tmp_path), "--seconds", "600") as run:
         heard(run, "recording p01")
         (camera,) = children(run.pid)
         run.kill()
@@ -319,7 +319,7 @@ def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
 def test_without_a_camera_nothing_is_recorded_and_one_error_says_why(tmp_path):
     words = words_of(tmp_path)
     words[:4] = ["--source", "virtual://ft232h", "--camera", "oak"]
-    with start(*words, "--tag-mm", "10") as run:
+    with start(*words, "--tag-mm", "10", "--seconds", "1") as run:
         _, err = run.communicate(timeout=300)
     errors = [line for line in err.splitlines() if line.startswith("error: ")]
     assert (run.returncode, len(errors)) == (6, 1), err

@@ -62,7 +62,7 @@ record_trials(options, clock, Keys(None), print, lambda: False, host_ns=clock.no
 )
 def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_path, capsys):
     out = tmp_path / "out"
-    words = [*map(str, cup_pull(out)), "--trials", "1", "--at-once"]
+    words = [*map(str, cup_pull(out)), "--trials", "1", "--at-once", "--seconds", "600"]
     done = subprocess.run(
         [sys.executable, "-c", KILLED, *words],
         cwd=ROOT,
@@ -95,7 +95,7 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
 
 def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
     words = cup_pull(tmp_path)
-    with start(*words, "--at-once", "--trials", "1") as run:
+    with start(*words, "--at-once", "--trials", "1", "--seconds", "600") as run:
         heard(run, "recording p01")
         file = tmp_path / "p01/cup/pull/trial_1/tactile.csv"
         while file.read_bytes().count(b"\n") < 50:

@@ -22,9 +22,11 @@ from recorder_bench import (
     cup_pull,
     heard,
     meta_of,
+    never,
     session,
     start,
     terminal_of_its_own,
+    told,
     told_on,
 )
 
@@ -32,6 +34,7 @@ from drivers.virtual.clock import VirtualClock
 from edge_runtime.trial_file import read_trial
 from holdfast.recorder.card import Task
 from holdfast.recorder.keys import Keys
+from holdfast.recorder.recording import record
 from holdfast.stopping import stop_signals
 from training.datasets import load
 
@@ -146,6 +149,41 @@ def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path,
     assert kept == 0
     assert any("--at-once" in line for line in said)
     assert not (tmp_path / "p01").exists()
+
+
+def test_a_trial_that_only_a_key_ends_is_interrupted_where_the_keys_end(tmp_path):
+    reading, writing = os.pipe()
+    os.write(writing, b" l")
+    os.close(writing)
+    said: list[str] = []
+    record(told(*cup_pull(tmp_path)), VirtualClock(), Keys(reading), said.append, never)
+    os.close(reading)
+    assert "no key can be pressed any more; --seconds ends trials without a key" in said
+    assert meta_of(tmp_path / "p01/cup/pull/trial_1")["state"] == "interrupted"
+
+
+TYPED_AHEAD = """
+from holdfast.recorder.keys import listening
+with listening(0) as keys:
+    print(keys.ended(), keys.pressed(5.0), keys.pressed(5.0))
+"""
+
+
+def test_keys_that_were_typed_ahead_of_the_recorder_count(tmp_path):
+    master, slave = pty.openpty()
+    os.write(master, b" q")
+    done = subprocess.run(
+        [sys.executable, "-c", TYPED_AHEAD],
+        cwd=ROOT,
+        stdin=slave,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        preexec_fn=terminal_of_its_own,
+    )
+    assert done.stdout == "False begin stop\n"
+    os.close(master)
+    os.close(slave)
 
 
 @pytest.mark.parametrize("way", ["keys", "SIGTERM", "SIGHUP", "error"])

@@ -4,6 +4,7 @@ together."""
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 
@@ -11,11 +12,15 @@ import pytest
 from recorder_bench import (
     PROTOCOL,
     REST,
+    cup_pull,
     meta_of,
+    never,
     one_pull,
     recorded,
+    told,
 )
 
+from drivers.virtual.clock import VirtualClock
 from edge_runtime.errors import (
     CardError,
     DataError,
@@ -27,6 +32,8 @@ from edge_runtime.errors import (
 from holdfast.cli import main
 from holdfast.recorder.card import ACTIONS, Task, left, read_protocol
 from holdfast.recorder.folder import opened
+from holdfast.recorder.keys import Keys
+from holdfast.recorder.recording import record
 from simulation import protocol as simulated
 from training.datasets import load, thesis
 
@@ -60,6 +67,33 @@ def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="not a recording folder"):
         one_pull(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("words", "says", "add"),
+    [
+        ((), "only a key begins and ends a trial", "--at-once --seconds 8"),
+        (("--seconds", "1"), "only a key begins a trial", "--at-once"),
+        (("--at-once", "--trials", "1"), "only a key ends a trial", "--seconds 8"),
+    ],
+)
+def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_opens(
+    tmp_path, words, says, add
+):
+    args = told(*cup_pull(tmp_path / "out"), *words)
+    said: list[str] = []
+    with open(os.devnull) as at_its_end, pytest.raises(UsageError) as error:
+        record(args, VirtualClock(), Keys(at_its_end.fileno()), said.append, never)
+    assert str(error.value).startswith(f"{says}, and no key can be pressed; ")
+    assert str(error.value).endswith(f"next: run it in a terminal, or add {add}")
+    assert said == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_that_ends_by_itself_needs_no_key_and_no_time(card, tmp_path):
+    words = ("--object", "soft-ball", "--action", "pull", "--trials", "1")
+    said = recorded(tmp_path / "out", *words, source=f"sim://{card}?trial=0")
+    assert any(line.startswith("kept: ") for line in said)
 
 
 def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(tmp_path):
