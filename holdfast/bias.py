@@ -42,5 +42,6 @@ def run(args: argparse.Namespace) -> int:
         require_good(measured, "nothing is written")
     bias = measured.bias
     write_bias(args.out, bias)
-    show(f"{bias.n} rows, spread at most {bias.spread.max():.3g} {bias.unit}: {args.out}")
+    show(f"{bias.n} rows, spread at most {bias.spread.max():.3g} {bias.unit}")
+    show(f"bias written to {args.out}; next: holdfast run MODEL --source URL --bias {args.out}")
     return 0

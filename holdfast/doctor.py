@@ -23,7 +23,7 @@ EXTRAS = {
     "camera": ("depthai",),
 }
 RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
-Status = Literal["ok", "missing", "broken"]
+Status = Literal["ok", "missing", "not built", "broken"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
             print(json.dumps(asdict(finding)))
         else:
             step = f"  -> {finding.next_step}" if finding.next_step else ""
-            show(f"{finding.status:<8}{finding.what:<28}{finding.found}{step}")
+            show(f"{finding.status:<11}{finding.what:<28}{finding.found}{step}")
     return 0
 
 
@@ -133,8 +133,8 @@ def _default_model() -> list[Finding]:
 
     path = Path("build/default/holdfast.onnx")
     if not path.exists():
-        step = "holdfast train && holdfast export, or use models/holdfast-150hz.onnx"
-        return [Finding("model", "missing", f"no {path}", step)]
+        step = "use models/holdfast-150hz.onnx, or build it: holdfast train && holdfast export"
+        return [Finding("model", "not built", f"no {path}", step)]
     try:
         model_id = Model(path).card.model_id
     except HoldfastError as error:

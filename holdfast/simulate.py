@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from training.progress import counted
 
     require_new(args.out)
-    scene = Scene(read_card(args.card, rate_hz=args.rate), args.seed)
+    scene = Scene(read_card(args.card, rate_hz=args.rate, rate_option="--rate "), args.seed)
     total = len(scene.trials(args.trials))
     with (
         _nothing_left_of(args.out),

@@ -41,7 +41,8 @@ def open_source(
     elif "://" in url and not url.startswith(REPLAY):
         raise UsageError(
             f"{url!r}: no such source",
-            next_step=f"{REPLAY}PATH, {SIM}CARD; for holdfast run also usb://, i2c://, virtual://",
+            next_step=f"use {REPLAY}PATH or {SIM}CARD; holdfast run and record also read usb://, "
+            "i2c:// and virtual://",
         )
     else:
         require_meant(url)
@@ -81,7 +82,7 @@ def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     if not 0 <= first < first + count <= len(trials):
         raise UsageError(
             f"{url!r}: no trials {first} to {first + count - 1}",
-            next_step=f"the card has 0..{len(trials) - 1}",
+            next_step=f"choose from 0..{len(trials) - 1}",
         )
     return scene, scene.run_together(trials[first : first + count])
 
@@ -98,7 +99,8 @@ def _numbers(url: str) -> dict[str, float]:
             numbers[key] = float(values[-1]) if key == "rate_hz" else _whole(values[-1])
         except ValueError:
             raise UsageError(
-                f"{url[:80]!r}: {key}={values[-1][:40]!r} is not a number", next_step=f"{key}=1"
+                f"{url[:80]!r}: {key}={values[-1][:40]!r} is not a number",
+                next_step=f"write {key}=1",
             ) from None
     return numbers
 
@@ -116,7 +118,7 @@ def split_url(url: str) -> SplitResult:
         return urlsplit(url)
     except ValueError as error:
         raise UsageError(
-            f"{url[:80]!r} is not a URL ({error})", next_step="SCHEME://NAME?key=value"
+            f"{url[:80]!r} is not a URL ({error})", next_step="write SCHEME://NAME?key=value"
         ) from None
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.errors import DataError, LabelError, NotANumber, TimeError
+from edge_runtime.errors import DataError, DataNotFound, LabelError, NotANumber, TimeError
 from edge_runtime.reading import require_lines
 from edge_runtime.trial_layout import FRAMES_SUFFIX, TACTILE
 
@@ -39,10 +39,24 @@ def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None)
     from holdfast.messages import say
 
     frames = path if path.name.endswith(FRAMES_SUFFIX) else path.with_suffix(FRAMES_SUFFIX)
+    if not frames.exists():
+        raise _no_frames(path, frames)
     with tempfile.TemporaryDirectory() as folder:
         watch(read_frames(frames), Path(folder), say=say)
         trial = frames.with_name(frames.name.removesuffix(FRAMES_SUFFIX) + ".csv")
         return watched(Path(folder), trial, tag_mm, apart_mm)
+
+
+def _no_frames(path: Path, frames: Path) -> DataNotFound:
+    """The error for a trial without frames; it names the path that was given."""
+    there = path.exists() and path != frames
+    return DataNotFound(
+        f"no frames beside this trial, {frames.name} is missing" if there else "no such trial",
+        where=path,
+        next_step="film a trial with holdfast watch or holdfast record --camera"
+        if there
+        else "give a folder of holdfast watch or record, or trial_n.csv with trial_n.frames.npz",
+    )
 
 
 def watched(

@@ -40,7 +40,7 @@ from typing import Any
 
 from edge_runtime.card_file import CardReader, read_toml
 from edge_runtime.contract import UNITS, Unit
-from edge_runtime.errors import CardError
+from edge_runtime.errors import CardError, HoldfastError, UsageError
 from simulation.camera.frames import CAMERA
 from simulation.effect import Effect
 from simulation.effects import EFFECTS, step_settings
@@ -118,15 +118,26 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def read_card(name: str, *, rate_hz: float | None = None) -> Card:
-    """Read and check a card by name or path; rate_hz replaces the card's. Raises CardError."""
+def read_card(name: str, *, rate_hz: float | None = None, rate_option: str = "rate_hz=") -> Card:
+    """Read and check a card by name or path.
+
+    rate_hz replaces the card's rate; rate_option: the user's word before that number. Raises
+    CardError, and UsageError for a rate_hz that the card does not allow.
+    """
     path = find_card(name)
     text, raw = read_toml(path)
-    return _SceneCardReader(path).card(raw, text, rate_hz)
+    return _SceneCardReader(path, "" if rate_hz is None else rate_option).card(raw, text, rate_hz)
 
 
 class _SceneCardReader(CardReader):
-    """Checks one card section by section, then what the sections say together."""
+    """Checks one card section by section, then what the sections say together.
+
+    rate_option: the user's word before a rate that replaces the card's; empty without one.
+    """
+
+    def __init__(self, path: Path, rate_option: str = "") -> None:
+        super().__init__(path)
+        self.rate_option = rate_option
 
     def card(self, raw: dict[str, Any], text: str, rate_hz: float | None) -> Card:
         self.require_known(raw, SECTIONS, "section")
@@ -135,7 +146,7 @@ class _SceneCardReader(CardReader):
         if unit not in UNITS[:2]:
             raise self.refused("record.unit", unit, " or ".join(UNITS[:2]))
         if rate_hz is not None:
-            record["rate_hz"] = rate_hz
+            record["rate_hz"] = self.require_rate(rate_hz)
         numbers = self.numbers("record", record, RECORD)
         objects = OBJECTS | {
             name: self.thing(name, value) for name, value in self.table(raw, "objects").items()
@@ -156,6 +167,22 @@ class _SceneCardReader(CardReader):
         )
         self.require_agreement(card)
         return card
+
+    def require_rate(self, rate_hz: float) -> float:
+        """The rate that replaces the card's. Raises UsageError."""
+        rate = RECORD["rate_hz"]
+        if rate.problem(rate_hz):
+            raise self.rate_refused(rate_hz, rate.allowed())
+        return rate_hz
+
+    def rate_refused(self, rate_hz: float, allowed: str) -> HoldfastError:
+        """The error for a rate, which names who gave it: the user or the card."""
+        if not self.rate_option:
+            return self.refused("record.rate_hz", rate_hz, allowed)
+        return UsageError(
+            f"{self.rate_option}{rate_hz:g} is not a sampling rate of {self.path.stem}",
+            next_step=f"give {allowed}",
+        )
 
     def rows(self, rows: Any, objects: Mapping[str, Thing]) -> list[Row]:
         if not isinstance(rows, list) or not rows:
@@ -225,7 +252,7 @@ class _SceneCardReader(CardReader):
         average_s = step_settings(card.effects).get("average_s")
         if average_s and card.rate_hz > 1.0 / average_s:
             allowed = f"at most {1.0 / average_s:.0f} Hz, which is what the chip delivers"
-            raise self.refused("record.rate_hz", card.rate_hz, allowed)
+            raise self.rate_refused(card.rate_hz, allowed)
         for k, row in enumerate(card.rows):
             self.require_holdable(f"trials[{k}].objects", row, card.objects)
 

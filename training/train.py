@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, run_script, seed, show
-from edge_runtime.errors import DataError
+from edge_runtime.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from training.figures import HeadFigures
@@ -100,7 +100,6 @@ def _trained(
     """The set that was trained on, and the held-out figures."""
     from edge_runtime.writing import require_writable
     from export.artifact import require_no_artifact
-    from training.datasets import load
     from training.datasets.joined import join
     from training.fitting import train
     from training.plan import SIZES, TrainingPlan
@@ -115,14 +114,7 @@ def _trained(
     sets = []
     for folder in folders:
         say(f"reading {folder}")
-        part = load(
-            folder,
-            channels=args.channels,
-            groups=args.groups,
-            seed=args.seed,
-            windows=args.windows,
-            part=say.part,
-        )
+        part = _read_set(folder, args, say)
         show(
             f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz"
         )
@@ -130,6 +122,27 @@ def _trained(
         sets.append(part)
     data = join(sets)
     return data, train(data, args.out, plan, seed=args.seed, say=say, part=say.part).figures
+
+
+def _read_set(folder: str, args: argparse.Namespace, say: Stages) -> DataSet:
+    """One set, as the options say. Raises UsageError for its --channels, and a DataError."""
+    from training.datasets import load
+    from training.datasets.channels import ChannelsNotOffered
+
+    try:
+        return load(
+            folder,
+            channels=args.channels,
+            groups=args.groups,
+            seed=args.seed,
+            windows=args.windows,
+            part=say.part,
+        )
+    except ChannelsNotOffered as error:
+        raise UsageError(
+            f"--channels {args.channels}: {folder} does not have that many",
+            next_step=f"give --channels {error.offered}, or leave it out",
+        ) from None
 
 
 def _rebuilds_fixture(args: argparse.Namespace) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import warnings
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from holdfast.calibration.study import Probing, Study
 MOST = 1e12
 """No field, force or time is larger."""
 FORCES = ("Fx", "Fy", "Fz")
+CHANNEL = re.compile(r"[XYZ]([1-9][0-9]{0,2})")
 UNLOADED_N, LOADED_N = 0.3, 1.0
 MIN_UNLOADED = 5
 """Rows below UNLOADED_N that end a probing once LOADED_N was passed."""
@@ -81,15 +83,7 @@ def _runs(flags: BoolArray) -> list[tuple[int, int]]:
 def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
     """(values [T, C] uT, force [T, 3] N)."""
     header = _header(path)
-    n_sensors = sum(name not in ("Time", *FORCES) for name in header) // 3
-    wanted = ("Time", *channel_names(n_sensors), *FORCES)
-    if n_sensors == 0 or sorted(header) != sorted(wanted):
-        odd = sorted(set(header) ^ set(wanted)) or ["some twice"]
-        raise ColumnError(
-            f"columns missing, repeated or unknown: {listed(odd)}",
-            where=path,
-            next_step="Time,X1,Y1,Z1,..,Fx,Fy,Fz",
-        )
+    n_sensors = _require_columns(header, path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # no rows: raised below
@@ -113,6 +107,26 @@ def _read_csv(path: Path) -> tuple[FloatArray, FloatArray]:
     columns = {name: table[:, index] for index, name in enumerate(header)}
     values = np.column_stack([columns[name] for name in channel_names(n_sensors)])
     return values, np.column_stack([columns[name] for name in FORCES])
+
+
+def _require_columns(header: list[str], path: Path) -> int:
+    """Number of sensors, by the highest number in a column's name. Raises ColumnError."""
+    numbers = [int(match[1]) for name in header if (match := CHANNEL.fullmatch(name))]
+    n_sensors = max(numbers, default=1)
+    wanted = ("Time", *channel_names(n_sensors), *FORCES)
+    wrong = {
+        "missing": [name for name in wanted if name not in header],
+        "unknown": [name for name in header if name not in wanted],
+        "repeated": [name for name in wanted if header.count(name) > 1],
+    }
+    if any(wrong.values()):
+        parts = (f"{how} columns: {listed(names)}" for how, names in wrong.items() if names)
+        raise ColumnError(
+            ", ".join(parts),
+            where=path,
+            next_step="name the columns Time,X1,Y1,Z1,..,Fx,Fy,Fz and remove the others",
+        )
+    return n_sensors
 
 
 def _header(path: Path) -> list[str]:

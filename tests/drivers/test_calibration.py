@@ -544,9 +544,14 @@ def test_one_press_is_too_little_to_hold_one_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "error", "says"),
     [
-        ("Time,X1,Y1,Z1,Fx,Fy\n0,1,2,3,4,5\n", ColumnError, "Fz"),
-        ("Time,X1,Y1,Z1,Fx,Fy,Fz,g\n0,1,2,3,4,5,6,7\n", ColumnError, "unknown: g"),
-        ("Time,X1,Y1,Z1,Fx,Fy,Fz,Fz\n0,1,2,3,4,5,6,7\n", ColumnError, "some twice"),
+        ("Time,X1,Y1,Z1,Fx,Fy\n0,1,2,3,4,5\n", ColumnError, "missing columns: Fz;"),
+        ("Time,X1,Y1,Z1,Fx,Fy,Fz,g\n0,1,2,3,4,5,6,7\n", ColumnError, "unknown columns: g;"),
+        (
+            "Time,X1,Z1,g,h,Fx,Fy,Fz\n0,1,2,3,4,5,6,7\n",
+            ColumnError,
+            "missing.*: Y1, unknown.*: g, h;",
+        ),
+        ("Time,X1,Y1,Z1,Fx,Fy,Fz,Fz\n0,1,2,3,4,5,6,7\n", ColumnError, "repeated columns: Fz;"),
         ("Time,Fx,Fy,Fz\n0,1,2,3\n", ColumnError, "Time,X1,Y1,Z1"),
         ("Time,X1,Y1,Z1,Fx,Fy,Fz\n0,1,2,much,4,5,6\n", NotANumber, "much"),
         ("", ColumnError, "Time"),

@@ -106,6 +106,18 @@ def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(
     assert json.loads(pull.with_suffix(".onset.json").read_text("utf-8"))["pad_shear"] == "measured"
 
 
+@pytest.mark.parametrize("there", ["", "trial_1.csv"])
+def test_onset_names_the_path_that_was_given_where_there_are_no_frames(tmp_path, there, capsys):
+    given = tmp_path / (there or "trial_9")
+    if there:
+        given.write_text("Time,X1,Y1,Z1\n")
+    assert main(["onset", str(given)]) == 3
+    err = capsys.readouterr().err
+    assert err.startswith(f"error: DataNotFound: {given}: no ")
+    assert ("trial_1.frames.npz is missing" in err) == bool(there)
+    assert f"{tmp_path}/trial_9.frames" not in err
+
+
 def test_a_tag_printed_in_another_size_is_refused_by_its_size(tmp_path):
     path = two_sizes(tmp_path / "trial_1.frames.npz")
     done = command("onset", path, "--action", "pull")

@@ -666,6 +666,8 @@ def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(
         )
         == 0
     )
+    written = f"bias written to {tmp_path / 'bias.json'}; next: holdfast run"
+    assert written in capsys.readouterr().out
     resting = read_bias(tmp_path / "bias.json").values
     tare = Tare(model.card.preparation, 18, resting)
     values, good = tare.prepare(resting + 3.0, np.ones(6, dtype=np.bool_))

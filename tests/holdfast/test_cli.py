@@ -127,6 +127,20 @@ def test_a_usage_error_is_one_line_that_names_the_word(run: Run, fault: str) -> 
     assert "--help" in run(*words)[2]
 
 
+def test_a_rate_that_no_card_takes_is_blamed_on_its_option(run: Run, tmp_path: Path) -> None:
+    words = ("simulate", "apple", "--out", tmp_path / "new", "--rate", "-4")
+    fails(
+        run, 2, "UsageError", *words, says="--rate -4 is not a sampling rate of apple; next: give"
+    )
+
+
+def test_an_unknown_scheme_of_a_source_is_refused_with_what_to_use(
+    run: Run, four_situations: Built
+) -> None:
+    words = ("replay", four_situations.model, "ub://x")
+    fails(run, 2, "UsageError", *words, says="'ub://x': no such source; next: use replay://PATH")
+
+
 def test_debug_shows_the_traceback_of_an_error(run: Run) -> None:
     with pytest.raises(Exception, match="unknown command"):
         run("fly", "--debug")
@@ -325,6 +339,18 @@ def test_one_person_alone_cannot_be_split(run: Run, tmp_path: Path) -> None:
     words = ("train", "--data", write_people(tmp_path / "set", people=1), "--out", tmp_path / "out")
     fails(run, 3, "TooFewGroups", *words, says="people")
     assert not (tmp_path / "out").exists()
+
+
+def test_channels_that_a_set_does_not_have_are_blamed_on_their_option(
+    run: Run, tmp_path: Path
+) -> None:
+    write_fixture(tmp_path / "set", trials_per_cell=1)
+    shutil.rmtree(next((tmp_path / "set").glob("*/pull")))  # a class without windows, a later error
+    people = write_people(tmp_path / "people", people=2, trials=1)
+    for folder, offered in ((tmp_path / "set", "18"), (people, "18 or 48")):
+        words = ("train", "--data", folder, "--channels", "7", "--out", tmp_path / "out")
+        says = f"--channels 7: {folder} does not have that many; next: give --channels {offered}"
+        fails(run, 2, "UsageError", *words, says=says)
 
 
 def test_so_many_people_as_there_are_not_cannot_be_chosen(run: Run, tmp_path: Path) -> None:
@@ -718,7 +744,7 @@ def findings(run: Run) -> dict[str, dict[str, str]]:
     lines = [json.loads(line) for line in out.splitlines()]
     for line in lines:
         assert set(line) == {"what", "status", "found", "next_step"}
-        assert line["status"] in ("ok", "missing", "broken")
+        assert line["status"] in ("ok", "missing", "not built", "broken")
         assert line["status"] == "ok" or line["next_step"]
     code, out, err = run("doctor")
     assert (code, len(out.splitlines()), err) == (0, len(lines), "")
@@ -732,9 +758,11 @@ def test_the_doctor_says_what_is_missing_where_there_is_nothing(
     monkeypatch.chdir(tmp_path)
     found = findings(run)
     assert found["machine"]["status"] == found["onnxruntime"]["status"] == "ok"
-    assert found["human_slip_uskin"]["status"] == found["model"]["status"] == "missing"
+    assert found["human_slip_uskin"]["status"] == "missing"
     assert "HOLDFAST_DATA" in found["human_slip_uskin"]["next_step"]
-    assert "holdfast export" in found["model"]["next_step"]
+    assert found["model"]["status"] == "not built"
+    assert "holdfast train && holdfast export" in found["model"]["next_step"]
+    assert "models/holdfast-150hz.onnx" in found["model"]["next_step"]
 
 
 def test_the_doctor_finds_a_model_and_a_data_set_that_are_there(

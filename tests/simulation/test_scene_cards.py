@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_runtime.errors import CardError
+from edge_runtime.errors import CardError, UsageError
 from simulation.card import read_card
 from simulation.effects import EFFECTS
 from simulation.protocol import least_grip_n
@@ -114,6 +114,20 @@ def test_a_card_that_cannot_be_is_refused_in_one_line(tmp_path, text, named):
     assert "mine.toml" in str(error.value)
     for word in named:
         assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "allowed"), [(-4.0, "40 to 10000 Hz"), (9000.0, "at most 412 Hz")]
+)
+def test_a_rate_that_a_user_gives_is_blamed_on_the_user_s_option_and_not_on_the_card(
+    rate_hz, allowed
+):
+    with pytest.raises(UsageError) as error:
+        read_card("thesis", rate_hz=rate_hz, rate_option="--rate ")
+    said = str(error.value)
+    assert said.startswith(f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give ")
+    assert allowed in said
+    assert "record." not in said
 
 
 def test_a_card_that_is_not_there_names_those_that_are():

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.errors import ChannelError, DataNotFound, TooFewGroups, UsageError
+from edge_runtime.errors import DataNotFound, TooFewGroups, UsageError
 from training.recording import DataSet
 from training.say import Part, ignored
 from training.windows import Choice
@@ -41,8 +41,8 @@ def load(
     in the thesis' layout equal class counts, or every window there is (to score on), or dense
     (training/windows.py).
 
-    Raises DataNotFound, ChannelError, TooFewGroups, UsageError, or what the reader says about its
-    files.
+    Raises DataNotFound, ChannelsNotOffered, TooFewGroups, UsageError, or what the reader says about
+    its files.
     """
     root = find(name_or_path)
     data = _read(root, channels, seed, windows, part)
@@ -121,11 +121,5 @@ def _read(root: Path, channels: int | None, seed: int, windows: Choice, part: Pa
             next_step="give a public set, a folder of `holdfast record`, or a folder with "
             "<object>/<action>/trial_<n>.csv",
         )
-    data: DataSet = fits[0].load(root, seed=seed, windows=windows, part=part)
-    if channels is not None and channels != 3 * data.n_sensors:
-        raise ChannelError(
-            f"{channels} channels requested, the set has {3 * data.n_sensors}",
-            where=root,
-            next_step="leave channels out",
-        )
+    data: DataSet = fits[0].load(root, channels=channels, seed=seed, windows=windows, part=part)
     return data

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import GRASP, RISKY_SLIP, SITUATIONS, BoolArray, FloatArray
-from edge_runtime.errors import ChannelError, LabelError
+from edge_runtime.errors import LabelError
 from edge_runtime.preparation import Preparation
+from training.datasets.channels import ChannelsNotOffered
 from training.datasets.reading import COPY_AGAIN, read_arrays
 from training.datasets.rows import finite_sensors, join_trials
 from training.recording import DataSet, Recording
@@ -156,12 +157,12 @@ def _held_out_accuracy(
 
 
 def _columns(channels: int) -> list[int]:
-    magnetometers = {18: SIX_MAGNETOMETERS, 30: tuple(range(10))}.get(channels)
-    if magnetometers is None:
-        raise ChannelError(
-            f"eflesh_slip has no {channels}-channel case", next_step="ask for 18 or 30"
-        )
-    return [3 * magnetometer + axis for magnetometer in magnetometers for axis in range(3)]
+    magnetometers = {18: SIX_MAGNETOMETERS, 30: tuple(range(10))}
+    if channels not in magnetometers:
+        raise ChannelsNotOffered("eflesh_slip", channels, magnetometers)
+    return [
+        3 * magnetometer + axis for magnetometer in magnetometers[channels] for axis in range(3)
+    ]
 
 
 def _recording(number: int, raw: FloatArray, tug: bool) -> Recording:

@@ -20,6 +20,7 @@ from edge_runtime.contract import SITUATIONS, FloatArray
 from edge_runtime.errors import ChannelError, ColumnError, EmptyRecording, NotANumber
 from edge_runtime.preparation import Preparation
 from training.datasets import human_slip_labels as labels
+from training.datasets.channels import ChannelsNotOffered
 from training.datasets.reading import COPY_AGAIN, Table, read_arrays, read_table
 from training.datasets.rows import TrialRows, finite_sensors, join_trials
 from training.recording import DataSet, LabelledRows, Recording
@@ -147,12 +148,10 @@ def clock_features(data: DataSet, rows: LabelledRows) -> FloatArray:
 
 
 def _columns(channels: int) -> list[int]:
-    taxels = {18: SIX_TAXELS, 48: tuple(range(1, N_TAXELS + 1))}.get(channels)
-    if taxels is None:
-        raise ChannelError(
-            f"human_slip_uskin has no {channels}-channel case", next_step="ask for 18 or 48"
-        )
-    return [3 * (taxel - 1) + axis for taxel in taxels for axis in range(3)]
+    taxels = {18: SIX_TAXELS, 48: tuple(range(1, N_TAXELS + 1))}
+    if channels not in taxels:
+        raise ChannelsNotOffered("human_slip_uskin", channels, taxels)
+    return [3 * (taxel - 1) + axis for taxel in taxels[channels] for axis in range(3)]
 
 
 def _moves(table: Table, arrays: dict[str, npt.NDArray[Any]]) -> Iterator[_Move]:

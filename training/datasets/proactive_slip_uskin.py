@@ -18,8 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP, SITUATIONS, FloatArray
-from edge_runtime.errors import ChannelError, ColumnError, DataNotFound
+from edge_runtime.errors import ColumnError, DataNotFound
 from edge_runtime.preparation import Preparation
+from training.datasets.channels import ChannelsNotOffered
 from training.datasets.reading import COPY_AGAIN, read_table
 from training.datasets.rows import TrialRows, finite_sensors, join_trials
 from training.recording import DataSet, Recording
@@ -102,15 +103,13 @@ def _trial_folders(root: Path) -> list[Path]:
 
 
 def _columns(channels: int) -> list[int]:
-    taxels = {18: THREE_TAXELS, 96: tuple(range(1, 17))}.get(channels)
-    if taxels is None:
-        raise ChannelError(
-            f"proactive_slip_uskin has no {channels}-channel case", next_step="ask for 18 or 96"
-        )
+    taxels = {18: THREE_TAXELS, 96: tuple(range(1, 17))}
+    if channels not in taxels:
+        raise ChannelsNotOffered("proactive_slip_uskin", channels, taxels)
     return [
         48 * pad + 3 * (taxel - 1) + axis
         for pad in range(2)
-        for taxel in taxels
+        for taxel in taxels[channels]
         for axis in range(3)
     ]
 

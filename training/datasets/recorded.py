@@ -40,7 +40,12 @@ def recognises(root: Path) -> bool:
 
 
 def load(
-    root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored
+    root: Path,
+    *,
+    channels: int | None = None,
+    seed: int = 0,
+    windows: Choice = "balanced",
+    part: Part = ignored,
 ) -> DataSet:
     """All kept trials of a folder, as training.datasets.thesis does. Raises a DataError."""
     found = [(path, read_json(path.with_name(META))) for path in _trials(root)]
@@ -64,9 +69,8 @@ def load(
         part(thesis.READING * number / len(kept))
     kinds = sorted({_kind(meta) for _, meta in kept})
     about = {"unit": units[0], "kind": " and ".join(kinds), "name": root.resolve().name}
-    data = thesis.assembled(
-        about, trials, seed=seed, windows=windows, part=span(part, thesis.READING, 1.0)
-    )
+    rest = span(part, thesis.READING, 1.0)
+    data = thesis.assembled(about, trials, channels=channels, seed=seed, windows=windows, part=rest)
     states = dict(Counter(str(meta.get("state")) for _, meta in found))
     caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
     notes = {**data.notes, "layout": "recorded", "states": states, "people": len(people)}

@@ -25,6 +25,7 @@ from edge_runtime.preparation import Preparation
 from edge_runtime.trial_file import Trial, read_trial
 from edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
 from export.bank import bands_for
+from training.datasets.channels import ChannelsNotOffered
 from training.datasets.rows import finite_sensors
 from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
 from training.recording import DataSet, Recording
@@ -92,10 +93,16 @@ def preparation(unit: Unit) -> Preparation:
 
 
 def load(
-    root: Path, *, seed: int = 0, windows: Choice = "balanced", part: Part = ignored
+    root: Path,
+    *,
+    channels: int | None = None,
+    seed: int = 0,
+    windows: Choice = "balanced",
+    part: Part = ignored,
 ) -> DataSet:
     """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
 
+    channels: refuse the set if it has another number; None takes it as it is.
     windows: balanced (drawn by the seed; every class must be there), natural (every one), or dense.
     Every trial is a group of its own. `notes` has the counts of samples, of all windows and of
     those kept, and the latter as a table. rate_hz is the median over the trials to three digits, so
@@ -114,19 +121,24 @@ def load(
             next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
         )
     about = {"name": root.resolve().name, **meta}
-    return assembled(about, trials, seed=seed, windows=windows, part=span(part, READING, 1.0))
+    rest = span(part, READING, 1.0)
+    return assembled(about, trials, channels=channels, seed=seed, windows=windows, part=rest)
 
 
 def assembled(
     meta: dict[str, Any],
     trials: list[TimedTrial],
     *,
+    channels: int | None,
     seed: int,
     windows: Choice,
     part: Part = ignored,
 ) -> DataSet:
     """A data set of trials. meta: name, unit, kind, origin. Raises RateError or ChannelError."""
     rate_hz = _common_rate([trial.recording for trial in trials])
+    has = 3 * trials[0].recording.n_sensors
+    if channels is not None and channels != has:
+        raise ChannelsNotOffered(str(meta["name"]), channels, [has])
     natural = natural_windows(trials, part)
     chosen = {
         "balanced": lambda: balance(natural, seed),
