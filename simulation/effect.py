@@ -43,7 +43,8 @@ class Effect:
     that field. needs: effects that must be on the card too. marks_invalid: it can make samples
     invalid, so the trial's file has columns for that. constant: a parameter that is the same in all
     trials of a card, which are stepped together. longest_step_s: the longest physics.step_s it
-    allows. gives_unit: the unit after it. in_card_unit: it acts on reported samples, so the unit is converted before it.
+    allows. gives_unit: the unit after it. in_card_unit: it acts on reported samples, so the unit is
+    converted before it.
     """
 
     name: str

@@ -178,23 +178,40 @@ def _stack(grids: Sequence[Grid]) -> tuple[FloatArray, IntArray]:
     return at_s, sample
 
 
-def _note(tape: _Tape, k: int, first: int, state: State, travel: FloatArray) -> None:
+def contact_marks(
+    state: State, travel_m: FloatArray
+) -> tuple[BoolArray, BoolArray, BoolArray, FloatArray]:
+    """(gripped, slips, slides, slip in m), [B] each, after a step; travel_m [S, B]."""
     touching = state.normal_n > 0.0
     count = touching.sum(axis=0)
     fast = state.slip_m_s > SLIDES_M_S
+    slips = (fast.any(axis=0) & touching).any(axis=0)
+    slides = (fast.all(axis=0) | ~touching).all(axis=0) & (count > 0)
+    return count > 0, slips, slides, (travel_m * touching).sum(axis=0) / np.maximum(count, 1)
+
+
+def _note(tape: _Tape, k: int, first: int, state: State, travel: FloatArray) -> None:
     tape.agents[k, :, first:] = state.agents_n
-    tape.gripped[k, first:] = count > 0
-    tape.slips[k, first:] = (fast.any(axis=0) & touching).any(axis=0)
-    tape.slides[k, first:] = (fast.all(axis=0) | ~touching).all(axis=0) & (count > 0)
-    tape.slip[k, first:] = (travel * touching).sum(axis=0) / np.maximum(count, 1)
+    marks = contact_marks(state, travel)
+    tape.gripped[k, first:], tape.slips[k, first:] = marks[:2]
+    tape.slides[k, first:], tape.slip[k, first:] = marks[2:]
 
 
-def _forces(body: Body, state: State) -> FloatArray:
+def forces_of(body: Body, state: State) -> FloatArray:
     """[S, 3, B] on the fingertips: shear x, y, normal; shear points the way the object moves."""
     shear = (body.brush_n_per_m * state.stretch_m).sum(axis=1)
     forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
     forces[:, 0], forces[:, 1], forces[:, 2] = shear[0], shear[1] * -body.side, state.normal_n
     return forces
+
+
+def mean_weight_s(
+    at_s: FloatArray, dt_s: FloatArray, period_s: float, window_s: float
+) -> FloatArray:
+    """[B] how much of a step of dt_s that ends at at_s lies in the window before a sample."""
+    opens_s = np.ceil(at_s / period_s - 1e-6) * period_s - window_s
+    weight_s: FloatArray = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))
+    return weight_s
 
 
 class _Mean:
@@ -210,11 +227,10 @@ class _Mean:
         A lane outside its window adds its forces times zero, which changes no bit and costs less
         than masking.
         """
-        opens_s = np.ceil(at_s / self.period_s - 1e-6) * self.period_s - self.window_s
-        weight_s = np.minimum(dt_s, np.maximum(at_s - opens_s, 0.0))
+        weight_s = mean_weight_s(at_s, dt_s, self.period_s, self.window_s)
         if not weight_s.any():
             return
-        self.total += _forces(body, state) * weight_s
+        self.total += forces_of(body, state) * weight_s
         self.weight_s += weight_s
 
     def take(self, lanes: IntArray) -> FloatArray:
@@ -227,7 +243,7 @@ class _Mean:
 def _sample(
     tape: _Tape, rows: IntArray, lanes: IntArray, body: Body, state: State, mean: _Mean | None
 ) -> None:
-    forces = _forces(body, state)[..., lanes] if mean is None else mean.take(lanes)
+    forces = forces_of(body, state)[..., lanes] if mean is None else mean.take(lanes)
     tape.position[rows] = state.position_m[:, lanes].T
     tape.forces[rows] = np.moveaxis(forces, 2, 0)
 

@@ -101,9 +101,9 @@ class Scene:
         if len(trials) == 1:  # numpy would sum a single lane in another order
             yield next(self._simulated([trials[0], trials[0]], done))
             return
-        drawn = {name: [self._draw(name, trial) for trial in trials] for name in self.loop_effects}
+        drawn = {name: [self.draw(name, trial) for trial in trials] for name in self.loop_effects}
         made = [
-            effect.make(drawn[name], trials, [self._rng(name, trial) for trial in trials])
+            effect.make(drawn[name], trials, [self.rng(name, trial) for trial in trials])
             for name, effect in self.loop_effects.items()
         ]
         moves_hand = next((effect for effect in made if hasattr(effect, HAND_MOTION)), None)
@@ -150,11 +150,11 @@ class Scene:
         """(signal, draws): forces [T, S, 3] at t_s [T] through a trial's sensors, in the card's
         unit."""
         signal = Signal(t_s, forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
-        drawn = {name: self._draw(name, trial) for name in self.sensor_effects}
+        drawn = {name: self.draw(name, trial) for name in self.sensor_effects}
         for name, effect in self.sensor_effects.items():
             if effect.in_card_unit:
                 signal = self._in_card_unit(signal)
-            signal = effect.make(signal, drawn[name], self._rng(name, trial))
+            signal = effect.make(signal, drawn[name], self.rng(name, trial))
         return self._in_card_unit(signal), drawn
 
     def film(self, one: SimulatedTrial, camera: Camera) -> tuple[FloatArray, Frames]:
@@ -168,19 +168,21 @@ class Scene:
     def _before_camera(
         self, one: SimulatedTrial
     ) -> tuple[FloatArray, FloatArray, FloatArray, np.random.Generator]:
-        motion, rng = one.motion, self._rng("camera_frames", one.trial)
+        motion, rng = one.motion, self.rng("camera_frames", one.trial)
         hand_m = np.zeros_like(motion.position_m) if one.hand_m is None else one.hand_m
         return motion.t_s, motion.position_m, hand_m, rng
 
     def _in_card_unit(self, signal: Signal) -> Signal:
         return calibrate(signal) if signal.unit == "uT" and self.card.unit == "N" else signal
 
-    def _draw(self, name: str, trial: PlannedTrial) -> dict[str, Any]:
+    def draw(self, name: str, trial: PlannedTrial) -> dict[str, Any]:
+        """Parameters of an effect in a trial."""
         return EFFECTS[name].draw(
             self.card.effects[name], stream(self.seed, trial.number, f"{name} parameters")
         )
 
-    def _rng(self, name: str, trial: PlannedTrial) -> np.random.Generator:
+    def rng(self, name: str, trial: PlannedTrial) -> np.random.Generator:
+        """The random stream of an effect in a trial."""
         return stream(self.seed, trial.number, name)
 
     def _steps(self, trial: PlannedTrial) -> int:

@@ -250,10 +250,18 @@ class Script:
         return np.where(disturbed, within * within, 0.0)
 
     def _closure(self, shut: FloatArray, pulse: FloatArray) -> FloatArray:
-        grip = 1.0 + self.d("grip_change") * pulse
+        grip = (1.0 + self.d("grip_change") * pulse) * self.grip_share()
         closure = shut * (OPEN_GAP_M + self.closed_m * grip) - OPEN_GAP_M
         closure[self.body.thumb :] += 1e-3 * self.d("motor_mm") * pulse * shut
         return closure
+
+    def grip_share(self) -> FloatArray | float:
+        """The hand's grip over the one it was closed with; a closed loop changes it."""
+        return 1.0
+
+    def still_there(self, t_s: FloatArray) -> FloatArray | float:
+        """[n, B] 1 while the person who takes is there; in a closed loop people give up."""
+        return 1.0
 
     def _giver(self, t_s: FloatArray) -> tuple[FloatArray, ...]:
         """The person who holds the object out until letting go; a fall's support just vanishes."""
@@ -283,11 +291,12 @@ class Script:
         stiffness = self.d("arm_n_per_m", 1.0)
         damping = 2.0 * DAMPING_RATIO * np.sqrt(stiffness * self.body.mass_kg)
         weight = np.where(self.passes, smooth((t_s - self.t["act"]) / self.d("take_s", 1.0)), 0.0)
+        there = self.still_there(t_s)
         return (
-            np.where(grasped, stiffness, 0.0),
-            np.where(grasped, damping, 0.0),
+            np.where(grasped, stiffness * there, 0.0),
+            np.where(grasped, damping * there, 0.0),
             np.broadcast_to(self.d("cap_n", 1.0), t_s.shape),
-            np.where(grasped, weight, 0.0),
+            np.where(grasped, weight * there, 0.0),
             travel[:, None] * self.push,
             speed[:, None] * self.push,
         )

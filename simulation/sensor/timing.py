@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
+from edge_runtime.contract import BoolArray, FloatArray
 from simulation.effect import Drawn, Effect, Signal
 from simulation.sensor.rows import Plan, Rows, row_effect
 from simulation.values import Parameter
@@ -17,28 +17,35 @@ LATEST = 0.45
 """A sample is late or early by less than half a step, so the order is kept."""
 
 
+def late_s(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> FloatArray:
+    """[T] by how much each sample is late, s: normal with sd_ms; the first and the last are not."""
+    step_s = float(t_s[1] - t_s[0])
+    late = np.clip(
+        1e-3 * drawn["sd_ms"] * rng.normal(size=len(t_s)), -LATEST * step_s, LATEST * step_s
+    )
+    late[[0, -1]] = 0.0
+    return late
+
+
 def timing_jitter(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
     """A sample is taken at t + e, e normal with sd_ms; value and time stamp are of that moment."""
-    step_s = float(signal.t_s[1] - signal.t_s[0])
-    late_s = np.clip(
-        1e-3 * drawn["sd_ms"] * rng.normal(size=len(signal.t_s)), -LATEST * step_s, LATEST * step_s
-    )
-    late_s[[0, -1]] = 0.0
-    if not late_s.any():
+    late = late_s(signal.t_s, drawn, rng)
+    if not late.any():
         return signal
-    t_s = signal.t_s + late_s
+    t_s = signal.t_s + late
     flat = signal.values.reshape(len(t_s), -1)
     values = np.stack([np.interp(t_s, signal.t_s, column) for column in flat.T], axis=1)
     return replace(signal, t_s=t_s, values=values.reshape(signal.values.shape))
 
 
-def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
-    """A share of the samples is lost, in bursts of 1 to 3 rows; the first two and the last stay.
+def kept_rows(t_s: FloatArray, drawn: Drawn, rng: np.random.Generator) -> BoolArray:
+    """[T] which samples come; the others are lost in bursts of 1 to 3 rows.
 
-    At least two rows lie between bursts, then one begins with probability p at each row. So
-    m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a burst.
+    The first two and the last come. At least two rows lie between bursts, then one begins with
+    probability p at each row. So m / (m + 1 + 1 / p) of the rows are lost, m the mean length of a
+    burst.
     """
-    n, mean = len(signal.t_s), 0.5 * (1 + LONGEST_BURST)
+    n, mean = len(t_s), 0.5 * (1 + LONGEST_BURST)
     bursts = rng.integers(1, LONGEST_BURST + 1, n)
     share = drawn["share"]
     begins = rng.uniform(size=n) < (1.0 / (mean / share - mean - 1.0) if share else 0.0)
@@ -48,6 +55,12 @@ def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> S
         if start >= last + 2:
             last = min(start + bursts[start], n - 1)
             kept[max(start, 2) : last] = False
+    return kept
+
+
+def dropped_samples(signal: Signal, drawn: Drawn, rng: np.random.Generator) -> Signal:
+    """A share of the samples is lost."""
+    kept = kept_rows(signal.t_s, drawn, rng)
     return replace(
         signal, t_s=signal.t_s[kept], values=signal.values[kept], valid=signal.valid[kept]
     )

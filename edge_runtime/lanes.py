@@ -1,0 +1,107 @@
+"""The same formulas for one hand and for many: a number is a float, or an array [B] of floats.
+
+What a grip controller computes is a few dozen operations on single numbers. On the hand they run on
+Python's own floats, which is several times faster than numpy on arrays of one element. A closed
+loop in simulation runs them on arrays of B hands. Only +, -, *, /, comparisons, square roots and
+the choices below are used. IEEE 754 defines each of them to the last bit, so both give the same
+bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+
+Number = Any
+"""A float, or an array [B] of float64."""
+Flag = Any
+"""A bool, or an array [B] of bool."""
+
+
+class Lanes(Protocol):
+    """The choices that Python and numpy write differently."""
+
+    def choose(self, where: Flag, then: Number, otherwise: Number) -> Number:
+        """`then` where the flag is set."""
+        ...
+
+    def root(self, of: Number) -> Number:
+        """Square root of a number that is not negative."""
+        ...
+
+    def no(self, flag: Flag) -> Flag:
+        """Not."""
+        ...
+
+    def zero(self) -> Number:
+        """0 for every hand."""
+        ...
+
+    def false(self) -> Flag:
+        """False for every hand."""
+        ...
+
+
+class OneLane:
+    """One hand: Python's floats and bools."""
+
+    @staticmethod
+    def choose(where: Flag, then: Number, otherwise: Number) -> Number:
+        """`then` where the flag is set."""
+        return then if where else otherwise
+
+    root = staticmethod(math.sqrt)
+
+    @staticmethod
+    def no(flag: Flag) -> Flag:
+        """Not."""
+        return not flag
+
+    @staticmethod
+    def zero() -> Number:
+        """0."""
+        return 0.0
+
+    @staticmethod
+    def false() -> Flag:
+        """False."""
+        return False
+
+
+class ManyLanes:
+    """B hands: arrays [B]."""
+
+    def __init__(self, batch: int) -> None:
+        self.batch = batch
+
+    choose = staticmethod(np.where)
+    root = staticmethod(np.sqrt)
+    no = staticmethod(np.logical_not)
+
+    def zero(self) -> Number:
+        """Zeros."""
+        return np.zeros(self.batch)
+
+    def false(self) -> Flag:
+        """No flag set."""
+        return np.zeros(self.batch, dtype=np.bool_)
+
+
+ONE_LANE = OneLane()
+
+
+def least(lanes: Lanes, a: Number, b: Number) -> Number:
+    """The smaller of two."""
+    return lanes.choose(a < b, a, b)
+
+
+def most(lanes: Lanes, a: Number, b: Number) -> Number:
+    """The larger of two."""
+    return lanes.choose(a > b, a, b)
+
+
+def within(lanes: Lanes, low: Number, x: Number, high: Number) -> Number:
+    """x, not below low and not above high."""
+    return least(lanes, most(lanes, x, low), high)

@@ -1,0 +1,90 @@
+"""People in a closed loop: they react to what the hand does.
+
+A receiver pulls no harder than a cap and gives up after a while. A puller does, too. The wearer of
+the hand opens it by muscle signals that come before the hand moves, and are missed now and then;
+and overrides the hand where it resists a hand-over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray
+from simulation.body import Body
+from simulation.effect import stream
+from simulation.protocol import NEVER_S, PlannedTrial
+from simulation.script import Script, Times, smooth
+
+TAKING = ("pass", "pull")
+
+
+@dataclass(frozen=True)
+class Habits:
+    """How people behave; distributions are uniform where two figures are given.
+
+    gives_up_s: from the start of a pull or a hand-over until the other person lets go, by action.
+    lets_go_s: how long letting go takes. signal_s: by how much the wearer's muscle signal precedes
+    the opening of the hand. missed_share: of the signals, which the hand's own control sees and
+    we do not. resisted_n, resisted_s: grip above the wearer's own, for so long, in a hand-over:
+    then the wearer overrides.
+    """
+
+    pull_gives_up_s: float = 1.0
+    pass_gives_up_s: float = 3.0
+    lets_go_s: float = 0.2
+    signal_s: tuple[float, float] = (0.08, 0.15)
+    missed_share: float = 0.1
+    resisted_n: float = 1.0
+    resisted_s: float = 0.3
+
+
+class LoopScript(Script):
+    """The script of a batch whose hands have a grip of their own making and whose people give up."""
+
+    def __init__(self, trials: Sequence[PlannedTrial], body: Body, habits: Habits) -> None:
+        super().__init__(trials, body)
+        after_s = {"pull": habits.pull_gives_up_s, "pass": habits.pass_gives_up_s}
+        self.gives_up_s = self.t["act"] + np.array([after_s.get(t.action, NEVER_S) for t in trials])
+        self.lets_go_s = habits.lets_go_s
+        self.own_n = np.array([trial.grip_n for trial in trials])
+        self.grip_n: FloatArray = self.own_n
+
+    def grip_share(self) -> FloatArray:
+        """[B] the hand's grip over the wearer's own."""
+        return self.grip_n / self.own_n
+
+    def still_there(self, t_s: FloatArray) -> FloatArray:
+        """[n, B] 1 while the other person pulls, 0 after giving up."""
+        there: FloatArray = 1.0 - smooth((t_s - self.gives_up_s) / self.lets_go_s)
+        return there
+
+
+class Wearer:
+    """B wearers: when the muscle signal comes, and whether the wearer overrides."""
+
+    def __init__(self, trials: Sequence[PlannedTrial], habits: Habits, seed: int) -> None:
+        self.habits = habits
+        opens_s = np.array([Times.of(trial).open for trial in trials])
+        rngs = [stream(seed, trial.number, "muscle signal") for trial in trials]
+        before_s = np.array([rng.uniform(*habits.signal_s) for rng in rngs])
+        missed = np.array([rng.uniform() < habits.missed_share for rng in rngs])
+        self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
+        self.hands_over = np.array([trial.action in ("pass", "put-down") for trial in trials])
+        self.act_s = np.array([Times.of(trial).act for trial in trials])
+        self.resisted_s = np.zeros(len(trials))
+        self.overrode_s = np.full(len(trials), np.inf)
+
+    def opening(self, t_s: FloatArray) -> FloatArray:
+        """[B] whether the signal to open has come, at t_s [B]."""
+        return t_s >= self.signal_s
+
+    def override(self, t_s: FloatArray, extra_n: FloatArray, dt_s: float) -> FloatArray:
+        """[B] whether the wearer overrides at this sample. extra_n [B]: grip above the own one."""
+        resisted = self.hands_over & (t_s >= self.act_s) & (extra_n > self.habits.resisted_n)
+        self.resisted_s = np.where(resisted, self.resisted_s + dt_s, 0.0)
+        now = (self.resisted_s >= self.habits.resisted_s) & np.isinf(self.overrode_s)
+        self.overrode_s = np.where(now, t_s, self.overrode_s)
+        return now
