@@ -26,8 +26,14 @@ if TYPE_CHECKING:
     from training.recording import DataSet
 
 
-pytest_plugins = ["bridge_bench", "command_line", "drawn_frames", "recorder_bench"]
-"""For their fixtures, which several files share."""
+pytest_plugins = [
+    "bridge_bench",
+    "command_line",
+    "drawn_frames",
+    "frozen_heap",
+    "recorder_bench",
+]
+"""For their fixtures and hooks, which several files share."""
 
 # fixed seeds, no clock: what passed passes again
 settings.register_profile("fixed", derandomize=True, deadline=None)

@@ -1,7 +1,7 @@
 """A camera beside the hand, through depthai itself: its own pipeline without a device, only the
 frames are drawn.
 
-depthai runs in processes of its own: what crashes it fails one test, not the run.
+depthai runs outside the process of the tests: what crashes it fails one test, not the run.
 """
 
 from __future__ import annotations
@@ -95,6 +95,7 @@ tracemalloc.reset_peak()
 for frame in read_video(Path(sys.argv[1]), dai):
     one = frame.image.nbytes
 most = tracemalloc.get_traced_memory()[1]
+tracemalloc.stop()
 print(json.dumps({"frames": len(frames), "held": held, "one": one, "most": most}))
 """,
         recorded,
@@ -107,9 +108,7 @@ print(json.dumps({"frames": len(frames), "held": held, "one": one, "most": most}
 def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_hangs_nobody(recorded):
     told = program(
         """
-import faulthandler
 from threading import Event
-faulthandler.dump_traceback_later(300, exit=True)
 dai, folder = load_depthai(quiet), Path(sys.argv[1])
 busy = Event().wait
 for taken in range(1, 11):

@@ -16,6 +16,8 @@ from drawn_frames import (
     N_FRAMES,
     PRELUDE,
     command,
+    fresh_command,
+    fresh_program,
     process,
     program,
     write_frames,
@@ -30,7 +32,7 @@ from holdfast.cli import main
 
 
 def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
-    done = command("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
+    done = fresh_command("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert (done.returncode, len(errors)) == (6, 1), done.stderr
     assert all(word in errors[0] for word in ("CameraUnavailable", "oak", "likely cause", "next:"))
@@ -38,7 +40,7 @@ def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
 
 
 def test_the_search_for_a_camera_is_short_and_every_setting_is_in_force_before_the_import():
-    told = program("""
+    told = fresh_program("""
 lines = []
 load_depthai(lines.append)
 load_depthai(lines.append)
@@ -54,7 +56,7 @@ print(json.dumps({"set": {name: os.environ[name] for name in QUIET}, "lines": li
 
 def test_what_the_user_has_set_stays_and_is_told(tmp_path):
     words = ("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
-    done = command(*words, DEPTHAI_SEARCH_TIMEOUT="100")
+    done = fresh_command(*words, DEPTHAI_SEARCH_TIMEOUT="100")
     assert "your own settings stay: DEPTHAI_SEARCH_TIMEOUT=100" in done.stderr
 
 
@@ -106,7 +108,7 @@ def collector() -> Iterator[tuple[str, list[str]]]:
 def test_nothing_is_sent_unless_the_user_asked_for_it(drawn, collector, tmp_path, telemetry):
     address, heard = collector
     words = ("watch", "--camera", drawn[0], "--out", tmp_path / "out")
-    done = command(*words, DEPTHAI_TELEMETRY_URL=address, HOME=str(tmp_path), **telemetry)
+    done = fresh_command(*words, DEPTHAI_TELEMETRY_URL=address, HOME=str(tmp_path), **telemetry)
     assert done.returncode == 0, done.stderr
     assert bool(heard) == bool(telemetry)
     assert telemetry or not [path for path in (tmp_path / ".cache").rglob("*") if path.is_file()]

@@ -1,5 +1,5 @@
-"""Frames of tags drawn in a known motion, and depthai in processes of its own: what crashes it
-fails one test."""
+"""Frames of tags drawn in a known motion, and depthai outside the process of the tests: what
+crashes it fails one test."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import os
 import resource
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from camera_process import CameraProcess
 
 from drivers.camera.library import QUIET
 from edge_runtime.contract import FloatArray
@@ -29,29 +30,48 @@ def camera(**said: float) -> Camera:
     return Camera(**({name: told.default for name, told in CAMERA.items()} | SIZE | said))
 
 
-def command(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    """The command line in a process of its own; what the machine says about depthai is not
-    heard."""
+def settings(environment: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The environment; what the machine says about depthai is left out."""
+    plain = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in QUIET and not key.startswith("DEPTHAI_")
+    }
+    return plain | dict(environment or {})
+
+
+SHARED = CameraProcess(settings())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_process_ends() -> Iterator[None]:
+    yield
+    SHARED.end()
+
+
+def command(*words: object) -> subprocess.CompletedProcess[str]:
+    """The command line in the process that has loaded depthai already."""
+    return SHARED.run(*map(str, words))
+
+
+def fresh_command(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """The command line in a process of its own, which loads depthai in this environment."""
     return process("-m", "holdfast", *map(str, words), environment=environment)
 
 
 def process(
     *words: str, file_limit: int | None = None, environment: Mapping[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
+    """Python in a process of its own."""
+
     def limit() -> None:
         if file_limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
 
-    plain = {
-        key: value
-        for key, value in os.environ.items()
-        if key not in QUIET and not key.startswith("DEPTHAI_")
-    }
-    told = plain | dict(environment or {})
     return subprocess.run(
         [sys.executable, *words],
         cwd=ROOT,
-        env=told,
+        env=settings(environment),
         capture_output=True,
         text=True,
         check=False,
@@ -60,8 +80,16 @@ def process(
 
 
 def program(text: str, *words: object) -> dict[str, Any]:
-    """What a program prints as its last line, which is JSON."""
-    done = process("-c", PRELUDE + text, *map(str, words))
+    """What a program prints as its last line, which is JSON; depthai is loaded already."""
+    return _json(SHARED.run("-c", PRELUDE + text, *map(str, words)))
+
+
+def fresh_program(text: str, *words: object) -> dict[str, Any]:
+    """The same in a process of its own."""
+    return _json(process("-c", PRELUDE + text, *map(str, words)))
+
+
+def _json(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
