@@ -30,12 +30,21 @@ step_s = 0.001
 [[trials]]
 objects = ["soft-ball", "full-bottle"]
 action = "pull"
+close_at_s = 0.1
+hold_s = 1.0
+tail_s = 0.2
 [[trials]]
 objects = ["empty-bottle"]
 action = "hold"
 motor_mm = 2.0
+close_at_s = 0.1
+hold_s = 1.0
+times = 1
+tail_s = 0.2
 [effects.brush]
 """
+HELD_S = 1.0
+"""Every hand of these rows is closed by then, and nothing has happened yet."""
 FOURS = "[hand]\nthumb = 4\nfinger = 4\n"
 EVERY_LOOP_EFFECT = "[effects.texture]\n[effects.lag]\n[effects.rotation]\n[effects.tremor]\n"
 SENSOR = "".join(
@@ -102,7 +111,7 @@ def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
 
 def test_a_hand_of_twenty_presses_from_both_sides_alike(tmp_path):
     for one in told(tmp_path, ROWS + FOURS):
-        held = int((one.truth.load_onset_s or 5.0) * 60) - 6
+        held = int((one.truth.load_onset_s or HELD_S) * 60) - 6
         normal = one.signal.values[held, :, 2]
         assert normal.shape == (20,)
         assert normal[:4].sum() == pytest.approx(normal[4:].sum(), rel=0.15)
