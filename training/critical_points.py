@@ -19,7 +19,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import sosfilt
 
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
 from export.bank import bands_for, sections
@@ -75,6 +74,8 @@ def band_pass_envelope(samples: FloatArray, rate_hz: float) -> FloatArray:
     Each channel has a state of its own, settled at its first value, and starts afresh with every
     call.
     """
+    from scipy.signal import sosfilt  # here, because its import takes a second
+
     shear = np.delete(samples, np.s_[NORMAL_AXIS::3], axis=1)
     outputs = [
         sosfilt(sections(rate_hz, band), shear - shear[0], axis=0) for band in bands_for(rate_hz)

@@ -10,12 +10,14 @@ from typing import Any
 
 from page_tables import require_tables_fit
 
+from benchmarks import simulator
 from benchmarks.effects import CARD, Effort, prices
 from benchmarks.hold_and_pull import measure, rows
 from benchmarks.mujoco_scene import Scene
 from benchmarks.pictures import PICTURES
 from benchmarks.simulator import plausibility
 from holdfast.bench import MEASURES
+from simulation.card import read_card
 from simulation.effects import EFFECTS
 from simulation.shipped import shipped
 from studies.row_names import OURS
@@ -150,7 +152,9 @@ def test_every_effect_has_a_price_beside_the_core_s(monkeypatch):
     assert rows[0]["ns_per_sample"] > 0
 
 
-def test_the_lead_of_every_style_is_near_what_it_was_fitted_to():
+def test_the_lead_of_every_style_is_near_what_it_was_fitted_to(monkeypatch):
+    """In steps of 3 ms, which are a few per cent of a lead."""
+    monkeypatch.setattr(simulator, "read_card", lambda name: replace(read_card(name), step_s=0.003))
     for row in plausibility(trials=75):
         if row["expected_ms"] is not None:
             assert 0.6 < row["p50_ms"] / row["expected_ms"] < 1.6

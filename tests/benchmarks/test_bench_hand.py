@@ -3,16 +3,19 @@ them."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 from page_tables import require_tables_fit
 
+from benchmarks import hand
 from benchmarks.hand import CHECKED, FAULTS, RATES_HZ, fault_table, latency, memory, scan_costs
 from benchmarks.hand_delays import delays, seen_after_ms
 from benchmarks.hand_page import tables
 from drivers.bridges import BRIDGES
 from edge_runtime.live import STAGES
+from edge_runtime.timing import time_in_turns
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"
@@ -38,7 +41,10 @@ def test_every_bridge_has_its_row_and_only_serves_rates_that_leave_it_time(scans
 
 @pytest.fixture(scope="module")
 def faults():
-    return fault_table(MODEL, compute_ms=0.5, phases=2)
+    """Runs of 4.5 s: every fault is over after 3.5 s, and the hand settles within 0.7 s."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(hand, "FAULT_RUN_S", 4.5)
+        return fault_table(MODEL, compute_ms=0.5, phases=2)
 
 
 def test_every_fault_is_unknown_within_two_samples_or_the_stale_time_or_a_time_out_and_ends_whole(
@@ -93,7 +99,10 @@ def test_every_risky_sample_after_the_first_costs_a_period(scans):
     assert [row["rate_hz"] for row in rows[1]] == [300.0, 150.0, 100.0]
 
 
-def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(scans, faults, tmp_path):
+def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
+    scans, faults, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(hand, "time_in_turns", partial(time_in_turns, turns=2, calls_a_turn=20))
     live = latency(MODEL, 150.0, 1.0)
     assert list(live["latency_us"]) == [*STAGES, "read to emit"]
     assert live["samples"] > 100

@@ -4,6 +4,7 @@ named."""
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,13 +23,23 @@ from benchmarks.latency import (
     latency,
     ratios,
 )
+from simulation.card import Card, read_card
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
+
+
+def in_long_steps(name: str, rate_hz: float) -> Card:
+    """A card for trials that are timed, not looked at."""
+    return replace(read_card(name, rate_hz=rate_hz), step_s=0.007)
 
 
 def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):
     monkeypatch.setattr(bench, "TRIALS", 30)
     monkeypatch.setattr(bench, "STREAMED", 2)
+    monkeypatch.setattr(bench, "SLOW_CALLS", 4)
+    monkeypatch.setattr(bench, "read_card", in_long_steps)
+    few = replace(bench.RAW_BASELINE.situation, n_estimators=10)
+    monkeypatch.setattr(bench, "RAW_BASELINE", replace(bench.RAW_BASELINE, situation=few))
     figures = latency(MODEL, turns=3)
     timed = {row["what"] for row in figures["rows"]}
     assert timed - {WALK} == {STEP, OWN, BARE, SKLEARN, THESIS, FLOOR}  # the walk needs a compiler

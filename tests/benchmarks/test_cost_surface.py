@@ -30,6 +30,7 @@ from export.features import feature_count
 from export.reference import reference_votes
 from export.spec import StepSpec
 from export.step_graph import feature_graph
+from simulation.card import Card, read_card
 from training.datasets import load
 from training.featurise import FloatRows
 from training.plan import ForestPlan
@@ -37,6 +38,19 @@ from training.plan import ForestPlan
 SMALL = {"train": ("thesis", 15, 0), "choose": ("daily", 5, 1), "ask": ("daily", 10, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
 TIMES = ("forest_us", "step_us")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_long_steps() -> Iterator[None]:
+    """Trials are simulated in steps of a sample: nothing here depends on the millisecond of a
+    slip."""
+
+    def card(name: str, rate_hz: float) -> Card:
+        return replace(read_card(name, rate_hz=rate_hz), step_s=1 / rate_hz)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(recordings, "read_card", card)
+        yield
 
 
 # -- the points

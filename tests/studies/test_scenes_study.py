@@ -101,8 +101,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Sixty trials of the thesis and twelve of an apple at 50 Hz; nobody's other styles. Read
     only."""
     made = tmp_path_factory.mktemp("scenes")
-    for card, trials in (("thesis", 60), ("apple", 12)):
-        write_set(Scene(read_card(card, rate_hz=50.0), 0), made / "50hz" / card, trials)
+    for name, trials in (("thesis", 60), ("apple", 12)):
+        card = replace(read_card(name, rate_hz=50.0), step_s=0.004)
+        write_set(Scene(card, 0), made / "50hz" / name, trials)
     return made
 
 
