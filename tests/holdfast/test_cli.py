@@ -700,9 +700,9 @@ def test_a_folder_where_the_file_belongs_is_an_output_error_and_leaves_no_tempor
 # -- the scripts of CI
 
 
-def test_training_and_export_run_as_scripts_from_any_folder(
-    fixture_folder: Path, tmp_path: Path
-) -> None:
+def test_training_and_export_run_as_scripts_from_any_folder(tmp_path: Path) -> None:
+    write_fixture(tmp_path / "set", trials_per_cell=1)
+
     def script(name: str, *words: object) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(ROOT / name), *map(str, words)]
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
@@ -710,9 +710,7 @@ def test_training_and_export_run_as_scripts_from_any_folder(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
 
-    trained = script(
-        "training/train.py", "--data", fixture_folder, "--out", "out", "--size", "tiny"
-    )
+    trained = script("training/train.py", "--data", "set", "--out", "out", "--size", "tiny")
     assert trained.returncode == 0, trained.stderr
     warnings = [line for line in trained.stderr.splitlines() if line.startswith("warning")]
     assert [line for line in warnings if "BandsLeftOut" not in line] == []
