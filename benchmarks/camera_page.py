@@ -11,7 +11,7 @@ from evaluation.doc_tables import table, write_tables
 
 ERROR_HEADS = {
     "fps": "frames per s",
-    "found": "found",
+    "found": "detected onsets",
     "hidden": "hidden",
     "start": "start error, ms",
     "seen": "first-seen error, ms",
@@ -24,7 +24,7 @@ HELD_HEADS = {
     "n": "holds",
     "elastic_shear_mm": "elastic shear, mm",
     "gross_mm": "gross distance, mm",
-    "onsets": "onsets found",
+    "onsets": "detected onsets",
 }
 
 

@@ -105,7 +105,7 @@ print(json.dumps({"frames": len(frames), "held": held, "one": one, "most": most}
     assert told["most"] < 15 * told["one"]
 
 
-def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_hangs_nobody(recorded):
+def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_never_hangs(recorded):
     told = program(
         """
 from threading import Event

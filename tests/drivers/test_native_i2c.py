@@ -42,7 +42,7 @@ from edge_runtime.errors import (
 
 
 @pytest.mark.parametrize("number", [errno.EREMOTEIO, errno.ENXIO])
-def test_controllers_say_in_two_ways_that_nobody_acknowledged(number):
+def test_controllers_say_in_two_ways_that_no_chip_acknowledged(number):
     hand = VirtualHand(VirtualClock())
     with VirtualI2cDev(hand, 7, nack_errno=number):
         bus = NativeI2C(7)

@@ -54,7 +54,7 @@ def prediction(model: Model) -> Prediction:
 
 @pytest.fixture
 def terminal() -> Iterator[Pair]:
-    """(what a person sees, what a program writes to); nobody looks unless a test does."""
+    """(what a person sees, what a program writes to); it is read only if a test reads it."""
     yield from _pair(pty.openpty())
 
 

@@ -132,7 +132,7 @@ def test_a_run_grows_by_counted_risky_samples_only_and_every_other_known_sample_
 
 
 @INVARIANTS.mark
-def test_what_is_unknown_begins_and_releases_nothing(steps: list[Step]) -> None:
+def test_an_unknown_sample_begins_no_act_and_ends_none(steps: list[Step]) -> None:
     for step in steps:
         if step.given.situation == UNKNOWN and not (step.given.override or step.given.opening):
             assert (step.after.arm, step.after.act) == (step.before.arm, step.before.act)

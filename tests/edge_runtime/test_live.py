@@ -604,7 +604,11 @@ def test_the_service_manager_is_told_ready_at_the_first_answer_then_signs_of_lif
 
 def test_a_service_manager_that_does_not_listen_or_is_not_there_delays_nothing(tmp_path):
     path = str(tmp_path / "notify")
-    for environment in ({}, {"NOTIFY_SOCKET": path}, {"NOTIFY_SOCKET": "@holdfast-test-nobody"}):
+    for environment in (
+        {},
+        {"NOTIFY_SOCKET": path},
+        {"NOTIFY_SOCKET": "@holdfast-test-no-listener"},
+    ):
         with service_watchdog(environment) as alive:
             alive(0)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:

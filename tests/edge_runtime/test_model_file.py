@@ -156,7 +156,7 @@ def assert_refused_unread(tmp_path_factory: pytest.TempPathFactory, data: bytes)
 
 
 class Trap:
-    """What a pickle could do to whoever reads it."""
+    """What a pickle could do when it is read."""
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
         return (exec, ("raise SystemExit('the pickle was read')",))
@@ -300,10 +300,10 @@ CONTRADICTED = {
     "other channels": spoken_of(spec__n_sensors=16),
     "a head that is not there": spoken_of(heads__p_doom={"classes": ["no", "yes"]}),
     "more detectors than there are": spoken_of(detectors=[f"d{k}" for k in range(9)]),
-    "a unit nobody knows": spoken_of(spec__unit="lb"),
+    "an unknown unit": spoken_of(spec__unit="lb"),
     "an endless time to settle": spoken_of(settle_samples=10**12),
     "a rate that is none": spoken_of(spec__rate_hz=float("nan")),
-    "rules nobody knows": spoken_of(decision={"dither": 1}),
+    "unknown rules": spoken_of(decision={"dither": 1}),
     "acting on no sample": spoken_of(decision={"act_samples": 0}),
     "releasing on no sample": spoken_of(decision={"release_samples": 0}),
     "more votes than all": spoken_of(decision={"min_risky_permille": 1001}),

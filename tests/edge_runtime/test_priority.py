@@ -1,4 +1,4 @@
-"""Who reads a hand goes first where the system allows it, and nobody else does."""
+"""The thread that reads a hand has priority where the system allows it; no other thread has."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_who_may_not_clear_the_mark_of_the_children_still_gives_the_priority_bac
 
 
 def test_a_user_without_the_right_reads_on_and_is_told_once():
-    """A real process that may not: root that gave its rights up, or whoever runs the tests without
+    """A real process that may not: root that gave its rights up, or the user of the tests without
     them."""
     script = (
         "import os\n"

@@ -40,7 +40,7 @@ def model() -> Model:
 
 @pytest.fixture
 def stalled() -> Iterator[tuple[int, int]]:
-    """The ends of a pipe that nobody reads: (read, write)."""
+    """The ends of a pipe that is not read: (read, write)."""
     ends = os.pipe()
     yield ends
     for end in ends:
@@ -130,9 +130,9 @@ def test_a_plain_print_into_a_pipe_without_a_reader_would_wait_for_ever(stalled)
 
 @stalled_consumer
 def test_a_datagram_that_the_machine_does_not_let_out_is_a_line_not_taken():
-    with udp_sink("255.255.255.255:9") as to_everybody, udp_sink("127.0.0.1:9") as to_nobody:
-        assert not to_everybody("a line")  # without permission to
-        assert to_nobody("a line")  # nobody says that nobody listens
+    with udp_sink("255.255.255.255:9") as to_broadcast, udp_sink("127.0.0.1:9") as to_closed:
+        assert not to_broadcast("a line")  # without permission to
+        assert to_closed("a line")  # UDP does not report that no socket listens
 
 
 # -- the machine and the source fall behind

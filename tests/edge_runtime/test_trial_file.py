@@ -66,7 +66,7 @@ def test_a_lost_value_is_written_as_nan_and_read_as_such(tmp_path: Path) -> None
     ]
 
 
-def test_a_byte_order_mark_and_windows_line_ends_are_nobodys_fault(tmp_path: Path) -> None:
+def test_a_byte_order_mark_and_windows_line_ends_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "trial_1.csv"
     path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join([HEADER, *rows()]).encode() + b"\r\n")
     assert read_trial(path).raw.shape == (5, 6)

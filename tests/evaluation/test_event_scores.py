@@ -196,7 +196,7 @@ def test_an_alarm_after_gross_slip_finds_the_event_but_not_in_time():
     assert p50(told.lead_used) == pytest.approx(1.6)
 
 
-def test_gross_slip_that_nobody_knows_gives_a_delay_and_no_lead():
+def test_an_unknown_gross_slip_gives_a_delay_and_no_lead():
     told = event_scores([stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))])
     assert p50(told.delay_ms) == pytest.approx(20.0)
     assert (told.lead_ms, told.lead_used, told.in_time) == (None, None, 0.0)

@@ -319,7 +319,7 @@ def test_a_rate_a_rounding_error_below_its_name_does_not_cost_the_window_a_sampl
     )
 
 
-def test_a_group_nobody_knows_is_refused_by_name() -> None:
+def test_an_unknown_group_is_refused_by_name() -> None:
     for groups in (("now", "gut_feeling"), ()):
         with pytest.raises(UsageError, match="gut_feeling" if groups else "none given"):
             feature_graph(StepSpec(2, 100.0, "N", groups))

@@ -112,7 +112,7 @@ def test_every_verb_has_its_own_help(capsys: pytest.CaptureFixture[str]) -> None
 
 USAGE = {
     "no such verb": (("fly",), "unknown command 'fly'; choose from"),
-    "an option nobody knows": (("doctor", "--quickly"), "--quickly"),
+    "an unknown option": (("doctor", "--quickly"), "--quickly"),
     "a word where a number belongs": (("train", "--groups", "many"), "'many'"),
     "a missing argument": (("replay",), "MODEL"),
     "a missing option": (("evaluate", "m.onnx"), "--data"),
@@ -505,7 +505,7 @@ def test_a_model_file_with_this_fault_is_refused(
 
 
 def pickled_inside(folder: Path) -> None:
-    """A skops file with a function of somebody's in it."""
+    """A skops file with a foreign function in it."""
     somebodys = make_pipeline(FunctionTransformer(os.path.basename), LogisticRegression())
     skops.io.dump(somebodys, folder / "situation.skops")
 
@@ -554,7 +554,7 @@ def other_rows(folder: Path) -> None:
 
 
 class Trap:
-    """What a pickle could do to whoever reads it."""
+    """What a pickle could do when it is read."""
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
         return (exec, ("raise SystemExit('the pickle was read')",))
@@ -577,8 +577,8 @@ BAD_ARTIFACTS: dict[str, Callable[[Path], None]] = {
     "heads of other names": index(heads={}),
     "a spec that is a word": index(spec="fast"),
     "a spec without a rate": index(spec={"n_sensors": 6}),
-    "a preparation nobody knows": index(preparation={"wash": True}),
-    "a decision nobody knows": index(decision={"act_soon": 1}),
+    "an unknown preparation": index(preparation={"wash": True}),
+    "an unknown decision": index(decision={"act_soon": 1}),
     "a calibration of another size": head(calibration={"weights": [[1.0]], "bias": [0.0]}),
     "a calibration of words": head(calibration={"weights": "none", "bias": "none"}),
     "fewer classes than the forest votes for": head(classes=["nothing", "grasp"]),

@@ -333,8 +333,8 @@ Spans = list[tuple[int, int]]
 
 
 def stand_stills(run: subprocess.Popen[str]) -> Spans:
-    """When the recorder's processor stood still: somebody there with nothing to do, who goes before
-    the recorder, was not woken for a millisecond and more."""
+    """When the recorder's processor stood still: an idle process of higher priority on that
+    processor was not woken for a millisecond or more."""
     clock, spans, core = MonotonicClock(), [], max(os.sched_getaffinity(0))
     before = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     os.sched_setaffinity(run.pid, {core})

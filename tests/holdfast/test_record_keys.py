@@ -70,7 +70,7 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
     ]
 
 
-def test_without_a_mark_nobody_guesses_when_the_load_came_on(tmp_path):
+def test_without_a_mark_the_load_onset_is_not_guessed(tmp_path):
     session(tmp_path, Hand(VirtualClock(), 120), Keys(None), [PULL])
     truth = json.loads((tmp_path / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text())
     assert [one["label"] for one in truth["phases"]] == ["nothing", "nothing"]
@@ -80,7 +80,7 @@ def test_without_a_mark_nobody_guesses_when_the_load_came_on(tmp_path):
     assert recording.events == ()
 
 
-def test_a_trial_of_which_nobody_knows_anything_is_read_and_has_no_label(tmp_path):
+def test_a_trial_without_marks_and_contact_is_read_and_has_no_label(tmp_path):
     session(tmp_path, Hand(VirtualClock(), 60), Keys(None), [PULL], seconds=0.35)
     data = load(tmp_path, windows="natural")
     assert data.recordings[0].phases == ()

@@ -105,7 +105,7 @@ def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(t
     one_pull(tmp_path / "out2")
 
 
-def test_an_object_that_nobody_weighed_is_told_while_it_is_at_hand(tmp_path):
+def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(tmp_path):
     words = ("--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
     said = recorded(tmp_path / "out", *words)
     assert [
@@ -114,8 +114,8 @@ def test_an_object_that_nobody_weighed_is_told_while_it_is_at_hand(tmp_path):
         if "no mass given for object 'cup'" in line and "cup/meta.json" in line
     ]
     (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
-    for told_ in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
-        assert not any("heavy" in line for line in told_)
+    for lines in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
+        assert not any("heavy" in line for line in lines)
     (tmp_path / "two.toml").write_text(PROTOCOL)
     said = recorded(
         tmp_path / "out", "--protocol", tmp_path / "two.toml", "--seconds", "0.5", "--trials", "1"
@@ -129,7 +129,7 @@ def test_two_recorders_do_not_share_a_folder(tmp_path):
         with pytest.raises(OutputError, match="another recorder"):
             one_pull(tmp_path / "out")
         assert main(["repair", str(tmp_path / "out/p01")]) == 5, (
-            "nobody mends what is being written"
+            "a file that is being written is not repaired"
         )
     assert main(["repair", str(tmp_path / "out/p01")]) == 0
 

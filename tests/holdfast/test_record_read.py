@@ -98,7 +98,9 @@ def spoil(folder: Path, name: str, text: str) -> None:
         ("tactile.csv", "Time,X1,Y1,Z1,sequence\n0,1,1,1,0\n1,1,1,1,nan\n", TimeError),
     ],
 )
-def test_a_recording_that_somebody_spoilt_is_refused_by_name(people, tmp_path, name, text, error):
+def test_a_recording_that_was_edited_wrongly_is_refused_by_name(
+    people, tmp_path, name, text, error
+):
     copy = shutil.copytree(people / "p01", tmp_path / "p01")
     spoil(copy / "soft-ball/pull/trial_1", name, text)
     with pytest.raises(error, match=re.escape(name)):

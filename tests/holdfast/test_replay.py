@@ -215,7 +215,7 @@ def test_the_unit_is_the_nearest_meta_jsons_and_newton_without_one(tmp_path: Pat
     assert open_replay(trial).unit == "N"
     (tmp_path / "set" / "meta.json").write_text('{"unit": "uT"}')
     assert open_replay(trial).unit == "uT"
-    (folder / "meta.json").write_text('{"by": "somebody"}')
+    (folder / "meta.json").write_text('{"by": "a person"}')
     assert open_replay(trial).unit == "uT"
     (folder / "meta.json").write_text('{"unit": "count"}')
     assert open_replay(trial).unit == "count"

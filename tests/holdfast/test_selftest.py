@@ -118,7 +118,7 @@ Graph = onnx.GraphProto
 
 
 def rewired(graph: Graph, name: str, *nodes: onnx.NodeProto) -> None:
-    """Whoever reads `name` reads the last of these nodes' output instead."""
+    """Nodes that read `name` read the last of these nodes' output instead."""
     for node in graph.node:
         for k, wanted in enumerate(node.input):
             if wanted == name:

@@ -55,7 +55,7 @@ def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measur
             row("test_it_drifts", unguarded=True),
         ]
     )
-    assert "- passed 1 times, failed 1 times: it is clean (off 3e-15)\n" in written
+    assert "- passed once, failed once: it is clean (off 3e-15)\n" in written
     assert "- passed: without: it drifts\n" in written
     assert "Elsewhere: it drifts. Here: it does not." in written
 

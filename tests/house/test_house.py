@@ -48,7 +48,7 @@ def test_edge_runtime_imports_no_other_room():
     assert wrong_directions("edge_runtime") == {}
 
 
-def test_nobody_imports_holdfast():
+def test_no_room_imports_holdfast():
     importers = [
         f
         for room in MAY_IMPORT

@@ -284,7 +284,7 @@ def test_a_weight_on_a_pivot_swings_as_a_pendulum() -> None:
     assert np.abs(angle[-2000:]).max() > 0.04
 
 
-def test_what_another_holds_or_nobody_does_turn() -> None:
+def test_an_object_turns_freely_only_where_no_person_holds_it() -> None:
     what = body()
     rotation = make("rotation", offset_y_mm=30.0, offset_z_mm=0.0)
     turns = PhysicsEffects(turns=(rotation,))
@@ -390,7 +390,7 @@ def held_j(what: Body, state: State, rotation: Rotation, lag: Lag) -> FloatArray
 
 
 def gains_j(step_s: float, elements: int, lagging: bool) -> tuple[FloatArray, FloatArray]:
-    """[K, B] what every step added to the energy of a kicked object nobody touches but the hand;
+    """[K, B] what every step added to the energy of a kicked object that only the hand touches;
     and what was left."""
     lanes, rng = 16, np.random.default_rng(3)
     what = body(
@@ -407,7 +407,7 @@ def gains_j(step_s: float, elements: int, lagging: bool) -> tuple[FloatArray, Fl
         dt_s = step_s * 10.0 ** rng.uniform(-0.5, 0.0, lanes)
         step(what, state, Inputs(shut(lanes)), dt_s, dt_s, effects)
         energy.append(held_j(what, state, rotation, lag))
-        # a weight that nobody holds is not turned by it
+        # it does not turn a weight that no hand holds
         gripped.append((state.normal_n > 0.0).any(axis=0))
     return np.where(gripped, np.diff(energy, axis=0), 0.0), np.array(energy)
 

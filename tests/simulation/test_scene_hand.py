@@ -1,5 +1,5 @@
-"""Hands with more contacts than the thesis': the same physics, more places to feel it, nobody
-else's bytes moved."""
+"""Hands with more contacts than the thesis': the same physics, more places to feel it, and
+the bytes of all other hands as before."""
 
 from __future__ import annotations
 

@@ -214,7 +214,7 @@ def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     assert carried == pytest.approx(held.mass_kg * held.gravity_m_s2, abs=2e-6)
 
 
-def test_an_object_nobody_holds_falls_freely():
+def test_an_object_that_no_hand_holds_falls_freely():
     held = body()
     state = at_rest(held, np.full((6, 2), -0.03))
     go(held, state, Inputs(np.full((6, 2), -0.03)), 1e-3, 200)
@@ -293,7 +293,7 @@ def test_a_box_ends_up_with_the_whole_weight():
     assert state.agents_n[2] == pytest.approx(np.full(2, 0.2 * G), rel=1e-6)
 
 
-def test_nobody_pulls_harder_than_his_cap():
+def test_a_pull_is_never_harder_than_its_cap():
     held = body()
     closure = closed(held, 10.0)
     state = at_rest(held, closure)

@@ -638,7 +638,7 @@ def test_all_sensors_have_the_same_map() -> None:
     assert np.ptp(calibrate(steady()).values, axis=(0, 1)).max() == 0.0
 
 
-def test_the_rest_field_is_that_of_a_magnet_nobody_touches_and_reads_23_n() -> None:
+def test_the_rest_field_is_that_of_an_untouched_magnet_and_reads_23_n() -> None:
     assert linear_map()[1] == pytest.approx([0.0, 0.0, field_ut(2e-3)], rel=1e-12)
     assert calibrate(apply("dipole", forces((0.0, 0.0, 0.0)))).values[0, :, 2] == pytest.approx(
         [23.0] * 6, abs=1.0

@@ -143,7 +143,7 @@ def evidence(
     return Evidence(data, held_out, figures, eflesh, replays)
 
 
-def test_the_report_is_one_file_that_asks_nobody_for_anything_and_says_its_caveat(
+def test_the_report_is_one_file_that_loads_nothing_else_and_says_its_caveat(
     evidence: Evidence, tmp_path: Path
 ) -> None:
     page = write_report(tmp_path / "report.html", evidence).read_text()

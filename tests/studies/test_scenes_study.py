@@ -1,5 +1,5 @@
-"""The study of simulated scenes: what its figures mean, what nobody was trained on, and the page it
-leaves."""
+"""The study of simulated scenes: what its figures mean, what no model was trained on, and its
+page."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Commanded:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Sixty trials of the thesis and twelve of an apple at 50 Hz; nobody's other styles. Read
+    """Sixty trials of the thesis and twelve of an apple at 50 Hz, without other styles. Read
     only."""
     made = tmp_path_factory.mktemp("scenes")
     for name, trials in (("thesis", 60), ("apple", 12)):
@@ -600,7 +600,7 @@ def test_the_page_has_its_sections_and_a_picture_of_every_stream(
     )
 
 
-def test_the_page_asks_nobody_for_anything_and_shows_the_figures_of_the_json(
+def test_the_page_loads_nothing_else_and_shows_the_figures_of_the_json(
     commanded: Commanded,
 ) -> None:
     assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", commanded.page) == []

@@ -37,16 +37,18 @@ def _line(rows: list[dict[str, Any]]) -> str:
     """One test, all its variants."""
     name = rows[0]["test"].partition("[")[0].rpartition("::")[2]
     outcomes = [row["outcome"] for row in rows]
-    counts = ", ".join(
-        f"{outcome} {outcomes.count(outcome)} times" for outcome in dict.fromkeys(outcomes)
-    )
-    outcome = outcomes[0] if len(rows) == 1 else counts
+    counts = {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
+    outcome = outcomes[0] if len(rows) == 1 else ", ".join(map(_times, counts, counts.values()))
     begins = "without: " if rows[0]["unguarded"] else ""
     measured = "; ".join(
         f"{key.replace('_', ' ')} {_short(value)}" for key, value in _measured(rows).items()
     )
     sentence = name.removeprefix("test_").replace("_", " ")
     return f"- {outcome}: {begins}{sentence}" + (f" ({measured})" if measured else "")
+
+
+def _times(outcome: str, count: int) -> str:
+    return f"{outcome} once" if count == 1 else f"{outcome} {count} times"
 
 
 def _measured(rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -322,7 +322,7 @@ def test_a_singular_matrix_is_refused_and_its_sensor_named(name: str, tmp_path: 
     ids=["normal alone", "one shear axis", "axes of very different size"],
 )
 @SINGULAR.mark
-def test_an_axis_that_was_never_loaded_is_a_row_of_zeros_and_singular_it_is_not(
+def test_an_axis_that_was_never_loaded_is_a_row_of_zeros_and_not_singular(
     matrix: list[list[float]], tmp_path: Path
 ) -> None:
     there = field_calibration(matrix)

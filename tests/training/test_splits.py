@@ -1,4 +1,4 @@
-"""Splits: nobody is on both sides, every window is tested once, and the leaky one is leaky."""
+"""Splits: no person is on both sides, every window is tested once, and the leaky one is leaky."""
 
 from __future__ import annotations
 

@@ -204,7 +204,7 @@ def write_trial(path: Path, t_s: np.ndarray, raw: np.ndarray) -> None:
 TRIAL = "hard-ball/pass/trial_1.csv"
 
 
-def as_object_nobody_weighed(root: Path) -> None:
+def with_an_object_without_a_mass(root: Path) -> None:
     (root / "hard-ball").rename(root / "brick")
 
 
@@ -212,7 +212,7 @@ def with_a_mass_that_is_none(root: Path) -> None:
     (root / "hard-ball" / "meta.json").write_text('{"mass_g": "heavy"}')
 
 
-def with_an_action_nobody_knows(root: Path) -> None:
+def with_an_unknown_action(root: Path) -> None:
     (root / "hard-ball" / "pass").rename(root / "hard-ball" / "juggle")
 
 
@@ -224,7 +224,7 @@ def with_meta_that_is_a_list(root: Path) -> None:
     (root / "meta.json").write_text("[]")
 
 
-def with_a_unit_nobody_knows(root: Path) -> None:
+def with_an_unknown_unit(root: Path) -> None:
     (root / "meta.json").write_text('{"unit": "lbf"}')
 
 
@@ -237,7 +237,7 @@ def with_a_trial_of_fewer_sensors(root: Path) -> None:
     write_trial(root / TRIAL, trial.t_s, trial.raw[:, :15])
 
 
-def with_a_phase_nobody_knows(root: Path) -> None:
+def with_an_unknown_phase(root: Path) -> None:
     phase = {"t0_s": 0, "t1_s": 9, "label": "hovering"}
     truth_path(root / TRIAL).write_text(json.dumps({"phases": [phase]}))
 
@@ -273,15 +273,15 @@ def slowed_down_until_no_band_is_left(root: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "error", "names"),
     [
-        (as_object_nobody_weighed, LabelError, "brick/meta.json"),
+        (with_an_object_without_a_mass, LabelError, "brick/meta.json"),
         (with_a_mass_that_is_none, LabelError, "'heavy'"),
-        (with_an_action_nobody_knows, LabelError, "juggle"),
+        (with_an_unknown_action, LabelError, "juggle"),
         (with_meta_that_is_no_json, LabelError, "meta.json"),
         (with_meta_that_is_a_list, LabelError, "meta.json"),
-        (with_a_unit_nobody_knows, UnitError, "lbf"),
+        (with_an_unknown_unit, UnitError, "lbf"),
         (with_a_trial_at_another_rate, RateError, "hard-ball/pass/trial_1"),
         (with_a_trial_of_fewer_sensors, ChannelError, "hard-ball/pass/trial_1"),
-        (with_a_phase_nobody_knows, LabelError, "hovering"),
+        (with_an_unknown_phase, LabelError, "hovering"),
         (with_a_phase_that_ends_before_it_begins, LabelError, "trial_1.truth.json"),
         (with_phases_that_overlap, LabelError, "trial_1.truth.json"),
         (with_a_truth_without_phases, LabelError, "trial_1.truth.json"),
@@ -315,7 +315,7 @@ def test_an_unknown_object_keeps_its_own_name() -> None:
 
 
 def test_a_weighed_object_is_read_like_the_known_ones(copied: Path) -> None:
-    as_object_nobody_weighed(copied)
+    with_an_object_without_a_mass(copied)
     (copied / "brick" / "meta.json").write_text('{"mass_g": 900}')
     data = thesis.load(copied)
     brick = [
