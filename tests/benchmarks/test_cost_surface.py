@@ -106,17 +106,17 @@ def test_the_columns_a_point_takes_are_the_features_its_own_step_would_make(poin
         bands_hz=BANDS[point.bands],
     )
     drawn = np.random.default_rng(0).normal(3.0, 1.0, (80, 18))
-    own, whole = (every_feature(told, drawn) for told in (spec, whole_of(spec)))
+    own, whole = (every_feature(result, drawn) for result in (spec, whole_of(spec)))
     np.testing.assert_array_equal(whole[:, columns(spec)], own)
 
 
 def every_feature(spec: StepSpec, samples: FloatArray) -> FloatRows:
     session = open_session(feature_graph(spec).SerializeToString())
     rows = np.arange(len(samples))
-    told = run_recordings(
+    result = run_recordings(
         session, [samples], [np.ones((len(samples), 6), np.bool_)], ["features"], [rows]
     )
-    features: FloatRows = told[0]["features"]
+    features: FloatRows = result[0]["features"]
     return features
 
 
@@ -237,22 +237,22 @@ def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def test_a_row_tells_what_was_chosen_what_was_found_and_what_it_costs(measured):
-    _, told = measured
-    for row in told["rows"]:
+    _, result = measured
+    for row in result["rows"]:
         assert row["events"] > 0
         assert row["minutes"] > 1.0
         assert 0.0 < row["macro_f1"] <= 1.0
         assert 0.0 < row["forest_us"] < row["step_us"]
         assert row["bytes"] > 1000
-    for good, names in told["fronts"]["scenes"].items():
-        best = max(row[good] for row in told["rows"])
-        assert best in [row[good] for row in told["rows"] if row["what"] in names]
-    json.dumps(told, allow_nan=False)
+    for good, names in result["fronts"]["scenes"].items():
+        best = max(row[good] for row in result["rows"])
+        assert best in [row[good] for row in result["rows"] if row["what"] in names]
+    json.dumps(result, allow_nan=False)
 
 
 def test_a_run_goes_on_where_it_was(measured):
     """What stands on disk is not measured again, and what is missing is."""
-    folder, told = measured
+    folder, content = measured
     path = folder / "points" / f"{TINY.name}.json"
     marked = json.loads(path.read_text("utf-8")) | {"recall": 0.125}
     other = folder / "points" / f"{replace(TINY, debounce=1).name}.json"
@@ -261,8 +261,8 @@ def test_a_run_goes_on_where_it_was(measured):
     other.unlink()
     resumed = cost(folder, [TINY, replace(TINY, debounce=1)], parts=SMALL)
     again = resumed["rows"]
-    assert (told["took"]["new_points"], resumed["took"]["new_points"]) == (4, 1)
-    path.write_text(json.dumps(marked | {"recall": told["rows"][0]["recall"]}), encoding="utf-8")
+    assert (content["took"]["new_points"], resumed["took"]["new_points"]) == (4, 1)
+    path.write_text(json.dumps(marked | {"recall": content["rows"][0]["recall"]}), encoding="utf-8")
     assert again[0]["recall"] == 0.125
     assert json.loads(other.read_text("utf-8")) == json.loads(before)
 
@@ -289,12 +289,12 @@ def cluster() -> Iterator[str]:
 
 @pytest.mark.filterwarnings("default")  # of a library that is here for this one test
 def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
-    folder, told = measured
+    folder, result = measured
     for path in (folder / "points").glob("*.json"):
         path.unlink()
     chosen = [TINY, replace(TINY, debounce=1)]
     assert without_times(cost(folder, chosen, dask=cluster, parts=SMALL)["rows"]) == without_times(
-        told["rows"][:2]
+        result["rows"][:2]
     )
 
 

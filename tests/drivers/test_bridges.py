@@ -111,8 +111,8 @@ def test_a_chip_behind_another_channel_is_not_there(make, kind):
 
 @every_bridge
 def test_a_burst_decodes_to_the_field_of_the_track(make, kind):
-    told_ut = np.arange(18.0).reshape(6, 3) * 1000 + 500
-    bench = make(kind, track=Track(np.array([0.0]), told_ut[None]))
+    given_ut = np.arange(18.0).reshape(6, 3) * 1000 + 500
+    bench = make(kind, track=Track(np.array([0.0]), given_ut[None]))
     for channel, address in (
         (FIRST, A),
         (FIRST, B),
@@ -128,7 +128,7 @@ def test_a_burst_decodes_to_the_field_of_the_track(make, kind):
     bench.wait_s(0.01)
     found = [packet(reply.data) for reply in bench.bus.scan(SIX) if reply.data]
     read_ut = np.array([field_ut(one.raw, 1.0) * Setup().range_mt(1) for one in found])
-    np.testing.assert_allclose(read_ut, told_ut, atol=1.3)  # half a step of the widest range
+    np.testing.assert_allclose(read_ut, given_ut, atol=1.3)  # half a step of the widest range
 
 
 @every_bridge
@@ -207,14 +207,14 @@ class BitByBit(VirtualFt232h):
     """An FT232H whose driver clocks every bit by itself, where it would send whole bytes."""
 
     def write(self, endpoint: int, data: bytes) -> None:
-        at, told = 0, b""
+        at, result = 0, b""
         while at < len(data):
             command = data[at : at + WALKS.get(data[at], 1)]
             at += len(command)
             if command[0] == 0x11:
                 command = b"".join(bytes([0x13, 0, command[3] << k & 0xFF]) for k in range(8))
-            told += b"\x22\x07" if command[0] == 0x20 else command
-        super().write(endpoint, told)
+            result += b"\x22\x07" if command[0] == 0x20 else command
+        super().write(endpoint, result)
 
 
 class Computing(VirtualClock):
@@ -269,5 +269,5 @@ def test_a_track_between_its_rows_is_a_line_to_the_last_bit_and_its_ends_hold():
     t_s, field_ut_ = np.cumsum(rng.uniform(1e-4, 2e-3, 50)), 1e4 * rng.normal(size=(50, 6, 3))
     track = Track(t_s, field_ut_)
     for now_s in (-1.0, *t_s, *rng.uniform(0.0, t_s[-1], 200), 9.0):
-        told = [np.interp(now_s, t_s, field_ut_[:, 4, axis]) for axis in range(3)]
-        assert track.at(float(now_s), 4) == told
+        result = [np.interp(now_s, t_s, field_ut_[:, 4, axis]) for axis in range(3)]
+        assert track.at(float(now_s), 4) == result

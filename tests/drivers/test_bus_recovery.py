@@ -180,8 +180,8 @@ def test_a_crc_option_that_is_none_is_a_usage_error(crc):
 class Halting(VirtualBackend):
     """Endpoints that stay halted, as a device keeps them, until the host clears them."""
 
-    def __init__(self, *told: Any) -> None:
-        super().__init__(*told)
+    def __init__(self, *values: Any) -> None:
+        super().__init__(*values)
         self.halted: set[int] = set()
 
     def clear_halt(self, dev_handle: Any, ep: int) -> None:

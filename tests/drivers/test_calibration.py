@@ -282,9 +282,9 @@ def test_a_broken_calibration_is_refused_with_what_where_and_the_next_step(
 ) -> None:
     path = write_calibration(tmp_path / "c.json", made())
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
-    with pytest.raises(error, match=f"c.json: .*{says}.*next: .*holdfast calibrate") as told:
+    with pytest.raises(error, match=f"c.json: .*{says}.*next: .*holdfast calibrate") as caught:
         read_calibration(path)
-    assert type(told.value) is error
+    assert type(caught.value) is error
 
 
 @pytest.mark.parametrize(
@@ -518,9 +518,9 @@ def test_loads_in_a_csv_file_become_a_calibration(
     assert c.rest_ut is not None
     np.testing.assert_allclose(np.abs(c.rest_ut), [[100.0, 50.0, 2000.0]] * 2, atol=1e-8)
     assert (c.meta.source, c.meta.date, c.meta.load_unit) == ("loads.csv/loads", "2026-01-02", "N")
-    told = json.loads((tmp_path / "f.json").read_text())["studies"][0]
-    assert len(told["probings"]) == 6
-    assert told["models"]["one matrix"]["normal"]["rmse_n"] < 1e-6
+    content = json.loads((tmp_path / "f.json").read_text())["studies"][0]
+    assert len(content["probings"]) == 6
+    assert content["models"]["one matrix"]["normal"]["rmse_n"] < 1e-6
     assert "6 probings, 318 rows, 2 sensors" in capsys.readouterr().out
 
 

@@ -52,7 +52,7 @@ def test_stamps_are_the_middle_of_the_exposure(drawn, recorded):
 
 
 def test_a_recording_holds_every_frame_bit_for_bit_and_its_stamps(drawn, recorded):
-    told = program(
+    output = program(
         """
 frames, shots = list(read_video(Path(sys.argv[1]), load_depthai(quiet))), np.load(sys.argv[2])
 off = [abs(f.end_s - t) for f, t in zip(frames, shots["time_s"])]
@@ -64,11 +64,11 @@ print(json.dumps({"same": bool(same), "off_s": max(off), "in_order": in_order}))
         recorded,
         drawn[0],
     )
-    assert told == {"same": True, "off_s": pytest.approx(0.0, abs=1e-6), "in_order": True}
+    assert output == {"same": True, "off_s": pytest.approx(0.0, abs=1e-6), "in_order": True}
 
 
 def test_a_video_is_written_by_one_thread_and_none_waits_busily_beside_a_hand(tmp_path):
-    told = program(
+    output = program(
         """
 names = []
 def looked_at():
@@ -80,11 +80,11 @@ print(json.dumps({"writers": sum(name.startswith("RecordVideo") for name in name
 """,
         tmp_path,
     )
-    assert told == {"writers": 1}
+    assert output == {"writers": 1}
 
 
 def test_a_video_is_read_and_counted_without_being_held_in_memory(recorded):
-    told = program(
+    output = program(
         """
 import tracemalloc
 dai = load_depthai(quiet)
@@ -100,13 +100,13 @@ print(json.dumps({"frames": len(frames), "held": held, "one": one, "most": most}
 """,
         recorded,
     )
-    assert told["frames"] == N_FRAMES
-    assert told["held"] < told["one"]
-    assert told["most"] < 15 * told["one"]
+    assert output["frames"] == N_FRAMES
+    assert output["held"] < output["one"]
+    assert output["most"] < 15 * output["one"]
 
 
 def test_a_video_that_is_read_slowly_or_left_early_loses_no_frame_and_never_hangs(recorded):
-    told = program(
+    output = program(
         """
 from threading import Event
 dai, folder = load_depthai(quiet), Path(sys.argv[1])
@@ -125,7 +125,7 @@ print(json.dumps({"slowly": slowly}))
 """,
         recorded,
     )
-    assert told["slowly"] == list(range(N_FRAMES))
+    assert output["slowly"] == list(range(N_FRAMES))
 
 
 def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_digit(
@@ -159,10 +159,10 @@ def test_nothing_recorded_is_written_over(drawn, recorded):
 
 
 def test_a_tag_smeared_over_one_cell_is_seen_and_over_two_is_lost(tmp_path):
-    told = program(
+    output = program(
         """
 from simulation.camera.frames import CAMERA, Camera
-defaults = {name: told.default for name, told in CAMERA.items()}
+defaults = {name: parameter.default for name, parameter in CAMERA.items()}
 one = Camera(**defaults | {"width_px": 240.0, "height_px": 160.0})
 seen = []
 for smear_mm in (1.25, 2.5):
@@ -177,11 +177,11 @@ print(json.dumps({"seen": seen}))
 """,
         tmp_path,
     )
-    assert told == {"seen": [5, 0]}
+    assert output == {"seen": [5, 0]}
 
 
 def test_frames_that_never_came_are_counted(drawn, tmp_path):
-    told = program(
+    output = program(
         """
 source = read_frames(Path(sys.argv[1]))
 kept = [f for f in source.frames if f.sequence not in (10, 11, 40)][:60]
@@ -190,4 +190,4 @@ print(json.dumps(vars(watch(Stored("some", source.lens, kept), Path(sys.argv[2])
         drawn[0],
         tmp_path / "out",
     )
-    assert told == {"frames": 60, "lost": 3, "backwards": 0, "in_video": 60}
+    assert output == {"frames": 60, "lost": 3, "backwards": 0, "in_video": 60}

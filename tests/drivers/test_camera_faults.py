@@ -40,17 +40,17 @@ def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
 
 
 def test_the_search_for_a_camera_is_short_and_every_setting_is_in_force_before_the_import():
-    told = fresh_program("""
+    output = fresh_program("""
 lines = []
 load_depthai(lines.append)
 load_depthai(lines.append)
 from drivers.camera.library import QUIET
 print(json.dumps({"set": {name: os.environ[name] for name in QUIET}, "lines": lines}))
 """)
-    assert told["set"] == QUIET
+    assert output["set"] == QUIET
     assert QUIET["DEPTHAI_SEARCH_TIMEOUT"] == "1500"
     assert QUIET["DEPTHAI_PROTOCOL"] == "usb"
-    (line,) = told["lines"]
+    (line,) = output["lines"]
     assert "usage data" in line
 
 
@@ -115,7 +115,7 @@ def test_nothing_is_sent_unless_the_user_asked_for_it(drawn, collector, tmp_path
 
 
 def test_a_source_that_ends_early_keeps_what_was_recorded_and_says_so(drawn, tmp_path):
-    told = program(
+    output = program(
         """
 source = read_frames(Path(sys.argv[1]))
 def unplugged():
@@ -132,7 +132,7 @@ except HoldfastError as error:
         drawn[0],
         tmp_path / "out",
     )
-    assert told == {"error": "DeviceLost", "video": 50}
+    assert output == {"error": "DeviceLost", "video": 50}
     assert len(read_tracks(tmp_path / "out").t_s) == 50
     assert "no longer on USB" in read_about(tmp_path / "out")["void"]
 
@@ -219,9 +219,9 @@ def test_half_a_video_is_refused_if_it_was_whole_once_and_read_to_its_end_if_a_k
     recorded, tmp_path
 ):
     cut(recorded, tmp_path, "camera.mkv", 0.5)
-    told = program(READ, tmp_path)
-    assert told["error"] == "EmptyRecording"
-    assert f"of its {N_FRAMES} frames" in told["what"]
+    output = program(READ, tmp_path)
+    assert output["error"] == "EmptyRecording"
+    assert f"of its {N_FRAMES} frames" in output["what"]
     write_about(tmp_path, read_about(tmp_path) | {"frames": 0, "in_video": 0})
     assert 30 < program(READ, tmp_path)["frames"] < N_FRAMES
 

@@ -173,7 +173,7 @@ def test_an_oak_needs_the_printed_side(tmp_path, capsys):
 
 
 def test_the_camera_s_clock_is_the_machine_s_and_its_calls_are_in_the_library():
-    told = program("""
+    output = program("""
 import time
 dai = load_depthai(quiet)
 before, middle, after = time.monotonic(), dai.Clock.now().total_seconds(), time.monotonic()
@@ -186,7 +186,7 @@ between = before - 2e-6 <= middle <= after + 2e-6
 lacks = [name for one, name in names if not hasattr(one, name)]
 print(json.dumps({"between": between, "lacks": lacks}))
 """)
-    assert told == {"between": True, "lacks": []}
+    assert output == {"between": True, "lacks": []}
 
 
 def test_the_printed_sheet_holds_both_tags_at_their_size():

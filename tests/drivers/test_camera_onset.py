@@ -62,17 +62,17 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_fitted_onset_of_author_pulls_is_within_ten_ms_of_the_first_sliding():
-    told = program("""
+    output = program("""
 from benchmarks import onset
 onset.FROM_S = 0.5  # before the load the picture stands still
 print(json.dumps(onset.pulls(6, [60.0])[0]))
 """)
-    assert told["n"] == told["found"] + told["hidden"] == 6
-    assert told["found"] >= 5, (
+    assert output["n"] == output["found"] + output["hidden"] == 6
+    assert output["found"] >= 5, (
         "one of them is out of the picture two frames after it begins to slide"
     )
-    assert told["start_worst_ms"] < 10.0
-    assert abs(told["gross_p50_ms"]) < 3.0
+    assert output["start_worst_ms"] < 10.0
+    assert abs(output["gross_p50_ms"]) < 3.0
 
 
 def test_onset_writes_a_label_of_the_camera_s_beside_the_trial_and_leaves_its_truth_alone(filmed):
@@ -100,8 +100,8 @@ def test_a_loaded_hold_has_no_onset_and_sets_the_gross_distance_above_its_shear(
     done = command("onset", held, "--until", opens_s)
     assert done.returncode == 0, done.stderr
     assert "no onset: the object moved by less than 2.00 mm" in done.stdout
-    told = json.loads(held.with_suffix(".onset.json").read_text("utf-8"))
-    assert (told["phases"], told["pad_shear"]) == ([], "not measured")
+    content = json.loads(held.with_suffix(".onset.json").read_text("utf-8"))
+    assert (content["phases"], content["pad_shear"]) == ([], "not measured")
     assert command("onset", pull, "--no-slip", held).returncode == 0
     assert json.loads(pull.with_suffix(".onset.json").read_text("utf-8"))["pad_shear"] == "measured"
 

@@ -61,8 +61,8 @@ def trusted() -> PacketCheck:
 
 def test_packets_are_believed_once_eight_different_ones_have_fitted():
     check = PacketCheck()
-    told = [check.believes(ADDRESS, one) for one in packets(0, 12)]
-    assert told == [False] * TEST_PACKETS + [True] * 4
+    result = [check.believes(ADDRESS, one) for one in packets(0, 12)]
+    assert result == [False] * TEST_PACKETS + [True] * 4
 
 
 def test_the_same_packet_again_tests_nothing():

@@ -34,9 +34,9 @@ def scan(bench: Bench) -> list[Any]:
         return look_at(bus, pause(bench))
 
 
-def with_chips(*chips: Any, **told: Any) -> tuple[Bench, list[bytes]]:
+def with_chips(*chips: Any, **options: Any) -> tuple[Bench, list[bytes]]:
     """A hand's bus with more chips on it, and what they hold."""
-    bench = Bench(**told)
+    bench = Bench(**options)
     bench.virtual.wire.targets.extend(chips)
     return bench, [chip.state for chip in chips]
 

@@ -63,8 +63,8 @@ def test_an_engine_that_is_confused_in_the_middle_of_a_scan_is_cancelled(make):
     bench = make("mcp2221")
     engine = bench.engine()
     write = engine._write
-    engine._write = lambda kind, *told: (
-        write(kind, *told),
+    engine._write = lambda kind, *values: (
+        write(kind, *values),
         engine.tick_sda() if kind == 0x90 else None,
     )
     assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY

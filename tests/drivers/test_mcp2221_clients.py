@@ -85,12 +85,12 @@ def blinka(plugged, monkeypatch) -> Iterator[Any]:
 
 
 def test_easymcp2221_opens_the_bridge_and_reads_its_strings(easy):
-    told = easy.read_flash_info()
-    assert (told["USB_VENDOR"], told["USB_PRODUCT"]) == (
+    result = easy.read_flash_info()
+    assert (result["USB_VENDOR"], result["USB_PRODUCT"]) == (
         "Microchip Technology Inc.",
         "MCP2221 USB-I2C/UART Combo",
     )
-    assert (told["USB_SERIAL"], told["USB_FACT_SERIAL"]) == ("0000000001", "01234567")
+    assert (result["USB_SERIAL"], result["USB_FACT_SERIAL"]) == ("0000000001", "01234567")
     assert easy.revision() == {
         "firmware": {"mayor": "A", "minor": "6"},
         "hardware": {"mayor": "1", "minor": "2"},

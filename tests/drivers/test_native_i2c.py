@@ -175,7 +175,7 @@ TRANSFERS = st.builds(
 
 @given(st.lists(TRANSFERS, min_size=1, max_size=6), st.booleans())
 def test_commands_that_are_joined_do_what_each_alone_does(transfers, held):
-    told = []
+    outcomes = []
     for engine in (VirtualFt232h, OneByOne):
         clock = Still()
         hand = VirtualHand(clock)
@@ -187,5 +187,7 @@ def test_commands_that_are_joined_do_what_each_alone_does(transfers, held):
             replies: object = bus.scan([FIRST, *transfers, WHO])
         except BusStuck as error:
             replies = str(error)
-        told.append((replies, hand.wire.bits - bits, [bytes(chip._bytes) for chip in hand.chips]))
-    assert told[0] == told[1]
+        outcomes.append(
+            (replies, hand.wire.bits - bits, [bytes(chip._bytes) for chip in hand.chips])
+        )
+    assert outcomes[0] == outcomes[1]

@@ -104,6 +104,6 @@ def test_tiny_usb_brings_out_the_stop_that_a_failure_kept_back(make, kind):
 def test_tiny_usb_says_that_fewer_bytes_came_than_were_asked_for(make, kind):
     bench = make(kind)
     spoilt = bench.device._read
-    bench.device._read = lambda *told: spoilt(*told)[:-1]
+    bench.device._read = lambda *values: spoilt(*values)[:-1]
     with pytest.raises(TransferFailed, match="2 of 3 bytes"):
         bench.bus.scan([FIRST, WHO])

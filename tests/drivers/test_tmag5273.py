@@ -109,12 +109,12 @@ def test_the_default_setup_is_what_the_fact_sheet_recommends():
 
 
 def test_a_chip_says_who_it_is_and_another_address_is_not_acknowledged(bench):
-    told = bench.bus.scan(
+    replies = bench.bus.scan(
         [FIRST, Transfer(A, b"\x0d", 3), Transfer(0x36, b"\x0d", 3), Transfer(D, b"\x0c", 2)]
     )
-    assert told[1].data == bytes([0x01, 0x49, 0x54])
-    assert (told[2].acked, told[2].data) == (False, b"")
-    assert told[3].data == bytes([D << 1, 0x01])
+    assert replies[1].data == bytes([0x01, 0x49, 0x54])
+    assert (replies[2].acked, replies[2].data) == (False, b"")
+    assert replies[3].data == bytes([D << 1, 0x01])
 
 
 def test_read_only_registers_do_not_take_what_is_written(bench):
@@ -190,10 +190,10 @@ def test_a_new_address_counts_from_the_stop_on_and_is_lost_with_power(bench):
 def test_a_general_call_reaches_every_chip_on_joined_channels(bench):
     bench.bus.scan([BOTH, Transfer(0x00, bytes([0x02, 0x70]))])
     for channel, addresses in ((1, (A, B, C, D)), (2, (A, B))):
-        told = bench.bus.scan(
+        replies = bench.bus.scan(
             [Transfer(0x70, bytes([channel])), *(Transfer(a, b"\x02", 1) for a in addresses)]
         )
-        assert [reply.data for reply in told[1:]] == [b"\x70"] * len(addresses)
+        assert [reply.data for reply in replies[1:]] == [b"\x70"] * len(addresses)
 
 
 def test_a_triggered_conversion_comes_once(bench):

@@ -66,9 +66,9 @@ class ChipOnWire:
         self.wire.stop()
         return data
 
-    def configure(self, **told: int) -> None:
+    def configure(self, **options: int) -> None:
         """Write registers by name, in this order."""
-        for name, value in told.items():
+        for name, value in options.items():
             assert self.write(REGISTERS[name].address, value)
 
     def convert(self, conversions: int, config: int = 0) -> None:
@@ -331,11 +331,11 @@ def test_offset_and_gain_correct_the_axes_of_the_angle_and_no_others():
 # -- sleep, and wake-and-sleep (section 7.4)
 
 
-def dozing(sleeptime: int = 2, raw: tuple[int, ...] = (5_000, 0, 0), **told: int) -> ChipOnWire:
+def dozing(sleeptime: int = 2, raw: tuple[int, ...] = (5_000, 0, 0), **options: int) -> ChipOnWire:
     """A chip in wake-and-sleep mode, 10 ms of sleep."""
     on = ChipOnWire(raw_field(*raw))
-    on.configure(SENSOR_CONFIG_1=XYZ << 4 | sleeptime, **told)
-    on.configure(DEVICE_CONFIG_2=WAKE_AND_SLEEP | told.get("DEVICE_CONFIG_2", 0))
+    on.configure(SENSOR_CONFIG_1=XYZ << 4 | sleeptime, **options)
+    on.configure(DEVICE_CONFIG_2=WAKE_AND_SLEEP | options.get("DEVICE_CONFIG_2", 0))
     return on
 
 
@@ -370,7 +370,7 @@ def test_the_first_result_keeps_the_chip_awake_where_every_result_interrupts(sle
 
 
 @pytest.mark.parametrize(
-    ("told", "awake"),
+    ("options", "awake"),
     [
         ({"X_THR_CONFIG": 19}, True),
         ({"X_THR_CONFIG": 20}, False),
@@ -380,8 +380,8 @@ def test_the_first_result_keeps_the_chip_awake_where_every_result_interrupts(sle
         ({"T_CONFIG": 0x23 << 1 | 1}, False),
     ],
 )
-def test_a_chip_in_wake_and_sleep_mode_stays_awake_where_a_threshold_is_crossed(told, awake):
-    on = dozing(INT_CONFIG_1=0x40, **told)
+def test_a_chip_in_wake_and_sleep_mode_stays_awake_where_a_threshold_is_crossed(options, awake):
+    on = dozing(INT_CONFIG_1=0x40, **options)
     on.wait_us(50_000)
     assert on.write(0x00) == awake
 

@@ -100,7 +100,7 @@ def read_to_end(handle: int) -> bytes:
 
 
 class Heard(list[str]):
-    """A sink that acts, until it is told to fail."""
+    """A sink that works until a test makes it fail."""
 
     name, kind, dropped = "grip", "acting", 0
     failure: OSError | None = None
@@ -126,9 +126,9 @@ def test_a_terminal_that_is_not_drained_costs_lines_and_its_reader_gets_whole_on
     sink = sink_on(terminal[1])
     taken = [sink(f"{k}{LINE}") for k in range(1000)]
     assert not all(taken)
-    told = read_until(terminal[0], b"\n999" + LINE.encode())  # the newest line of all is not lost
+    result = read_until(terminal[0], b"\n999" + LINE.encode())  # the newest line of all is not lost
     sink.close(LONG_S)
-    lines = told.decode().split("\r\n")
+    lines = result.decode().split("\r\n")
     numbers = [int(line[: -len(LINE)]) for line in lines if line]
     assert all(line.endswith(LINE) for line in lines if line), "two halves in one line"
     assert numbers == sorted(set(numbers))
@@ -233,15 +233,15 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
     name, prediction
 ):
     log, why = failing(name)
-    told: list[str] = []
-    outlets = Outlets([log, heard := Heard()], told.append)
+    result: list[str] = []
+    outlets = Outlets([log, heard := Heard()], result.append)
     outlets.emit(prediction)
     wait_for(lambda: log.failure is not None)
     for _ in range(5):
         outlets.emit(prediction)
     outlets.close()
     assert len(heard) == 6
-    assert told == [f"stdout takes no more lines ({why}); it is dropped, control goes on"]
+    assert result == [f"stdout takes no more lines ({why}); it is dropped, control goes on"]
     assert outlets.lost() == {"stdout": why}
     assert 1 <= outlets.dropped <= 2
     assert not outlets.none_acts()
@@ -340,7 +340,7 @@ def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_r
             for sample in samples:
                 file.write(sample)
         wait_for(lambda: file.sink.failure is not None)
-        assert file.write(samples[0]), "a sink that was told of counts no more lines"
+        assert file.write(samples[0]), "a sink that was reported counts no more lines"
     lines = path.read_text().splitlines(keepends=True)
     assert lines[0].startswith("Time,X1,")
     assert all(line.endswith("\n") and line.count(",") == 24 for line in lines)
@@ -351,7 +351,7 @@ def test_a_file_of_samples_begins_with_its_header_and_samples_that_a_full_disk_r
 
 
 @contextmanager
-def running(words: Sequence[str] = (), redirect: str = "", **told: Any) -> Iterator[Running]:
+def running(words: Sequence[str] = (), redirect: str = "", **options: Any) -> Iterator[Running]:
     """holdfast run as a process of its own, and what waits for its n-th answer at the controller's
     port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
@@ -377,7 +377,7 @@ def running(words: Sequence[str] = (), redirect: str = "", **told: Any) -> Itera
             *words,
         ]
         with subprocess.Popen(
-            command, cwd=ROOT, text=True, env=os.environ | {"TERM": "xterm"}, **told
+            command, cwd=ROOT, text=True, env=os.environ | {"TERM": "xterm"}, **options
         ) as process:
             try:
                 yield process, answered

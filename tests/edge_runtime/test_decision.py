@@ -19,8 +19,8 @@ RULES = DecisionRules()
 PERIOD_US = period_us(150.0)
 
 
-class Told(NamedTuple):
-    """What the machine is told at one sample."""
+class Given(NamedTuple):
+    """The inputs of the decision at one sample."""
 
     situation: int
     permille: int = 1000
@@ -29,11 +29,11 @@ class Told(NamedTuple):
 
 
 def fed(
-    told: list[Told], rules: DecisionRules = RULES, start: DecisionState | None = None
+    inputs: list[Given], rules: DecisionRules = RULES, start: DecisionState | None = None
 ) -> list[DecisionState]:
     """The state after every sample."""
     states = [start or DecisionState()]
-    for now in told:
+    for now in inputs:
         states.append(
             decide(
                 rules,
@@ -48,17 +48,17 @@ def fed(
     return states[1:]
 
 
-def after(told: list[Told], rules: DecisionRules = RULES) -> DecisionState:
-    return fed(told, rules)[-1]
+def after(inputs: list[Given], rules: DecisionRules = RULES) -> DecisionState:
+    return fed(inputs, rules)[-1]
 
 
-def times(count: int, situation: int, permille: int = 1000) -> list[Told]:
-    return [Told(situation, permille)] * count
+def times(count: int, situation: int, permille: int = 1000) -> list[Given]:
+    return [Given(situation, permille)] * count
 
 
-told_anything = st.lists(
+any_inputs = st.lists(
     st.builds(
-        Told,
+        Given,
         st.sampled_from(LABELS),
         st.integers(0, 1000),
         st.booleans(),
@@ -96,8 +96,8 @@ def test_it_arms_and_acts_after_as_many_risky_samples_in_a_row_as_the_rules_say(
 
 @pytest.mark.parametrize("between", [NOTHING, GRASP, SAFE_SLIP])
 def test_one_other_label_starts_the_count_again(between: int) -> None:
-    assert not any(s.act for s in fed([Told(RISKY_SLIP), Told(between)] * 5))
-    assert not fed([Told(RISKY_SLIP), Told(between)])[-1].arm
+    assert not any(s.act for s in fed([Given(RISKY_SLIP), Given(between)] * 5))
+    assert not fed([Given(RISKY_SLIP), Given(between)])[-1].arm
 
 
 @pytest.mark.parametrize("later", [GRASP, SAFE_SLIP])
@@ -143,36 +143,36 @@ def test_after_a_release_the_next_risky_slip_counts_from_one() -> None:
     assert after(released + times(2, RISKY_SLIP)).act
 
 
-@given(told=told_anything, rules=any_rules, gap=st.integers(1, 20))
+@given(inputs=any_inputs, rules=any_rules, gap=st.integers(1, 20))
 @settings(max_examples=50)
 def test_while_unknown_nothing_is_counted_and_nothing_is_released(
-    told: list[Told], rules: DecisionRules, gap: int
+    inputs: list[Given], rules: DecisionRules, gap: int
 ) -> None:
-    before, then = after(told, rules), after(told + [Told(UNKNOWN)] * gap, rules)
+    before, then = after(inputs, rules), after(inputs + [Given(UNKNOWN)] * gap, rules)
     assert replace(then, override_us=0) == replace(before, override_us=0)
 
 
-@given(told=told_anything, rules=any_rules)
+@given(inputs=any_inputs, rules=any_rules)
 @settings(max_examples=50)
 def test_unknown_samples_without_a_command_might_as_well_not_have_been(
-    told: list[Told], rules: DecisionRules
+    inputs: list[Given], rules: DecisionRules
 ) -> None:
-    told = [now._replace(override=False) for now in told]
-    known = [now for now in told if now.situation != UNKNOWN or now.opening]
-    assert after([Told(GRASP), *told], rules) == after([Told(GRASP), *known], rules)
+    inputs = [now._replace(override=False) for now in inputs]
+    known = [now for now in inputs if now.situation != UNKNOWN or now.opening]
+    assert after([Given(GRASP), *inputs], rules) == after([Given(GRASP), *known], rules)
 
 
 @OVERRIDE.mark
 @given(
-    told=told_anything,
+    inputs=any_inputs,
     rules=any_rules,
-    last=st.builds(Told, st.sampled_from(LABELS), opening=st.booleans()),
+    last=st.builds(Given, st.sampled_from(LABELS), opening=st.booleans()),
 )
 @settings(max_examples=50)
 def test_the_users_override_always_wins_and_ends_what_runs(
-    told: list[Told], rules: DecisionRules, last: Told
+    inputs: list[Given], rules: DecisionRules, last: Given
 ) -> None:
-    state = after([*told, last._replace(override=True)], rules)
+    state = after([*inputs, last._replace(override=True)], rules)
     assert not (state.arm)
     assert not (state.act)
     assert not (state.risky_run)
@@ -181,7 +181,7 @@ def test_the_users_override_always_wins_and_ends_what_runs(
 
 @OVERRIDE.mark
 def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_seen() -> None:
-    override = [*times(2, RISKY_SLIP), Told(RISKY_SLIP, override=True)]
+    override = [*times(2, RISKY_SLIP), Given(RISKY_SLIP, override=True)]
     two_seconds = -(-1000 * RULES.override_ms // PERIOD_US)
     assert not any(state.arm for state in fed(override + times(two_seconds, RISKY_SLIP))[2:])
     assert after(override).ended == "overridden"
@@ -189,7 +189,7 @@ def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_see
     renewed = (
         override
         + times(200, RISKY_SLIP)
-        + [Told(RISKY_SLIP, override=True)]
+        + [Given(RISKY_SLIP, override=True)]
         + times(two_seconds, RISKY_SLIP)
     )
     assert not any(state.arm for state in fed(renewed)[2:])
@@ -197,7 +197,7 @@ def test_an_override_lasts_for_two_seconds_after_its_last_sample_whatever_is_see
 
 @OVERRIDE.mark
 def test_an_override_ends_early_where_the_hand_has_been_empty() -> None:
-    override = [Told(RISKY_SLIP, override=True)]
+    override = [Given(RISKY_SLIP, override=True)]
     empty = override + times(RULES.release_samples, NOTHING)
     assert not after(empty).overridden
     assert after(empty + times(2, RISKY_SLIP)).act
@@ -206,14 +206,14 @@ def test_an_override_ends_early_where_the_hand_has_been_empty() -> None:
 
 @OVERRIDE.mark
 def test_an_override_lasts_through_unknown_samples_and_not_longer_than_its_time() -> None:
-    override = [Told(RISKY_SLIP, override=True)]
+    override = [Given(RISKY_SLIP, override=True)]
     assert after(override + times(299, UNKNOWN)).overridden
     assert not after(override + times(301, UNKNOWN)).overridden
 
 
 @OPENING.mark
 def test_opening_the_hand_ends_a_running_act_and_prevents_a_new_one() -> None:
-    opening = [Told(RISKY_SLIP, opening=True)]
+    opening = [Given(RISKY_SLIP, opening=True)]
     assert not any(s.act for s in fed(opening * 10))
     assert after(opening * 10).arm
     opened = after(times(2, RISKY_SLIP) + opening)
@@ -223,7 +223,7 @@ def test_opening_the_hand_ends_a_running_act_and_prevents_a_new_one() -> None:
 
 @OPENING.mark
 def test_opening_the_hand_ends_a_running_act_while_the_state_is_unknown_too() -> None:
-    assert not after([*times(2, RISKY_SLIP), Told(UNKNOWN, opening=True)]).act
+    assert not after([*times(2, RISKY_SLIP), Given(UNKNOWN, opening=True)]).act
 
 
 @given(rules=any_rules, permille=st.integers(0, 1000))
@@ -244,29 +244,29 @@ def test_a_doubtful_risky_label_ends_a_run_of_risky_ones_and_a_run_of_nothing() 
     assert after(acting + times(4, NOTHING) + doubtful + times(4, NOTHING), strict).act
 
 
-@given(told=told_anything, rules=any_rules, cut=st.integers(0, 40))
+@given(inputs=any_inputs, rules=any_rules, cut=st.integers(0, 40))
 @settings(max_examples=50)
 def test_it_is_pure_the_same_words_from_the_same_state_give_the_same_state(
-    told: list[Told], rules: DecisionRules, cut: int
+    inputs: list[Given], rules: DecisionRules, cut: int
 ) -> None:
-    whole = fed(told, rules)
-    assert fed(told, rules) == whole
-    cut = min(cut, len(told))
-    resumed = fed(told[cut:], rules, start=whole[cut - 1] if cut else None)
+    whole = fed(inputs, rules)
+    assert fed(inputs, rules) == whole
+    cut = min(cut, len(inputs))
+    resumed = fed(inputs[cut:], rules, start=whole[cut - 1] if cut else None)
     assert resumed == whole[cut:]
 
 
-@given(told=told_anything, rules=any_rules, factor=st.integers(2, 50))
+@given(inputs=any_inputs, rules=any_rules, factor=st.integers(2, 50))
 @settings(max_examples=50)
 def test_times_are_of_the_clock_and_not_of_samples(
-    told: list[Told], rules: DecisionRules, factor: int
+    inputs: list[Given], rules: DecisionRules, factor: int
 ) -> None:
     """With every time and the period made longer alike, the same is requested."""
     longer = replace(
         rules, override_ms=factor * rules.override_ms, evidence_ms=factor * rules.evidence_ms
     )
     a = b = DecisionState()
-    for now in told * 3:
+    for now in inputs * 3:
         words = {"opening": now.opening, "override": now.override}
         a = decide(rules, a, now.situation, now.permille, period_us=PERIOD_US, **words)
         b = decide(longer, b, now.situation, now.permille, period_us=factor * PERIOD_US, **words)

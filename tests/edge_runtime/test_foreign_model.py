@@ -799,11 +799,11 @@ def test_every_released_model_is_accepted(path: Path) -> None:
 
 @pytest.mark.parametrize("eight", [True, False])
 def test_the_bytes_are_read_as_onnx_reads_them(eight: bool) -> None:
-    told, model = read_onnx(sealed_bytes(eight)), opened(eight)
-    assert [(n.domain, n.op_type, [*n.inputs], [*n.outputs]) for n in told.nodes] == [
+    parsed, model = read_onnx(sealed_bytes(eight)), opened(eight)
+    assert [(n.domain, n.op_type, [*n.inputs], [*n.outputs]) for n in parsed.nodes] == [
         (n.domain, n.op_type, [*n.input], [*n.output]) for n in model.graph.node
     ]
-    for node, other in zip(told.nodes, model.graph.node, strict=True):
+    for node, other in zip(parsed.nodes, model.graph.node, strict=True):
         for one in other.attribute:
             expected = helper.get_attribute_value(one)
             expected = (
@@ -814,6 +814,6 @@ def test_the_bytes_are_read_as_onnx_reads_them(eight: bool) -> None:
             np.testing.assert_array_equal(node.attributes[one.name], expected)
     for tensor in model.graph.initializer:
         np.testing.assert_array_equal(
-            told.constants[tensor.name], numpy_helper.to_array(tensor), strict=True
+            parsed.constants[tensor.name], numpy_helper.to_array(tensor), strict=True
         )
-    assert told.metadata == {entry.key: entry.value for entry in model.metadata_props}
+    assert parsed.metadata == {entry.key: entry.value for entry in model.metadata_props}

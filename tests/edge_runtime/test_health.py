@@ -345,8 +345,8 @@ def test_every_answer_is_a_line_of_json_with_the_reason(model: Model, valid: np.
     from edge_runtime.output import to_json_line
 
     answer = GripMonitor(model, None).feed(Sample(0, noise(1)[0], valid, 0))
-    told = json.loads(to_json_line(replace(answer, commands="expired")))
-    assert (told["state"], told["why"], told["commands"], told["late"]) == (
+    content = json.loads(to_json_line(replace(answer, commands="expired")))
+    assert (content["state"], content["why"], content["commands"], content["late"]) == (
         "unknown",
         "settling",
         "expired",

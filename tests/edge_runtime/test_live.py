@@ -131,8 +131,8 @@ def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(mode
         lambda *a, **k: asked.append((k["opening"], k["override"])) or real(*a, **k),
     )
     clock = VirtualClock()
-    told = iter([Command(), Command(opening=True), Command(override=True)])
-    go(model, Steady(clock, 3), clock, command=lambda: next(told))
+    commands = iter([Command(), Command(opening=True), Command(override=True)])
+    go(model, Steady(clock, 3), clock, command=lambda: next(commands))
     assert asked == [(False, False), (True, False), (False, True)]
 
 
@@ -265,8 +265,8 @@ def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, t
     }
     # rows that never came are filled in there
     again = [replayed[sample.t_ns - samples[0].t_ns] for sample in samples]
-    told = [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in answers]
-    assert [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in again] == told
+    result = [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in answers]
+    assert [(a.state, a.p_situation, a.arm, a.act, a.detectors, a.settled) for a in again] == result
     assert any(a.act for a in again)
     assert any(a.state == "unknown" for a in again[200:])
 
@@ -578,8 +578,8 @@ def test_a_sender_that_says_it_is_still_there_keeps_its_command_and_rubbish_does
 @SILENT_SENDER.mark
 def test_every_answer_says_whether_commands_still_come(model):
     clock = VirtualClock()
-    told = iter([Command(), Command(link="live"), Command(link="expired")])
-    _, predictions, _ = go(model, Steady(clock, 3), clock, command=lambda: next(told))
+    result = iter([Command(), Command(link="live"), Command(link="expired")])
+    _, predictions, _ = go(model, Steady(clock, 3), clock, command=lambda: next(result))
     assert [one.commands for one in predictions] == ["none", "live", "expired"]
 
 
@@ -646,9 +646,13 @@ def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     parser = Parser(prog="holdfast run")
     add_arguments(parser)
     words = shlex.split(line.removeprefix("ExecStart="))
-    told = parser.parse_args(words[2:])
+    args = parser.parse_args(words[2:])
     assert words[1] == "run"
-    assert (told.bias.name, told.commands, told.quiet) == ("bias.json", "127.0.0.1:9001", True)
+    assert (args.bias.name, args.commands, args.quiet) == (
+        "bias.json",
+        "127.0.0.1:9001",
+        True,
+    )
 
 
 def test_a_bias_that_was_measured_before_lets_a_run_begin_with_a_loaded_hand(

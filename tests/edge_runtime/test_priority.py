@@ -17,12 +17,12 @@ ASKS = "import os; print(os.sched_getscheduler(0))"
 
 def policies() -> list[int]:
     """Of this thread, of a new thread, and of a new process."""
-    told: list[int] = []
-    thread = threading.Thread(target=lambda: told.append(os.sched_getscheduler(0)))
+    values: list[int] = []
+    thread = threading.Thread(target=lambda: values.append(os.sched_getscheduler(0)))
     thread.start()
     thread.join()
     child = subprocess.run([sys.executable, "-c", ASKS], capture_output=True, text=True, check=True)
-    return [os.sched_getscheduler(0), *told, int(child.stdout)]
+    return [os.sched_getscheduler(0), *values, int(child.stdout)]
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_the_priority_ends_with_the_reading_however_it_ends(allowed):
 
 
 def test_where_it_is_not_allowed_everything_goes_on_as_before(monkeypatch):
-    def refuse(*told: object) -> None:
+    def refuse(*arguments: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
@@ -86,11 +86,11 @@ def test_a_user_without_the_right_reads_on_and_is_told_once():
         "if os.geteuid() == 0:\n    os.setgid(65534); os.setuid(65534)\n"
         "with first_in_line(print) as yes:\n    print(yes)\n"
     )
-    told = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     ).stdout
-    if told == "True\n":
+    if result == "True\n":
         pytest.skip("this user has real-time priority without root")
-    line, allowed = told.splitlines()
+    line, allowed = result.splitlines()
     assert "holdfast doctor" in line
     assert allowed == "False"

@@ -135,8 +135,8 @@ def test_the_outputs_of_a_whole_set_are_those_of_the_monitor_at_each_sample(
 ) -> None:
     model = Model(eight_classes.model)
     some = eight_classes.data.recordings[:3]
-    told = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
-    for one, of in zip(told, some, strict=True):
+    outputs = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
+    for one, of in zip(outputs, some, strict=True):
         monitor = GripMonitor(model, None)
         for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
             answer = monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, valid, t))
@@ -151,10 +151,10 @@ def test_the_outputs_of_a_whole_set_are_those_of_the_monitor_at_each_sample(
 
 def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) -> None:
     model, some = Model(four_situations.model), four_situations.data.recordings[:1]
-    (told,) = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
-    assert (told.eight == NO_CLASS).all()
-    labels = [labels_everywhere(some[0].phases, len(told.situation))]
-    assert set(confusions([told], labels, [True], 0)) == {"four"}
+    (outputs,) = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
+    assert (outputs.eight == NO_CLASS).all()
+    labels = [labels_everywhere(some[0].phases, len(outputs.situation))]
+    assert set(confusions([outputs], labels, [True], 0)) == {"four"}
 
 
 # -- what the truth says
@@ -186,8 +186,8 @@ def test_an_event_of_a_long_stream_is_found_in_the_grasp_that_ended_in_it() -> N
 def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> None:
     data = load(scenes, windows="natural")
     grasps = {
-        one.action: told[0]
-        for one, told in zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
+        one.action: result[0]
+        for one, result in zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
     }
     assert grasps["hold"].disturbance == "dFt"
     assert grasps["pull"].disturbance is None
@@ -222,10 +222,10 @@ def test_a_baseline_that_cannot_be_matched_says_so() -> None:
 def test_the_oracle_finds_every_event_within_a_sample_and_nothing_else() -> None:
     for onset_s in (0.0, 0.999, 1.0, 1.0001):
         of = recording(RiskyEvent(onset_s, None, onset_s + 0.1))
-        told = match_alarms(of, oracle_requests(of))
-        assert told.false_s == ()
-        assert told.outcomes[0].delay_s is not None
-        assert 0.0 < told.outcomes[0].delay_s <= 1.0 / RATE_HZ + 1e-9
+        matched = match_alarms(of, oracle_requests(of))
+        assert matched.false_s == ()
+        assert matched.outcomes[0].delay_s is not None
+        assert 0.0 < matched.outcomes[0].delay_s <= 1.0 / RATE_HZ + 1e-9
 
 
 def test_a_detector_that_fires_in_the_air_asks_nothing_and_in_the_hand_holds_until_let_go() -> None:
@@ -377,12 +377,12 @@ def test_a_hand_that_is_asked_earlier_never_keeps_less(
 def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None:
     data = load(scenes, windows="natural")
     pairs = zip(data.recordings, grasps_beside(scenes, data.recordings), strict=True)
-    drops = [drop_of(event, grasp_of(event, told)) for of, told in pairs for event in of.events]
+    drops = [drop_of(event, grasp_of(event, result)) for of, result in pairs for event in of.events]
     assert [drop is None for drop in drops] == [False, False]
-    told = model_error_ms(drops)
-    assert told is not None
-    assert (told["slips"], told["of"]) == (2, 2)
-    assert abs(told["p50"]) < 30.0
+    result = model_error_ms(drops)
+    assert result is not None
+    assert (result["slips"], result["of"]) == (2, 2)
+    assert abs(result["p50"]) < 30.0
     assert drop_of(EVENT, Grasp({})) is None
     assert Droppable.of([None]).kept([0.1]).kept_share is None
 
@@ -415,12 +415,12 @@ def test_a_hold_is_specific_without_any_alarm_and_counts_only_if_it_held() -> No
 
 def test_voluntary_actions_are_called_where_the_hand_is_asked_at_any_sample_of_them() -> None:
     phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
-    told = [
+    trials = [
         LabelledTrial(recording(phases=phases, action="pass"), (Grasp({"style": style}),))
         for style in ("p1", "p1", "p2")
     ]
     asked = [at((90, 110)), at((90, 99)), at()]
-    figures = figures_of(told, *asked)
+    figures = figures_of(trials, *asked)
     assert figures.safe_acts_called.share == pytest.approx(1 / 3)
     assert figures.safe_acts_by_action["pass"].n == 3
     assert figures.by_style is not None
@@ -438,11 +438,11 @@ def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_
         SeenSlip(2.5, 0.005, 2.6),
         SeenSlip(1.02, 0.005, 1.06, true_start_s=1.01, true_gross_s=1.05),
     )
-    told = [
+    trials = [
         LabelledTrial(recording(EVENT), (Grasp({}),), slips),
         LabelledTrial(recording(EVENT), (Grasp({}),), slips[1:]),
     ]
-    figures = figures_of(told, at((103, 150)), at()).camera
+    figures = figures_of(trials, at((103, 150)), at()).camera
     assert figures is not None
     assert (figures.onsets, figures.events, figures.found) == (3, 2, 1), (
         "one onset belongs to no event"
@@ -465,7 +465,7 @@ def test_without_a_camera_nothing_is_said_of_one_and_without_a_scene_nothing_of_
 
 
 def camera_says(label: str, **without: None) -> dict[str, Any]:
-    told = {
+    result = {
         "t0_s": 7.05,
         "t1_s": 7.3,
         "gross_s": 7.09,
@@ -473,7 +473,7 @@ def camera_says(label: str, **without: None) -> dict[str, Any]:
         "label": label,
         "provenance": "camera",
     }
-    return {key: value for key, value in told.items() if key not in without}
+    return {key: value for key, value in result.items() if key not in without}
 
 
 def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(
@@ -496,8 +496,8 @@ def test_what_a_camera_saw_is_read_beside_a_bare_csv_and_only_its_risky_slips(
 
 
 def test_the_wider_collar_forgives_what_the_narrow_one_does_not() -> None:
-    told = [LabelledTrial(recording(EVENT), (Grasp({}),))]
-    figures = figures_of(told, at((97, 99)))
+    trials = [LabelledTrial(recording(EVENT), (Grasp({}),))]
+    figures = figures_of(trials, at((97, 99)))
     assert (figures.recall, figures.collar_40_ms.recall) == (0.0, 1.0)
 
 
@@ -609,10 +609,10 @@ def test_every_set_has_every_line_and_says_where_its_threshold_is_from(
 ) -> None:
     figures, _ = evaluated
     assert len(figures["sets"]) == 2
-    told = figures["thresholds"]
-    assert told["chosen_on"] == told["matched_on"]
-    assert told["false_per_min_there"] <= told["most_false_per_min"] == 2.0
-    lines = set(told["lines"]) | set(told["rivals"])
+    result = figures["thresholds"]
+    assert result["chosen_on"] == result["matched_on"]
+    assert result["false_per_min_there"] <= result["most_false_per_min"] == 2.0
+    lines = set(result["lines"]) | set(result["rivals"])
     assert lines == {
         "ours, confidence chosen",
         "ours, as deployed",
@@ -624,7 +624,7 @@ def test_every_set_has_every_line_and_says_where_its_threshold_is_from(
     }
     for one in (*figures["sets"].values(), figures["all"]):
         assert set(one["rows"]) == lines
-        assert set(one["mcnemar"]) == set(told["rivals"])
+        assert set(one["mcnemar"]) == set(result["rivals"])
         assert (
             one["rows"]["perfect intent"]["missed"]
             == one["rows"]["perfect intent"]["false_alarms"]
@@ -694,15 +694,15 @@ def test_the_figures_of_ours_are_those_of_its_own_answers(
 ) -> None:
     model, data = Model(eight_classes.model), load(scenes, windows="natural")
     figures = evaluate_events(model, EvaluationRequest((str(scenes),))).to_json()
-    told = []
+    result = []
     for of in data.recordings:
         monitor = GripMonitor(model, None)
         acts = [
             monitor.feed(Sample(round(t * 1e9 / of.rate_hz), values, of.valid[t], t)).act
             for t, values in enumerate(of.samples)
         ]
-        told.append(match_alarms(of, np.array(acts)))
-    expected, got = event_scores(told), figures["all"]["rows"]["ours, as deployed"]
+        result.append(match_alarms(of, np.array(acts)))
+    expected, got = event_scores(result), figures["all"]["rows"]["ours, as deployed"]
     assert model.card.decision == RULES
     assert {key: got[key] for key in ("found", "false_alarms", "already_on")} == {
         key: getattr(expected, key) for key in ("found", "false_alarms", "already_on")

@@ -74,12 +74,12 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
     together = act_requests(streams, rules, confidences)
     for stream, acted in zip(streams, together, strict=True):
         for k, least in enumerate(confidences):
-            told = replace(rules, min_risky_permille=least)
+            result = replace(rules, min_risky_permille=least)
             state, alone = DecisionState(), []
             for situation, permille in zip(
                 stream.situation.tolist(), stream.risky_permille.tolist(), strict=True
             ):
-                state = decide(told, state, situation, permille, period_us=period_us(RATE_HZ))
+                state = decide(result, state, situation, permille, period_us=period_us(RATE_HZ))
                 alone.append(state.act)
             assert acted[:, k].tolist() == alone
 
@@ -88,26 +88,26 @@ def test_many_streams_at_once_are_decided_as_each_is_sample_by_sample(
 
 
 @given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=14, max_size=38))
-def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(told):
-    rows = np.repeat(np.array(told), 8, axis=0)
+def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(result):
+    rows = np.repeat(np.array(result), 8, axis=0)
     alone = [len(match_alarms(recording(EVENT), rows[:, k]).false_s) for k in range(3)]
     assert false_alarms(recording(EVENT), rows).tolist() == alone
 
 
 def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():
-    (found,) = (told := match_alarms(recording(EVENT), asked((1.02, 2.0)))).outcomes
+    (found,) = (matched := match_alarms(recording(EVENT), asked((1.02, 2.0)))).outcomes
     assert found.delay_s == pytest.approx(0.02)
     assert found.lead_s == pytest.approx(0.03)
     assert found.available_s == pytest.approx(0.05)
-    assert told.false_s == ()
+    assert matched.false_s == ()
 
 
 @pytest.mark.parametrize(
     ("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)]
 )
 def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
-    told = match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)))
-    assert (sum(one.alarm_s is not None for one in told.outcomes), len(told.false_s)) == (
+    matched = match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)))
+    assert (sum(one.alarm_s is not None for one in matched.outcomes), len(matched.false_s)) == (
         found,
         false,
     )
@@ -121,10 +121,10 @@ def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
 
 @EVENTS.mark
 def test_an_alarm_that_was_on_before_detects_nothing_and_is_false():
-    told = match_alarms(recording(EVENT), asked((0.5, 2.0)))
-    assert told.outcomes[0].alarm_s is None
-    assert told.outcomes[0].already_on
-    assert told.false_s == (0.5,)
+    matched = match_alarms(recording(EVENT), asked((0.5, 2.0)))
+    assert matched.outcomes[0].alarm_s is None
+    assert matched.outcomes[0].already_on
+    assert matched.false_s == (0.5,)
 
 
 @EVENTS.unguarded
@@ -136,24 +136,24 @@ def test_counted_sample_by_sample_an_alarm_that_never_ends_finds_every_event():
 
 @EVENTS.mark
 def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_finds_it():
-    told = match_alarms(recording(EVENT), asked((0.5, 0.97), (1.03, 1.2)))
-    assert told.outcomes[0].delay_s == pytest.approx(0.03)
-    assert told.false_s == (0.5,)
+    matched = match_alarms(recording(EVENT), asked((0.5, 0.97), (1.03, 1.2)))
+    assert matched.outcomes[0].delay_s == pytest.approx(0.03)
+    assert matched.false_s == (0.5,)
 
 
 @COLLAR.mark
 def test_an_event_is_detected_once_and_a_second_alarm_in_it_is_not_false():
-    told = match_alarms(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
-    assert told.outcomes[0].delay_s == pytest.approx(0.01)
-    assert told.false_s == ()
+    matched = match_alarms(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
+    assert matched.outcomes[0].delay_s == pytest.approx(0.01)
+    assert matched.false_s == ()
 
 
 @COLLAR.mark
 def test_two_events_inside_one_collar_share_an_alarm_that_begins_in_both():
     second = RiskyEvent(1.11, 1.15, 1.20)
-    told = match_alarms(recording(EVENT, second), asked((1.10, 1.3)))
-    assert [one.alarm_s for one in told.outcomes] == [1.10, 1.10]
-    assert told.outcomes[1].delay_s == pytest.approx(-0.01)
+    matched = match_alarms(recording(EVENT, second), asked((1.10, 1.3)))
+    assert [one.alarm_s for one in matched.outcomes] == [1.10, 1.10]
+    assert matched.outcomes[1].delay_s == pytest.approx(-0.01)
 
 
 def test_an_alarm_that_is_on_from_the_first_sample_begins_there():
@@ -174,45 +174,45 @@ def stream(
 
 
 def test_figures_count_what_was_found_missed_false_and_already_on():
-    told = event_scores(
+    scores = event_scores(
         [stream("a", (1.02, 1.2)), stream("b", (0.5, 2.0)), stream("c"), stream("d", (2.0, 2.1))]
     )
-    assert (told.events, told.found, told.missed, told.already_on) == (4, 1, 3, 1)
-    assert told.recall == 0.25
-    assert told.false_alarms == 2
-    assert told.false_per_min == pytest.approx(2 / (4 * 3 / 60))
-    assert told.false_per_hour == pytest.approx(60 * told.false_per_min)
-    assert p50(told.delay_ms) == pytest.approx(20.0)
-    assert p50(told.lead_used) == pytest.approx(0.4)
-    assert told.in_time == 0.25
-    assert told.recall_ci is not None
-    assert told.recall_ci[0] <= 0.25 <= told.recall_ci[1]
+    assert (scores.events, scores.found, scores.missed, scores.already_on) == (4, 1, 3, 1)
+    assert scores.recall == 0.25
+    assert scores.false_alarms == 2
+    assert scores.false_per_min == pytest.approx(2 / (4 * 3 / 60))
+    assert scores.false_per_hour == pytest.approx(60 * scores.false_per_min)
+    assert p50(scores.delay_ms) == pytest.approx(20.0)
+    assert p50(scores.lead_used) == pytest.approx(0.4)
+    assert scores.in_time == 0.25
+    assert scores.recall_ci is not None
+    assert scores.recall_ci[0] <= 0.25 <= scores.recall_ci[1]
 
 
 def test_an_alarm_after_gross_slip_finds_the_event_but_not_in_time():
-    told = event_scores([stream("a", (1.08, 1.2))])
-    assert (told.recall, told.in_time) == (1.0, 0.0)
-    assert p50(told.lead_ms) == pytest.approx(-30.0)
-    assert p50(told.lead_used) == pytest.approx(1.6)
+    scores = event_scores([stream("a", (1.08, 1.2))])
+    assert (scores.recall, scores.in_time) == (1.0, 0.0)
+    assert p50(scores.lead_ms) == pytest.approx(-30.0)
+    assert p50(scores.lead_used) == pytest.approx(1.6)
 
 
 def test_an_unknown_gross_slip_gives_a_delay_and_no_lead():
-    told = event_scores([stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))])
-    assert p50(told.delay_ms) == pytest.approx(20.0)
-    assert (told.lead_ms, told.lead_used, told.in_time) == (None, None, 0.0)
+    scores = event_scores([stream("a", (1.02, 1.2), events=(RiskyEvent(1.0, None, 1.1),))])
+    assert p50(scores.delay_ms) == pytest.approx(20.0)
+    assert (scores.lead_ms, scores.lead_used, scores.in_time) == (None, None, 0.0)
 
 
 @EVENTS.mark
 def test_streams_without_events_have_no_recall_and_one_group_has_no_interval():
-    told = event_scores([stream("a", (1.0, 1.1), events=())])
-    assert (told.recall, told.recall_ci, told.false_per_min_ci) == (None, None, None)
-    assert told.false_per_min == pytest.approx(20.0)
+    scores = event_scores([stream("a", (1.0, 1.1), events=())])
+    assert (scores.recall, scores.recall_ci, scores.false_per_min_ci) == (None, None, None)
+    assert scores.false_per_min == pytest.approx(20.0)
 
 
 @EVENTS.mark
 def test_no_streams_at_all_are_no_figures():
-    told = event_scores([])
-    assert (told.events, told.recall, told.false_per_min) == (0, None, None)
+    scores = event_scores([])
+    assert (scores.events, scores.recall, scores.false_per_min) == (0, None, None)
 
 
 # -- the threshold
@@ -239,8 +239,8 @@ def test_the_confidence_is_the_lowest_that_leaves_no_more_false_alarms_than_allo
 def test_what_was_chosen_is_what_is_heard():
     streams = [answers(400), answers(601)]
     for permille, false in ((0, 2), (410, 1), (610, 0)):
-        told = event_scores(match_all_alarms(streams, DecisionRules(), permille))
-        assert (told.false_alarms, told.found) == (false, 2)
+        scores = event_scores(match_all_alarms(streams, DecisionRules(), permille))
+        assert (scores.false_alarms, scores.found) == (false, 2)
 
 
 def test_where_no_confidence_is_enough_the_highest_is_taken():

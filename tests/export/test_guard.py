@@ -323,8 +323,8 @@ def test_a_model_that_needs_fewer_sensors_answers_degraded_and_then_not_at_all(
     lost = {settle + 2: 1, settle + 4: 2, settle + 6: 3, settle + 8: 6}
     for row, (sample, ok) in enumerate(zip(values, valid, strict=True)):
         ok[: lost.get(row, 0)] = False
-        told = Sample(row * 20_000_000, sample, ok, row)
-        known, careful = tolerant.feed(told), strict.feed(told)
+        result = Sample(row * 20_000_000, sample, ok, row)
+        known, careful = tolerant.feed(result), strict.feed(result)
         missing = lost.get(row, 0)
         assert (known.state == "unknown") == (row < settle - 1 or missing > 2)
         assert known.degraded == (row >= settle - 1 and missing in (1, 2))

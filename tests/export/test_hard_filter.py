@@ -313,7 +313,7 @@ def answers(
     invalid: tuple[tuple[int, int], ...] = (),
     t_s: FloatArray | None = None,
 ) -> list[Prediction]:
-    """What the hand is told; invalid: (row, finger) that the driver calls so; t_s: time stamps,
+    """The samples that the hand gets; invalid: (row, finger) that the driver calls so; t_s: time stamps,
     regular by default."""
     model = opened(path)
     monitor = GripMonitor(model, None)
@@ -326,7 +326,7 @@ def answers(
     return [monitor.feed(Sample(t, row, ok, k)) for k, (t, row, ok) in enumerate(samples)]
 
 
-def told(one: Prediction) -> tuple[Any, ...]:
+def fields_of(one: Prediction) -> tuple[Any, ...]:
     """Everything but the times."""
     return (
         one.state,
@@ -369,7 +369,7 @@ def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_clas
         monitor.feed(Sample(k * 20_000_000, values[k], np.ones(6, np.bool_), k))
         for k in twice.tolist()
     ]
-    assert [told(one) for one in said] == [told(once[k]) for k in twice.tolist()]
+    assert [fields_of(one) for one in said] == [fields_of(once[k]) for k in twice.tolist()]
 
 
 @BAD_SAMPLE.mark
@@ -382,7 +382,7 @@ def test_a_repeated_risky_sample_requests_no_act_and_an_override_beside_it_count
     for k, row in enumerate(pulled.samples):
         sample = Sample(k * 20_000_000, row, np.ones(6, np.bool_), k)
         before, again = monitor.feed(sample), [monitor.feed(sample) for _ in range(5)]
-        assert all(told(one) == told(before) for one in again)
+        assert all(fields_of(one) == fields_of(before) for one in again)
         if before.act:
             break
     assert before.act
@@ -427,8 +427,8 @@ def test_a_late_or_early_sample_changes_no_bit_of_any_answer(
     late = share * np.random.default_rng(1).uniform(-1.0, 1.0, 80) / 50.0
     late[1:] = np.where(np.diff(late) * 50.0 > 0.49, 0.0, late[1:])
     jittered = answers(eight_classes.model, values, t_s=np.arange(80) / 50.0 + 0.5 * late)
-    assert [told(one) for one in jittered] == [
-        told(one) for one in answers(eight_classes.model, values)
+    assert [fields_of(one) for one in jittered] == [
+        fields_of(one) for one in answers(eight_classes.model, values)
     ]
 
 
@@ -446,7 +446,7 @@ def test_samples_that_were_dropped_are_answered_like_samples_called_invalid(
     )
     assert [one.state for one in dropped] == [invalid[k].state for k in kept]
     known = [k for k, one in enumerate(dropped) if one.state != "unknown"]
-    assert [told(dropped[k]) for k in known] == [told(invalid[kept[k]]) for k in known]
+    assert [fields_of(dropped[k]) for k in known] == [fields_of(invalid[kept[k]]) for k in known]
     assert (dropped[first].state == "unknown") == (
         lost > opened(eight_classes.model).card.gap_samples
     )

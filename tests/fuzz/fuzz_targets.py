@@ -67,7 +67,7 @@ from holdfast.recorder.labels import relabel
 from simulation import card as scene_card
 from simulation.scene import Scene
 from training.datasets.reading import read_arrays, read_table
-from training.objects import mass_g as told_mass_g
+from training.objects import mass_g as read_mass_g
 from training.timeline import read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -167,7 +167,7 @@ def meta(data: bytes) -> None:
     (place.parent / "meta.json").write_bytes(data)
     # either may refuse what the other takes
     refused(Target(lambda _: open_replay(place / "trial_1.csv"), ()), b"")
-    told_mass_g(place.parent)
+    read_mass_g(place.parent)
 
 
 def truth(data: bytes) -> None:
@@ -237,10 +237,10 @@ def model(data: bytes) -> None:
 def onnx_bytes(data: bytes) -> None:
     """A model file's graph, read from its bytes; every number of its arrays is within the bytes."""
     try:
-        told = read_onnx(data)
+        graph = read_onnx(data)
     except ValueError as error:
         raise NotAModel(str(error)) from None
-    assert sum(one.nbytes for one in told.constants.values()) <= len(data)
+    assert sum(one.nbytes for one in graph.constants.values()) <= len(data)
 
 
 def resealed_model(data: bytes) -> None:
@@ -391,8 +391,8 @@ def commands(data: bytes) -> None:
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
         user.connect(address)
-        for told in data[:8192].split(b"\n"):
-            user.send(told)
+        for result in data[:8192].split(b"\n"):
+            user.send(result)
             assert isinstance(ask(), Command)
         user.send(b'{"override": true}')
         assert ask().override
@@ -623,11 +623,11 @@ def packed(**shapes: tuple[int, ...]) -> bytes:
 
 def small_card() -> bytes:
     """The default model's card without what only people read."""
-    told = json.loads(MODEL_CARD.read_text("utf-8"))
-    for head in told["heads"].values():
+    content = json.loads(MODEL_CARD.read_text("utf-8"))
+    for head in content["heads"].values():
         head.pop("calibration")
     return json.dumps(
-        {key: value for key, value in told.items() if key not in ("file", "training")}
+        {key: value for key, value in content.items() if key not in ("file", "training")}
     ).encode()
 
 

@@ -242,8 +242,8 @@ def test_a_list_of_a_million_members_is_not_read(tmp_path: Path) -> None:
         data[data.rfind(b"PK\x05\x06") :],
     )
     many = entry * 30_000
-    told = end[:8] + struct.pack("<HHI", 30_000, 30_000, len(many)) + end[16:]
-    path.write_bytes(data[: data.rfind(b"PK\x01\x02")] + many + told)
+    result = end[:8] + struct.pack("<HHI", 30_000, 30_000, len(many)) + end[16:]
+    path.write_bytes(data[: data.rfind(b"PK\x01\x02")] + many + result)
     with little_memory(2 * MB), pytest.raises(TooLarge, match="list of members"):
         read_frames(path)
 

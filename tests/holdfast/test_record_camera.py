@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from drawn_frames import two_sizes
-from recorder_bench import columns_of, heard, meta_of, never, start, told
+from recorder_bench import arguments_of, columns_of, heard, meta_of, never, start
 
 from drivers.camera.recording import read_about, read_tracks
 from drivers.virtual.clock import VirtualClock
@@ -102,10 +102,11 @@ from pathlib import Path
 from drivers.camera.graph import watch
 from drivers.virtual.clock import VirtualClock
 from holdfast.recorder.filming import scene
-told = json.loads(sys.argv[1])
-clock = VirtualClock(told["from_ns"])
-shown = scene(told["source"], told["began_ns"], clock, lambda: clock.now_ns() >= told["until_ns"])
-watch(shown, Path(told["out"]), say=lambda line: None)
+options = json.loads(sys.argv[1])
+clock = VirtualClock(options["from_ns"])
+until_ns = options["until_ns"]
+shown = scene(options["source"], options["began_ns"], clock, lambda: clock.now_ns() >= until_ns)
+watch(shown, Path(options["out"]), say=lambda line: None)
 """
 
 
@@ -113,8 +114,8 @@ class FilmsAfterwards(Beside):
     """A camera on a virtual clock: what it would have filmed from start to stop is filmed when it
     is stopped."""
 
-    def __init__(self, told: dict[str, Any], clock: VirtualClock) -> None:
-        super().__init__(told)
+    def __init__(self, options: dict[str, Any], clock: VirtualClock) -> None:
+        super().__init__(options)
         self.clock, self.from_ns = clock, 0
 
     def start(self, folder: Path) -> None:
@@ -134,7 +135,7 @@ def recorded_with_film(*words: object) -> None:
     """The verb on a clock that costs nothing, for hand and camera alike."""
     clock = VirtualClock(7_000_000_000)
     record(
-        told(*words),
+        arguments_of(*words),
         clock,
         Keys(None),
         lambda line: None,

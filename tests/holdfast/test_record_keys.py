@@ -19,6 +19,7 @@ from recorder_bench import (
     REST,
     ROOT,
     Hand,
+    arguments_of,
     cup_pull,
     heard,
     meta_of,
@@ -26,7 +27,6 @@ from recorder_bench import (
     session,
     start,
     terminal_of_its_own,
-    told,
     told_on,
 )
 
@@ -156,7 +156,7 @@ def test_a_trial_that_only_a_key_ends_is_interrupted_where_the_keys_end(tmp_path
     os.write(writing, b" l")
     os.close(writing)
     said: list[str] = []
-    record(told(*cup_pull(tmp_path)), VirtualClock(), Keys(reading), said.append, never)
+    record(arguments_of(*cup_pull(tmp_path)), VirtualClock(), Keys(reading), said.append, never)
     os.close(reading)
     assert "no key can be pressed any more; --seconds ends trials without a key" in said
     assert meta_of(tmp_path / "p01/cup/pull/trial_1")["state"] == "interrupted"

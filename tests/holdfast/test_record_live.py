@@ -168,8 +168,8 @@ def shown(out: Path, terminal: Callable[[str], bool], columns: int = 80, **hand:
     clock, status = VirtualClock(), StatusLine(terminal, lambda: columns, seconds=1.2)
     source = Hand(clock, 130, **hand)  # type: ignore[arg-type]
     asked = SessionOptions(out, "p01", 100.0, 1.2, True, {})
-    told = {"bias": 0.001 * np.arange(18.0), "about": {"unit": "N"}, "show": status.show}
-    Session(asked, source, clock, Keys(None), status.say, **told).run([PULL], lambda: False)  # type: ignore[arg-type]
+    options = {"bias": 0.001 * np.arange(18.0), "about": {"unit": "N"}, "show": status.show}
+    Session(asked, source, clock, Keys(None), status.say, **options).run([PULL], lambda: False)  # type: ignore[arg-type]
 
 
 def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):

@@ -12,12 +12,12 @@ import pytest
 from recorder_bench import (
     PROTOCOL,
     REST,
+    arguments_of,
     cup_pull,
     meta_of,
     never,
     one_pull,
     recorded,
-    told,
 )
 
 from drivers.virtual.clock import VirtualClock
@@ -80,7 +80,7 @@ def test_a_folder_that_is_no_recording_is_left_alone(tmp_path):
 def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_opens(
     tmp_path, words, says, add
 ):
-    args = told(*cup_pull(tmp_path / "out"), *words)
+    args = arguments_of(*cup_pull(tmp_path / "out"), *words)
     said: list[str] = []
     with open(os.devnull) as at_its_end, pytest.raises(UsageError) as error:
         record(args, VirtualClock(), Keys(at_its_end.fileno()), said.append, never)

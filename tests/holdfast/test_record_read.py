@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from recorder_bench import (
     ROOT,
+    arguments_of,
     meta_of,
-    told,
 )
 
 from edge_runtime.errors import (
@@ -142,4 +142,4 @@ def test_the_page_shows_a_card_that_is_one_every_key_and_commands_that_are_under
     import shlex
 
     for command in commands:
-        told(*shlex.split(command))
+        arguments_of(*shlex.split(command))

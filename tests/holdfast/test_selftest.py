@@ -88,9 +88,9 @@ def test_the_default_model_holds_line_by_line(default_alone, record_property):
 
 
 def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situations: Built):
-    told = [json.loads(line) for line in alone(four_situations.model, "--json")[0]]
-    assert [one["what"] for one in told] == EVERY
-    assert all(one["ok"] is True and one["figure"] for one in told)
+    content = [json.loads(line) for line in alone(four_situations.model, "--json")[0]]
+    assert [one["what"] for one in content] == EVERY
+    assert all(one["ok"] is True and one["figure"] for one in content)
 
 
 def test_a_step_that_keeps_something_every_time_is_found(monkeypatch, capsys):
@@ -220,8 +220,8 @@ def test_the_selftest_fails_on_a_model_with_any_of_these_faults(
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
     Model(path)
     assert main(["selftest", str(path), "--json"]) == 1
-    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert DAMAGES[damage] in [one["what"] for one in told if not one["ok"]]
+    content = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert DAMAGES[damage] in [one["what"] for one in content if not one["ok"]]
 
 
 def test_a_file_that_cannot_be_opened_fails_in_its_first_line(tmp_path: Path, capsys):
@@ -244,6 +244,6 @@ def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(monk
         raise ZeroDivisionError("on purpose")
 
     monkeypatch.setattr("edge_runtime.self_checks.CHECKS", (_broken, CHECKS[-1]))
-    told = list(self_checks(DEFAULT))
-    assert [(one.what, one.ok) for one in told[1:]] == [("broken", False), ("clock", True)]
-    assert "on purpose" in told[1].figure
+    result = list(self_checks(DEFAULT))
+    assert [(one.what, one.ok) for one in result[1:]] == [("broken", False), ("clock", True)]
+    assert "on purpose" in result[1].figure

@@ -14,7 +14,7 @@ from typing import Any
 import execnet
 import numpy as np
 import pytest
-from hard_cases import AREAS, PLACE, Catalogue, pytest_runtest_makereport, told
+from hard_cases import AREAS, PLACE, Catalogue, details_of, pytest_runtest_makereport
 from hard_cases_page import lists
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,13 +38,13 @@ def row(
 
 def test_a_mark_that_names_no_area_or_lacks_a_sentence_is_refused():
     assert (
-        told(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark)["unguarded"]
+        details_of(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b", here="c").mark)["unguarded"]
         is False
     )
     with pytest.raises(ValueError, match="none of"):
-        told(pytest.mark.hard_case("weather", "a", elsewhere="b", here="c").mark)
+        details_of(pytest.mark.hard_case("weather", "a", elsewhere="b", here="c").mark)
     with pytest.raises(TypeError, match="here"):
-        told(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b").mark)
+        details_of(pytest.mark.hard_case(AREAS[0], "a", elsewhere="b").mark)
 
 
 def test_the_page_has_a_line_a_test_with_the_largest_of_what_its_variants_measured():
@@ -123,5 +123,9 @@ def test_every_hard_case_of_this_run_is_on_the_page(request):
         mark for item in request.session.items if (mark := item.get_closest_marker("hard_case"))
     ]
     written = PAGE.read_text("utf-8")
-    missing = {told(mark)["case"] for mark in marks if f"### {told(mark)['case']}\n" not in written}
+    missing = {
+        details_of(mark)["case"]
+        for mark in marks
+        if f"### {details_of(mark)['case']}\n" not in written
+    }
     assert not missing, "make hard-cases"

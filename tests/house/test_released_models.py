@@ -27,18 +27,18 @@ def test_there_is_a_default_model():
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_a_released_file_is_the_one_its_card_describes(path):
-    data, told = path.read_bytes(), json.loads(path.with_suffix(".json").read_text("utf-8"))
-    assert told["file"] == {
+    data, content = path.read_bytes(), json.loads(path.with_suffix(".json").read_text("utf-8"))
+    assert content["file"] == {
         "name": path.name,
         "bytes": len(data),
         "sha256": hashlib.sha256(data).hexdigest(),
     }
     assert len(data) <= MOST_BYTES
     inside = Model(path).card.raw
-    assert told["spec"] == inside["spec"]
-    assert told["training"]["data"] == "thesis + broad"
-    assert told["training"]["kind"] == "simulated"
-    assert told["training"]["redistributable"]
+    assert content["spec"] == inside["spec"]
+    assert content["training"]["data"] == "thesis + broad"
+    assert content["training"]["kind"] == "simulated"
+    assert content["training"]["redistributable"]
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
@@ -66,8 +66,8 @@ from benchmarks.calls import step_of
 from edge_runtime.monitor import Model
 
 def resident_kib():
-    told = Path("/proc/self/status").read_text("ascii")
-    return int(next(line.split()[1] for line in told.splitlines() if line.startswith("VmRSS")))
+    status = Path("/proc/self/status").read_text("ascii")
+    return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")))
 
 step = step_of(Model(sys.argv[1]))
 for _ in range(5_000):

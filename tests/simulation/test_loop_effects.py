@@ -29,14 +29,14 @@ ALONG = np.array([[0.0] * 6, [12e-3, -12e-3, 33e-3, 11e-3, -11e-3, -33e-3]])
 
 
 def make(
-    name: str, lanes: int = 2, thing: str = "basket-ball", numbers: Any = None, **told: Any
+    name: str, lanes: int = 2, thing: str = "basket-ball", numbers: Any = None, **options: Any
 ) -> Any:
-    """An effect for so many lanes; told: one value, or one for every lane."""
+    """An effect for so many lanes; options: one value, or one for every lane."""
     numbers = range(lanes) if numbers is None else numbers
     trials = [SimpleNamespace(finger_n_per_m=FINGERS, thing=OBJECTS[thing]) for _ in numbers]
     effect = LOOP_EFFECTS[name]
     rngs = [stream(7, number, name) for number in numbers]
-    drawn = [effect.draw(told, stream(7, number, f"{name} parameters")) for number in numbers]
+    drawn = [effect.draw(options, stream(7, number, f"{name} parameters")) for number in numbers]
     return effect.make(drawn, trials, rngs)
 
 
@@ -430,8 +430,10 @@ def test_no_step_makes_energy_with_lag_too(step_s: float, elements: int) -> None
 
 def all_of(numbers: list[int]) -> tuple[PhysicsEffects, Rotation]:
     """Every effect, of the lanes with these numbers."""
-    told: Mapping[str, Any] = {"at_s": 0.1}
-    made = {name: make(name, numbers=numbers, **told) for name in LOOP_EFFECTS if name != "brush"}
+    options: Mapping[str, Any] = {"at_s": 0.1}
+    made = {
+        name: make(name, numbers=numbers, **options) for name in LOOP_EFFECTS if name != "brush"
+    }
     shakes = tuple(made[name] for name in ("arm", "tremor", "knock"))
     return PhysicsEffects(shakes, (made["texture"],), (made["lag"],), (made["rotation"],)), made[
         "rotation"

@@ -139,11 +139,11 @@ def test_styles_say_only_what_actions_know():
     from simulation.protocol import ACTIONS, COMMON
 
     for style in tomllib.loads(STYLES.read_text("utf-8")).values():
-        for action, told in style.items():
+        for action, result in style.items():
             table = COMMON if action == "all" else COMMON | ACTIONS[action]
             assert {
-                name: table[name].problem(value) for name, value in told.items()
-            } == dict.fromkeys(told)
+                name: table[name].problem(value) for name, value in result.items()
+            } == dict.fromkeys(result)
 
 
 def test_every_effect_has_a_default_that_is_allowed():

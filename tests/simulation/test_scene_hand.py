@@ -59,7 +59,7 @@ def scene(tmp_path: Path, text: str) -> Scene:
     return Scene(read_card(str(path)), 0)
 
 
-def told(tmp_path: Path, text: str) -> list[SimulatedTrial]:
+def trials_of(tmp_path: Path, text: str) -> list[SimulatedTrial]:
     made = scene(tmp_path, text)
     return made.run_together(made.trials())
 
@@ -87,7 +87,9 @@ def test_the_thesis_hand_is_the_default(tmp_path):
 def test_a_card_that_says_the_default_hand_gives_the_same_bytes(tmp_path):
     text = ROWS + EVERY_LOOP_EFFECT + SENSOR
     for one, other in zip(
-        told(tmp_path, text), told(tmp_path, text + "[hand]\nthumb = 2\nfinger = 1\n"), strict=True
+        trials_of(tmp_path, text),
+        trials_of(tmp_path, text + "[hand]\nthumb = 2\nfinger = 1\n"),
+        strict=True,
     ):
         assert one.signal.values.tobytes() == other.signal.values.tobytes()
         assert one.truth == other.truth
@@ -110,7 +112,7 @@ def test_a_finger_on_four_places_holds_as_the_same_finger_on_one(tmp_path):
 
 
 def test_a_hand_of_twenty_presses_from_both_sides_alike(tmp_path):
-    for one in told(tmp_path, ROWS + FOURS):
+    for one in trials_of(tmp_path, ROWS + FOURS):
         held = int((one.truth.load_onset_s or HELD_S) * 60) - 6
         normal = one.signal.values[held, :, 2]
         assert normal.shape == (20,)
@@ -126,7 +128,7 @@ def test_along_a_bottle_the_places_stand_finger_by_finger():
 
 
 def test_every_effect_knows_a_hand_of_twenty(tmp_path):
-    for one in told(tmp_path, ROWS + FOURS + EVERY_LOOP_EFFECT + SENSOR):
+    for one in trials_of(tmp_path, ROWS + FOURS + EVERY_LOOP_EFFECT + SENSOR):
         assert one.signal.values.shape[1:] == (20, 3)
         assert np.isfinite(one.signal.values).all()
 

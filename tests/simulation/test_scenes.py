@@ -74,13 +74,13 @@ def make(tmp_path: Path, text: str = CORE, seed: int = 0) -> Scene:
     return Scene(read_card(str(path)), seed)
 
 
-def told(scene: Scene) -> list[SimulatedTrial]:
+def trials_of(scene: Scene) -> list[SimulatedTrial]:
     return scene.run_together(scene.trials())
 
 
 @pytest.fixture(scope="module")
 def core(tmp_path_factory: pytest.TempPathFactory) -> list[SimulatedTrial]:
-    return told(make(tmp_path_factory.mktemp("core")))
+    return trials_of(make(tmp_path_factory.mktemp("core")))
 
 
 def test_every_action_ends_as_its_truth_says(core):
@@ -137,7 +137,7 @@ def test_an_empty_list_of_effects_is_the_core_bit_for_bit_and_calls_nothing(
 
     for name, effect in EFFECTS.items():
         monkeypatch.setitem(EFFECTS, name, replace(effect, make=counting(name)))
-    again = told(make(tmp_path, CORE + "\n[effects]\n"))
+    again = trials_of(make(tmp_path, CORE + "\n[effects]\n"))
     assert called == []
     for one, other in zip(core, again, strict=True):
         assert one.signal.values.tobytes() == other.signal.values.tobytes()
@@ -153,7 +153,7 @@ def test_an_effect_on_the_card_is_called_and_no_other(tmp_path, monkeypatch):
             return make(*args)
 
         monkeypatch.setitem(EFFECTS, name, replace(effect, make=counted))
-    told(make(tmp_path, CORE + "\n[effects.tremor]\n[effects.gain_tilt]\n"))
+    trials_of(make(tmp_path, CORE + "\n[effects.tremor]\n[effects.gain_tilt]\n"))
     assert set(called) == {"tremor", "gain_tilt"}
 
 
@@ -162,14 +162,14 @@ DRAWN = MAGNET + "[effects.gain_tilt]\n[effects.timing_jitter]\n"
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> list[SimulatedTrial]:
-    return told(make(tmp_path_factory.mktemp("plain"), CORE + DRAWN))
+    return trials_of(make(tmp_path_factory.mktemp("plain"), CORE + DRAWN))
 
 
 @pytest.mark.parametrize(
     "added", ["hall_noise", "quantisation", "cross_talk", "thermal_drift", "saturation"]
 )
 def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, plain, added):
-    more = told(make(tmp_path, CORE + DRAWN + f"[effects.{added}]\n"))
+    more = trials_of(make(tmp_path, CORE + DRAWN + f"[effects.{added}]\n"))
     for one, other in zip(plain, more, strict=True):
         assert one.signal.t_s.tobytes() == other.signal.t_s.tobytes()
         assert {name: other.effects[name] for name in one.effects} == one.effects
@@ -177,7 +177,7 @@ def test_adding_an_effect_leaves_the_draws_of_the_others_alone(tmp_path, plain, 
 
 
 def test_a_loop_effect_changes_no_trial_s_script(tmp_path, core):
-    shaken = told(make(tmp_path, CORE + "[effects.tremor]\n"))
+    shaken = trials_of(make(tmp_path, CORE + "[effects.tremor]\n"))
     assert [one.trial.drawn for one in core] == [one.trial.drawn for one in shaken]
 
 
@@ -198,7 +198,7 @@ def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch)
     from simulation import script
 
     monkeypatch.setattr(script, "busy", lambda trial: [(0.0, 1e9)])
-    everywhere = told(make(tmp_path))
+    everywhere = trials_of(make(tmp_path))
     for one, other in zip(core, everywhere, strict=True):
         for event in ("load_onset_s", "gross_slip_s", "contact_lost_s"):
             here, there = getattr(one.truth, event), getattr(other.truth, event)
@@ -208,7 +208,7 @@ def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch)
 
 
 def test_averaging_takes_the_mean_as_the_chip_does(tmp_path, core):
-    averaged = told(make(tmp_path, CORE + "[effects.averaging]\n"))
+    averaged = trials_of(make(tmp_path, CORE + "[effects.averaging]\n"))
     for one, other in zip(core, averaged, strict=True):
         difference = np.abs(one.signal.values - other.signal.values)
         assert difference.max() < 5.0
@@ -261,14 +261,14 @@ def test_a_folder_of_trials_is_read_and_trained_on_as_it_is(tmp_path):
 def test_in_daily_life_risky_slips_are_four_samples_in_a_thousand():
     scene = Scene(replace(read_card("daily"), step_s=0.003), 0)
     risky_s = total_s = 0.0
-    for told in scene.run(scene.trials(150)):
-        stops = [since for since, _ in told.truth.marks[1:]] + [told.truth.end_s]
+    for trial in scene.run(scene.trials(150)):
+        stops = [since for since, _ in trial.truth.marks[1:]] + [trial.truth.end_s]
         risky_s += sum(
             stop - since
-            for (since, what), stop in zip(told.truth.marks, stops, strict=True)
+            for (since, what), stop in zip(trial.truth.marks, stops, strict=True)
             if what == 3
         )
-        total_s += told.truth.end_s
+        total_s += trial.truth.end_s
     assert 0.003 < risky_s / total_s < 0.005
 
 
@@ -292,12 +292,12 @@ def test_one_hand_makes_all_the_grasps_of_a_joined_recording(tmp_path):
         + "\n[effects.dipole]\n[effects.gain_tilt]\n"
     )
     scene = make(tmp_path, text.replace('action = "pull"', 'action = "pull"\ncount = 3'))
-    told = scene.run_together(scene.trials())
-    joined, starts_s, _ = scene.join(told)
+    trials = scene.run_together(scene.trials())
+    joined, starts_s, _ = scene.join(trials)
     rest = [joined.values[np.searchsorted(joined.t_s, start)] for start in starts_s]
     np.testing.assert_allclose(rest[1:], rest[:-1], atol=1e-9)
-    assert np.abs(told[1].signal.values[0] - told[0].signal.values[0]).max() > 0.01
-    np.testing.assert_array_equal(scene.join(told[:1])[0].values, told[0].signal.values)
+    assert np.abs(trials[1].signal.values[0] - trials[0].signal.values[0]).max() > 0.01
+    np.testing.assert_array_equal(scene.join(trials[:1])[0].values, trials[0].signal.values)
 
 
 def test_nothing_is_written_over(tmp_path, capsys):
@@ -359,7 +359,7 @@ def test_a_scene_url_that_cannot_be_is_a_usage_error(url):
 
 
 def test_truth_comes_from_the_core_and_not_from_a_noisy_channel(tmp_path, core):
-    noisy = told(
+    noisy = trials_of(
         make(tmp_path, CORE + MAGNET + "[effects.hall_noise]\n[effects.gain_tilt]\ngain_sd = 0.4\n")
     )
     assert [one.truth for one in noisy] == [one.truth for one in core]

@@ -74,10 +74,10 @@ def forces(*each_n: Sequence[float] | FloatArray) -> Signal:
     return signal(np.repeat(np.array(each_n, dtype=np.float64)[:, None], 6, axis=1), "N")
 
 
-def apply(name: str, to: Signal, seed: int = 7, **told: Any) -> Signal:
-    """An effect as a card applies it; told over its defaults."""
+def apply(name: str, to: Signal, seed: int = 7, **options: Any) -> Signal:
+    """An effect as a card applies it; options: over its defaults."""
     effect = SENSOR_EFFECTS[name]
-    drawn = effect.draw(told, stream(seed, 0, f"{name} parameters"))
+    drawn = effect.draw(options, stream(seed, 0, f"{name} parameters"))
     out = effect.make(to, drawn, stream(seed, 0, name))
     assert isinstance(out, Signal)
     return out
@@ -281,10 +281,10 @@ def test_an_axis_gets_its_share_of_the_other_two() -> None:
 # gain and tilt
 
 
-def turns(seed: int, **told: Any) -> FloatArray:
+def turns(seed: int, **options: Any) -> FloatArray:
     """[6, 3, 3] what becomes of a unit field along each axis; columns are images."""
     unit = signal(np.repeat(np.eye(3)[:, None], 6, axis=1))
-    return apply("gain_tilt", unit, seed, **told).values.transpose(1, 2, 0)
+    return apply("gain_tilt", unit, seed, **options).values.transpose(1, 2, 0)
 
 
 def test_a_tilted_sensor_reads_the_same_strength_turned() -> None:
@@ -407,10 +407,10 @@ def test_of_a_lost_magnet_only_the_field_of_the_earth_is_left() -> None:
 # warmth
 
 
-def loss(**told: Any) -> FloatArray:
+def loss(**options: Any) -> FloatArray:
     """[T] the share of its field that a magnet lost; 300 rows a minute apart."""
     before = replace(steady(), t_s=60.0 * np.arange(300.0))
-    kept = apply("thermal_drift", before, **told).values / before.values
+    kept = apply("thermal_drift", before, **options).values / before.values
     assert np.ptp(kept, axis=(1, 2)).max() < 1e-12
     share: FloatArray = 1.0 - kept[:, 0, 0]
     return share
@@ -430,9 +430,9 @@ def test_a_magnet_warms_as_a_body_of_first_order_does() -> None:
 
 
 def test_a_magnet_that_cools_gains() -> None:
-    told = {"time_s": 300, "compensated": 0}
-    assert loss(warming_degc=-10, **told) == pytest.approx(
-        -loss(warming_degc=10, **told), abs=1e-12
+    options = {"time_s": 300, "compensated": 0}
+    assert loss(warming_degc=-10, **options) == pytest.approx(
+        -loss(warming_degc=10, **options), abs=1e-12
     )
 
 
@@ -444,10 +444,10 @@ def test_a_chip_that_compensates_leaves_a_tenth() -> None:
 # chip
 
 
-def noise(seed: int = 7, **told: Any) -> FloatArray:
+def noise(seed: int = 7, **options: Any) -> FloatArray:
     """[20000, 18] uT"""
     still = signal(np.zeros((20_000, 6, 3)))
-    return apply("hall_noise", still, seed, **told).values.reshape(-1, 18)
+    return apply("hall_noise", still, seed, **options).values.reshape(-1, 18)
 
 
 @pytest.mark.parametrize("averages", [32, 8, 1])
@@ -552,9 +552,9 @@ def test_so_many_samples_never_come(share: float) -> None:
     assert 1.0 - left / 200_000 == pytest.approx(share, rel=0.1)
 
 
-def came(rows: int = 5000, **told: Any) -> FloatArray:
+def came(rows: int = 5000, **options: Any) -> FloatArray:
     """Numbers of the rows that came."""
-    after = apply("dropped_samples", steady(rows), **told)
+    after = apply("dropped_samples", steady(rows), **options)
     return np.round(after.t_s * RATE_HZ)
 
 

@@ -175,10 +175,10 @@ def test_the_opening_command_is_when_the_scene_opens_the_hand(card, tmp_path):
     scene = Scene(coarse(card), 0)
     write_set(scene, tmp_path / "set", 45)
     drawn = {trial.number: trial for trial in scene.trials(45)}
-    told = [
+    content = [
         json.loads(path.read_text("utf-8")) for path in (tmp_path / "set").rglob("*.truth.json")
     ]
-    opening = {one["number"]: opens_at_s(Grasp(one)) for one in told}
+    opening = {one["number"]: opens_at_s(Grasp(one)) for one in content}
     for number, opens_s in opening.items():
         if opens_s is not None:
             assert opens_s == pytest.approx(Times.of(drawn[number]).open, abs=1e-4)

@@ -224,9 +224,9 @@ def test_a_confusion_matrix_counts_truth_in_rows_and_answers_in_columns() -> Non
 
 def test_votes_that_know_the_weight_within_nothing_are_called_a_leak(data: DataSet) -> None:
     label = data.tasks["classes"].label
-    told = leak_check(data, one_hot(label))
-    assert told.leak
-    assert told.eight_class_accuracy == told.weight_within_nothing == 1.0
+    leaks = leak_check(data, one_hot(label))
+    assert leaks.leak
+    assert leaks.eight_class_accuracy == leaks.weight_within_nothing == 1.0
 
 
 def test_the_weight_within_nothing_is_a_leak_however_bad_the_rest_is(data: DataSet) -> None:
@@ -245,12 +245,12 @@ def test_honest_coin_votes_are_no_leak_though_they_know_all_that_can_be_known(
 ) -> None:
     label = data.tasks["classes"].label
     coin = np.random.default_rng(0).integers(0, 2, len(label))
-    told = leak_check(data, one_hot(np.where(label < 2, coin, label)))
-    assert not told.leak
-    assert told.balanced
-    low, high = told.weight_within_nothing_ci99 or (1.0, 0.0)
+    leaks = leak_check(data, one_hot(np.where(label < 2, coin, label)))
+    assert not leaks.leak
+    assert leaks.balanced
+    low, high = leaks.weight_within_nothing_ci99 or (1.0, 0.0)
     assert low < 0.5 < high
-    low, high = told.eight_class_accuracy_ci99 or (1.0, 0.0)
+    low, high = leaks.eight_class_accuracy_ci99 or (1.0, 0.0)
     assert low < CEILING < high
 
 
@@ -258,9 +258,9 @@ def test_who_is_right_on_every_second_window_of_nothing_reaches_the_ceiling_and_
     data: DataSet,
 ) -> None:
     label = data.tasks["classes"].label
-    told = leak_check(data, one_hot(np.maximum(label, 1)))
-    assert told.eight_class_accuracy == told.ceiling == CEILING == 0.875
-    assert not told.leak
+    leaks = leak_check(data, one_hot(np.maximum(label, 1)))
+    assert leaks.eight_class_accuracy == leaks.ceiling == CEILING == 0.875
+    assert not leaks.leak
 
 
 # What stands beside ours
@@ -398,8 +398,10 @@ def test_no_trial_of_a_style_that_is_left_out_is_trained_on(data: DataSet) -> No
             return super().votes(data, *rest)
 
     ours = SMALL[OURS]
-    told = styles_left_out(sets, {OURS: Watched(ours.plan, ours.features)}, 0, lambda line: None)
-    for met, (style, figures) in zip(fitted, told.items(), strict=True):
+    left_out = styles_left_out(
+        sets, {OURS: Watched(ours.plan, ours.features)}, 0, lambda line: None
+    )
+    for met, (style, figures) in zip(fitted, left_out.items(), strict=True):
         other = sets["odd" if style == "even" else "even"]
         assert met == {one.trial_id for one in other.recordings}
         assert figures.trained_on_trials == len(met)
@@ -505,13 +507,13 @@ def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there
     other = one.copy()
     other[2, 2], other[2, 3] = 6, 2
     other[0, 0], other[0, 1] = 9, 1
-    told = spread_of([one, other])
-    assert told.recall["grasp_light"] == [1.0, 0.75]
-    assert told.spread["grasp_light"] == told.largest_spread == 0.25
-    assert told.spread["nothing_light"] == pytest.approx(0.1)
-    assert told.spread["grasp_heavy"] == 0.0
-    assert told.spread["risky_slip_heavy"] is told.recall["risky_slip_heavy"] is None
-    assert not told.within_10_percent
+    spreads = spread_of([one, other])
+    assert spreads.recall["grasp_light"] == [1.0, 0.75]
+    assert spreads.spread["grasp_light"] == spreads.largest_spread == 0.25
+    assert spreads.spread["nothing_light"] == pytest.approx(0.1)
+    assert spreads.spread["grasp_heavy"] == 0.0
+    assert spreads.spread["risky_slip_heavy"] is spreads.recall["risky_slip_heavy"] is None
+    assert not spreads.within_10_percent
     other[2, 2], other[2, 3] = 8, 0
     assert spread_of([one, other]).within_10_percent
 
@@ -653,20 +655,20 @@ def test_the_demo_makes_the_same_page_from_one_set_and_leaves_out_what_is_not_th
 
 def test_a_missing_thesis_says_which_command_makes_it(tmp_path: Path) -> None:
     (tmp_path / "50hz" / "apple").mkdir(parents=True)
-    with pytest.raises(DataNotFound) as told:
+    with pytest.raises(DataNotFound) as caught:
         command.main([str(tmp_path), "--out", str(tmp_path / "out")])
     thesis = tmp_path / "50hz" / "thesis"
-    assert told.value.next_step == f"holdfast simulate thesis --rate 50 --out {thesis}"
+    assert caught.value.next_step == f"holdfast simulate thesis --rate 50 --out {thesis}"
 
 
 def test_a_folder_without_rates_says_which_command_makes_one(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "out").mkdir()
     for place in (tmp_path / "empty", tmp_path / "nowhere"):
-        with pytest.raises(DataNotFound) as told:
+        with pytest.raises(DataNotFound) as caught:
             command.main([str(place), "--out", str(tmp_path / "out")])
         assert (
-            told.value.next_step
+            caught.value.next_step
             == f"holdfast simulate thesis --rate 150 --out {place / '150hz' / 'thesis'}"
         )
 

@@ -50,9 +50,9 @@ CANNOT_CLOCK = ("rp2040", "stm32", "mcp2221", "native")
 class Bench:
     """A virtual hand on a bridge of its own. kind: one of ALL."""
 
-    def __init__(self, kind: str, **told: Any) -> None:
+    def __init__(self, kind: str, **options: Any) -> None:
         self.clock = VirtualClock()
-        self.hand = VirtualHand(self.clock, **told)
+        self.hand = VirtualHand(self.clock, **options)
         self.device: Device | None = None
         self.backend: Any
         self.open: Callable[[], Bus]
@@ -80,10 +80,10 @@ class Bench:
     def wait_s(self, duration_s: float) -> None:
         self.clock.spend(round(1e9 * duration_s))
 
-    def configure(self, address: int, **told: bool) -> None:
+    def configure(self, address: int, **options: bool) -> None:
         """Write a chip's settings over the first channel."""
         self.bus.scan(
-            [FIRST, *(Transfer(address, bytes(byte)) for byte in Setup(**told).registers())]
+            [FIRST, *(Transfer(address, bytes(byte)) for byte in Setup(**options).registers())]
         )
 
     def engine(self) -> VirtualMcp2221:
@@ -99,8 +99,8 @@ def make() -> Iterator[Make]:
     """Benches that are taken apart in the end, the last first."""
     made: list[Bench] = []
 
-    def one(kind: str, **told: Any) -> Bench:
-        made.append(Bench(kind, **told))
+    def one(kind: str, **options: Any) -> Bench:
+        made.append(Bench(kind, **options))
         return made[-1]
 
     yield one

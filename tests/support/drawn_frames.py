@@ -27,7 +27,7 @@ COVERED, TWICE = range(60, 66), range(70, 72)
 
 
 def camera(**said: float) -> Camera:
-    return Camera(**({name: told.default for name, told in CAMERA.items()} | SIZE | said))
+    return Camera(**({name: parameter.default for name, parameter in CAMERA.items()} | SIZE | said))
 
 
 def settings(environment: Mapping[str, str] | None = None) -> dict[str, str]:

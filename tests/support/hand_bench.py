@@ -68,8 +68,8 @@ class Bench:
         return readings
 
 
-def started(*faults: str, **told: object) -> Bench:
-    bench = Bench(faults=faults, **told)  # type: ignore[arg-type]
+def started(*faults: str, **options: object) -> Bench:
+    bench = Bench(faults=faults, **options)  # type: ignore[arg-type]
     bench.hand.start()
     return bench
 

@@ -64,7 +64,7 @@ def pytest_runtest_makereport(
     """Attach what its marks say to the report of a test that was run, or was skipped."""
     report = yield
     if report.when == "call" or report.skipped:
-        marks = {"hard_case": told, "hazard": hazard}
+        marks = {"hard_case": details_of, "hazard": hazard}
         found = [(name, item.get_closest_marker(name)) for name in marks]
         # An attribute of a report survives the way from an xdist worker.
         report.catalogued = {name: marks[name](mark) for name, mark in found if mark is not None}  # type: ignore[attr-defined]
@@ -112,7 +112,7 @@ def hazard(mark: pytest.Mark) -> dict[str, Any]:
     return {"area": area, "hazard": name, **mark.kwargs}
 
 
-def told(mark: pytest.Mark) -> dict[str, Any]:
+def details_of(mark: pytest.Mark) -> dict[str, Any]:
     """What a mark says. Raises ValueError for an area there is not, and TypeError for a sentence
     that lacks."""
     return _told(*mark.args, **mark.kwargs)

@@ -45,7 +45,7 @@ class Steady:
 
 
 def go(
-    model: Model, source: Any, clock: VirtualClock, **told: Any
+    model: Model, source: Any, clock: VirtualClock, **options: Any
 ) -> tuple[Summary, list[Prediction], list[Sample]]:
     said: list[tuple[Prediction, Sample]] = []
     summary = run_live(
@@ -54,7 +54,7 @@ def go(
         Tare(model.card.preparation, 18),
         clock,
         lambda prediction, sample, measured: said.append((prediction, sample)),
-        stopped=told.pop("stopped", lambda: False),
-        **told,
+        stopped=options.pop("stopped", lambda: False),
+        **options,
     )
     return summary, [one for one, _ in said], [one for _, one in said]

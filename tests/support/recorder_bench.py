@@ -87,7 +87,7 @@ def never() -> bool:
     return False
 
 
-def told(*words: object) -> argparse.Namespace:
+def arguments_of(*words: object) -> argparse.Namespace:
     parser = Parser(prog="holdfast record")
     record.add_arguments(parser)
     return parser.parse_args([str(one) for one in words])
@@ -102,7 +102,7 @@ def cup_pull(out: Path) -> list[object]:
 def recorded(out: Path, *words: object, source: object = REST, person: str = "p01") -> list[str]:
     """One run of the verb on a clock that costs nothing, without a key; what it said."""
     said: list[str] = []
-    args = told("--source", source, "--out", out, "--person", person, "--at-once", *words)
+    args = arguments_of("--source", source, "--out", out, "--person", person, "--at-once", *words)
     record_trials(args, VirtualClock(7_000_000_000), Keys(None), said.append, never)
     return said
 
@@ -213,7 +213,7 @@ def people(card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def start(*words: object, stdin: Any = subprocess.DEVNULL, **told: Any) -> subprocess.Popen[str]:
+def start(*words: object, stdin: Any = subprocess.DEVNULL, **options: Any) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
     return subprocess.Popen(
         command,
@@ -222,7 +222,7 @@ def start(*words: object, stdin: Any = subprocess.DEVNULL, **told: Any) -> subpr
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        **told,
+        **options,
     )
 
 

@@ -90,16 +90,16 @@ def resealed(
 
     golden: the golden sequences are made again, from what the altered graph answers.
     """
-    told = {entry.key: entry.value for entry in model.metadata_props}
-    card = json.loads(told[CARD_KEY]) if card is None else card
+    content = {entry.key: entry.value for entry in model.metadata_props}
+    card = json.loads(content[CARD_KEY]) if card is None else card
     if golden:
         session = open_session(model.SerializeToString())
         answers = golden_answers(
             session, 3 * card["spec"]["n_sensors"], card["spec"]["unit"], card["settle_samples"]
         )
-        told[GOLDEN_KEY] = json.dumps(golden_to_json(answers))
-    told |= {CARD_KEY: json.dumps(card), SEAL_KEY: "0" * 64}
-    onnx.helper.set_model_props(model, told)
+        content[GOLDEN_KEY] = json.dumps(golden_to_json(answers))
+    content |= {CARD_KEY: json.dumps(card), SEAL_KEY: "0" * 64}
+    onnx.helper.set_model_props(model, content)
     return sealed_again(model.SerializeToString())
 
 

@@ -25,12 +25,12 @@ def test_threads_change_no_bit_and_every_share_done_is_told() -> None:
     recordings = recordings_of([9, 3, 7, 5, 8])
     rows = [np.arange(len(one.samples)) for one in recordings]
     session = open_session(feature_graph(spec(rate_hz=100.0)).SerializeToString())
-    told: list[float] = []
-    found = stepped(session, recordings, ["features"], rows, told.append)
+    shares: list[float] = []
+    found = stepped(session, recordings, ["features"], rows, shares.append)
     values, valid = [one.samples for one in recordings], [one.valid for one in recordings]
     alone = run_recordings(session, values, valid, ["features"], rows)
     assert all(
         np.array_equal(a["features"], b["features"]) for a, b in zip(found, alone, strict=True)
     )
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0

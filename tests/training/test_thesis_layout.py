@@ -122,11 +122,11 @@ def test_kind_and_licence_come_from_meta_and_are_careful_without_it(
 
 def test_the_truth_beside_a_trial_is_believed_before_the_script(copied: Path) -> None:
     """The same trials with their truth turned into a script's: other labels come out."""
-    told = thesis.load(copied).notes["samples"]
+    result = thesis.load(copied).notes["samples"]
     for path in copied.glob("*/*/*.truth.json"):
         path.write_text(json.dumps({"phases": [{"t0_s": 0, "t1_s": 2, "label": "nothing"}]}))
         break
-    assert thesis.load(copied).notes["samples"] != told
+    assert thesis.load(copied).notes["samples"] != result
 
 
 def test_without_truth_the_labels_follow_the_script(made: Path) -> None:
@@ -174,8 +174,8 @@ def test_a_trial_that_does_not_follow_the_script_is_refused(made: Path) -> None:
 @pytest.mark.parametrize("action", ["hold", "daily"])
 def test_a_hold_and_a_daily_stream_live_by_their_truth_alone(copied: Path, action: str) -> None:
     (copied / "soft-ball" / "pass").rename(copied / "soft-ball" / action)
-    told = {r.trial_id: r.action for r in thesis.load(copied, windows="natural").recordings}
-    assert told[f"soft-ball/{action}/trial_1"] == action
+    result = {r.trial_id: r.action for r in thesis.load(copied, windows="natural").recordings}
+    assert result[f"soft-ball/{action}/trial_1"] == action
     (copied / "soft-ball" / action / "trial_1.truth.json").unlink()
     with pytest.raises(LabelError, match=r"put trial_1\.truth\.json beside it") as caught:
         thesis.load(copied, windows="natural")
