@@ -313,7 +313,7 @@ def answers(
     invalid: tuple[tuple[int, int], ...] = (),
     t_s: FloatArray | None = None,
 ) -> list[Prediction]:
-    """The samples that the hand gets; invalid: (row, finger) that the driver calls so; t_s: time stamps,
+    """Samples of the hand; invalid: (row, finger) that the driver calls so; t_s: time stamps,
     regular by default."""
     model = opened(path)
     monitor = GripMonitor(model, None)
