@@ -2,8 +2,8 @@
 
 Pure formulas with a fixed step: no clock, no randomness. Each runs on one hand or on B hands with
 the same bits (edge_runtime/lanes.py). A controller only wants; edge_runtime/supervisor.py decides
-what may reach the hand. "Own grip" is the grip that the wearer set: it is measured while nothing is
-wanted.
+what may reach the hand. "Own grip" is the grip that the wearer set: it is measured while no
+target is given.
 
     none           wants nothing
     pd-shear       own + kp (T - T0) + kd dT/dt            T: load along the skin, above T0
@@ -20,10 +20,9 @@ the thesis), with the file's band-pass detector as their slip signal. holdfast i
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
-from edge_runtime.friction import FrictionMargin
 from edge_runtime.lanes import Flag, Lanes, Number, least, most, within
 
 
@@ -49,7 +48,7 @@ class GripSense:
 
 
 class OwnGrip:
-    """The grip that the wearer set, measured while nothing is wanted; 0 while nothing is held."""
+    """The grip that the wearer set, measured while no target is given; 0 while nothing is held."""
 
     TIME_S = 0.1
 
@@ -57,11 +56,11 @@ class OwnGrip:
         self._lanes, self._share = lanes, 1.0 / (1.0 + self.TIME_S * rate_hz)
         self.grip_n = lanes.zero()
 
-    def step(self, sense: GripSense, wanted_n: Number) -> Number:
-        """The own grip after one sample; it stands still while something is wanted."""
+    def step(self, sense: GripSense, given_n: Number) -> Number:
+        """The own grip after one sample; it stands still while a target is given."""
         lanes = self._lanes
         measured_n = self.grip_n + self._share * (sense.grip_n - self.grip_n)
-        idle = (wanted_n <= 0.0) & sense.known
+        idle = (given_n <= 0.0) & sense.known
         self.grip_n = lanes.choose(idle, lanes.choose(sense.empty, 0.0, measured_n), self.grip_n)
         return self.grip_n
 
@@ -72,9 +71,9 @@ class NoController:
     SETTING = 0.0
 
     def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
-        self._nothing = lanes.zero()
+        self._nothing, self.fresh = lanes.zero(), lanes.false()
 
-    def want(self, sense: GripSense) -> Number:
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """0."""
         return self._nothing
 
@@ -82,7 +81,7 @@ class NoController:
 class PdShear:
     """own + kp (T - T0) + kd dT/dt while the load T along the skin exceeds T0; setting: kp.
 
-    N = own grip, T0 = 1 N a fixed threshold, kd = 5 ms * kp.
+    T0 = 1 N, a fixed threshold; kd = 5 ms * kp.
     """
 
     SETTING = 1.0
@@ -92,18 +91,17 @@ class PdShear:
     def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
         self._lanes, self._rate_hz, self._kp = lanes, rate_hz, setting
         self._own = OwnGrip(lanes, rate_hz)
-        self._load_n, self._wanted_n = lanes.zero(), lanes.zero()
+        self._load_n, self.fresh = lanes.zero(), lanes.false()
 
-    def want(self, sense: GripSense) -> Number:
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
         lanes = self._lanes
-        own_n = self._own.step(sense, self._wanted_n)
+        own_n = self._own.step(sense, given_n)
         rate_n_s = (sense.load_n - self._load_n) * self._rate_hz
         self._load_n = sense.load_n
         above_n = sense.load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
-        on = (sense.load_n > self.THRESHOLD_N) & lanes.no(sense.empty)
-        self._wanted_n = lanes.choose(on, own_n + self._kp * most(lanes, above_n, 0.0), 0.0)
-        return self._wanted_n
+        self.fresh = (sense.load_n > self.THRESHOLD_N) & lanes.no(sense.empty)
+        return lanes.choose(self.fresh, own_n + self._kp * most(lanes, above_n, 0.0), 0.0)
 
 
 class SlidingMode:
@@ -120,62 +118,58 @@ class SlidingMode:
         self._lanes, self._gain_n = lanes, setting
         self._period_s = 1.0 / rate_hz
         self._own = OwnGrip(lanes, rate_hz)
-        self._held_s, self._reference_n = lanes.zero(), lanes.zero()
+        self._held_s, self._reference_n, self.fresh = lanes.zero(), lanes.zero(), lanes.false()
 
-    def want(self, sense: GripSense) -> Number:
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
         lanes = self._lanes
         own_n = self._own.step(sense, self._reference_n)
         self._held_s = lanes.choose(sense.empty, 0.0, self._held_s + self._period_s)
-        settled = self._held_s >= self.SETTLED_S
-        fresh = settled & (self._reference_n <= 0.0)
-        kept_n = lanes.choose(fresh, own_n, self._reference_n)
-        self._reference_n = lanes.choose(settled, kept_n, 0.0)
+        self.fresh = self._held_s >= self.SETTLED_S
+        kept_n = lanes.choose(self._reference_n > 0.0, self._reference_n, own_n)
+        self._reference_n = lanes.choose(self.fresh, kept_n, 0.0)
         error = (self._reference_n - sense.grip_n) / self.BOUNDARY_N
         pushed_n = self._reference_n + self._gain_n * within(lanes, -1.0, error, 1.0)
-        return lanes.choose(self._reference_n > 0.0, pushed_n, 0.0)
+        return lanes.choose(self.fresh, most(lanes, pushed_n, 0.0), 0.0)
 
 
 class SlipSteps:
-    """own + one step for each slip event, kept until the hand is empty; setting: the step, N."""
+    """own + one step for each slip event; setting: the step, N."""
 
     SETTING = 3.0
 
     def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
         self._lanes, self._step_n = lanes, setting
         self._own = OwnGrip(lanes, rate_hz)
-        self._slipped, self._wanted_n = lanes.false(), lanes.zero()
+        self._slipped, self.fresh = lanes.false(), lanes.false()
 
-    def want(self, sense: GripSense) -> Number:
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
         lanes = self._lanes
-        own_n = self._own.step(sense, self._wanted_n)
-        begins = sense.slip & lanes.no(self._slipped)
+        own_n = self._own.step(sense, given_n)
+        self.fresh = sense.slip & lanes.no(self._slipped)
         self._slipped = sense.slip
-        raised_n = most(lanes, self._wanted_n, own_n) + self._step_n
-        wanted_n = lanes.choose(begins, raised_n, self._wanted_n)
-        self._wanted_n = lanes.choose(sense.empty & sense.known, 0.0, wanted_n)
-        return self._wanted_n
+        raised_n = most(lanes, given_n, own_n) + self._step_n
+        return lanes.choose(self.fresh, raised_n, given_n)
 
 
 class SlipIntegral:
-    """own + the integral of the slip signal, kept until the hand is empty; setting: N per s."""
+    """own + the integral of the slip signal; setting: N per s of slip."""
 
     SETTING = 60.0
 
     def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
         self._lanes, self._rise_n = lanes, setting / rate_hz
         self._own = OwnGrip(lanes, rate_hz)
-        self._wanted_n = lanes.zero()
+        self.fresh = lanes.false()
 
-    def want(self, sense: GripSense) -> Number:
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none."""
         lanes = self._lanes
-        own_n = self._own.step(sense, self._wanted_n)
-        raised_n = most(lanes, self._wanted_n, own_n) + self._rise_n
-        wanted_n = lanes.choose(sense.slip, raised_n, self._wanted_n)
-        self._wanted_n = lanes.choose(sense.empty & sense.known, 0.0, wanted_n)
-        return self._wanted_n
+        own_n = self._own.step(sense, given_n)
+        self.fresh = sense.slip
+        raised_n = most(lanes, given_n, own_n) + self._rise_n
+        return lanes.choose(self.fresh, raised_n, given_n)
 
 
 @dataclass(frozen=True)
@@ -183,17 +177,17 @@ class AnswerRules:
     """Parameters of the holdfast controller.
 
     from_p, full_p: p(risky) at which an answer begins, and at which it is a full one. yield_p:
-    p(safe slip) from which the hand gives back. strike_n: largest lead of the wanted grip over the
-    measured one. graded: the lead grows with the evidence; otherwise it is always strike_n.
-    revocable: a hand-over ends an answer; otherwise only the empty hand does. margin: keep what the
-    friction margin needs. spare: grip over the least grip that friction needs.
+    p(safe slip) from which the hand gives back, where the load changes by moving_n_s or more for
+    yield_samples in a row. graded: the lead grows with the evidence; otherwise it is full or
+    nothing. revocable: a hand-over ends an answer; otherwise only the empty hand does. margin: what
+    the friction margin needs is kept.
     """
 
     from_p: float = 0.35
     full_p: float = 0.75
     yield_p: float = 0.5
-    strike_n: float = 15.0
-    spare: float = 1.25
+    yield_samples: int = 2
+    moving_n_s: float = 4.0
     graded: bool = True
     revocable: bool = True
     margin: bool = True
@@ -204,36 +198,34 @@ class Holdfast:
 
     evidence = (p_risky - from_p) / (full_p - from_p), within 0 and 1. The drive's speed grows with
     the lead of the wanted grip over the measured one N, so the answer is as fast as the evidence is
-    strong. Without evidence the grip stays where it is, or where the friction margin wants it.
-    setting: the largest lead, N.
+    strong. Without evidence the grip stays where it is, or where the friction margin wants it,
+    until the evidence says hand-over. setting: the largest lead, N.
     """
 
-    SETTING = AnswerRules.strike_n
+    SETTING = 15.0
+    RATE_S = 0.03
 
     def __init__(
         self, lanes: Lanes, rate_hz: float, setting: float, rules: AnswerRules | None = None
     ) -> None:
         self._lanes, self._lead_n, self.rules = lanes, setting, rules or AnswerRules()
         self._own = OwnGrip(lanes, rate_hz)
-        self.margin = FrictionMargin(lanes, rate_hz)
-        self._wanted_n, self._rises = lanes.zero(), lanes.false()
+        self._rate_hz, self._share = rate_hz, 1.0 / (1.0 + self.RATE_S * rate_hz)
+        self._load_n, self._change_n_s, self._safe_run = (lanes.zero() for _ in range(3))
+        self._rises, self.fresh = lanes.false(), lanes.false()
 
-    def want(self, sense: GripSense) -> Number:
-        """The wanted grip, N a side; 0 for none."""
-        lanes, rules = self._lanes, self.rules
-        own_n = self._own.step(sense, self._wanted_n)
-        self.margin.step(sense)
-        wanted_n = lanes.choose(self._wanted_n > 0.0, self._kept_n(sense, own_n), 0.0)
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
+        """The wanted grip, N a side; 0 for none. needed_n: by the friction margin, 0 if unknown."""
+        lanes = self._lanes
+        own_n = self._own.step(sense, given_n)
         evidence = self._evidence(sense)
         rises = (evidence > 0.0) & sense.known & lanes.no(sense.empty)
         ahead_n = most(lanes, sense.grip_n, own_n) + self._lead_n * evidence
-        wanted_n = lanes.choose(rises, most(lanes, wanted_n, ahead_n), wanted_n)
-        ends = sense.empty & sense.known
-        if rules.revocable:
-            ends = ends | (sense.known & (sense.p_safe > rules.yield_p))
-        self._wanted_n = lanes.choose(ends & lanes.no(rises), 0.0, wanted_n)
-        self._rises = rises
-        return self._wanted_n
+        kept_n = self._kept_n(sense, own_n, given_n, needed_n)
+        wanted_n = lanes.choose(rises, most(lanes, given_n, ahead_n), kept_n)
+        ends = self._handed_over(sense) & lanes.no(rises)
+        self._rises, self.fresh = rises, rises | (wanted_n > given_n)
+        return lanes.choose(ends, 0.0, wanted_n)
 
     def _evidence(self, sense: GripSense) -> Number:
         """0 to 1."""
@@ -243,14 +235,43 @@ class Holdfast:
             return lanes.choose(share >= 1.0, 1.0, 0.0)
         return within(lanes, 0.0, share, 1.0)
 
-    def _kept_n(self, sense: GripSense, own_n: Number) -> Number:
-        """The grip to keep when the evidence is over."""
+    def _kept_n(self, sense: GripSense, own_n: Number, given_n: Number, needed_n: Number) -> Number:
+        """The grip to keep without evidence; it stops where it was when the evidence ended."""
         lanes = self._lanes
-        stopped_n = most(lanes, least(lanes, self._wanted_n, sense.grip_n), own_n)
-        return lanes.choose(self._rises, stopped_n, self._wanted_n)
+        stopped_n = most(lanes, least(lanes, given_n, sense.grip_n), own_n)
+        kept_n = lanes.choose(self._rises, stopped_n, given_n)
+        if self.rules.margin:
+            kept_n = most(lanes, kept_n, needed_n)
+        return lanes.choose((given_n > 0.0) & (kept_n > own_n), kept_n, 0.0)
+
+    def _handed_over(self, sense: GripSense) -> Flag:
+        """Whether the evidence says hand-over: safe slip, while the load changes."""
+        lanes, rules = self._lanes, self.rules
+        change_n_s = (sense.load_n - self._load_n) * self._rate_hz
+        self._load_n = sense.load_n
+        self._change_n_s = self._change_n_s + self._share * (change_n_s - self._change_n_s)
+        moving = (self._change_n_s > rules.moving_n_s) | (self._change_n_s < -rules.moving_n_s)
+        safe = sense.known & moving & (sense.p_safe > rules.yield_p)
+        self._safe_run = lanes.choose(safe, self._safe_run + 1.0, 0.0)
+        if not rules.revocable:
+            return lanes.false()
+        return self._safe_run >= rules.yield_samples
 
 
-CONTROLLERS: dict[str, Callable[..., object]] = {
+class Controller(Protocol):
+    """What every controller has. fresh: whether it has evidence at the last sample."""
+
+    SETTING: float
+    fresh: Flag
+
+    def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None: ...
+
+    def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
+        """The wanted grip, N a side; 0 for none. given_n: what the supervisor gave last."""
+        ...
+
+
+CONTROLLERS: dict[str, type[Controller]] = {
     "none": NoController,
     "pd-shear": PdShear,
     "sliding-mode": SlidingMode,

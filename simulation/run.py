@@ -185,8 +185,8 @@ def contact_marks(
     touching = state.normal_n > 0.0
     count = touching.sum(axis=0)
     fast = state.slip_m_s > SLIDES_M_S
-    slips = (fast.any(axis=0) & touching).any(axis=0)
-    slides = (fast.all(axis=0) | ~touching).all(axis=0) & (count > 0)
+    slips = np.asarray((fast.any(axis=0) & touching).any(axis=0))
+    slides = np.asarray((fast.all(axis=0) | ~touching).all(axis=0) & (count > 0))
     return count > 0, slips, slides, (travel_m * touching).sum(axis=0) / np.maximum(count, 1)
 
 

@@ -101,11 +101,7 @@ class Scene:
         if len(trials) == 1:  # numpy would sum a single lane in another order
             yield next(self._simulated([trials[0], trials[0]], done))
             return
-        drawn = {name: [self.draw(name, trial) for trial in trials] for name in self.loop_effects}
-        made = [
-            effect.make(drawn[name], trials, [self.rng(name, trial) for trial in trials])
-            for name, effect in self.loop_effects.items()
-        ]
+        drawn, made = self._made(trials)
         moves_hand = next((effect for effect in made if hasattr(effect, HAND_MOTION)), None)
         moved = motions(trials, self._step_settings(made, len(trials)), done)
         for lane, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
@@ -113,6 +109,21 @@ class Scene:
             signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
             effects = {name: values[lane] for name, values in drawn.items()} | sensed
             yield SimulatedTrial(trial, signal, motion, truth_of(trial, motion), effects, hand_m)
+
+    def step_settings_of(self, trials: Sequence[PlannedTrial]) -> StepSettings:
+        """How a batch of these trials is stepped, with its effects."""
+        return self._step_settings(self._made(trials)[1], len(trials))
+
+    def _made(
+        self, trials: Sequence[PlannedTrial]
+    ) -> tuple[dict[str, list[dict[str, Any]]], list[Any]]:
+        """(draws by effect, effects of the physics) of a batch."""
+        drawn = {name: [self.draw(name, trial) for trial in trials] for name in self.loop_effects}
+        made = [
+            effect.make(drawn[name], trials, [self.rng(name, trial) for trial in trials])
+            for name, effect in self.loop_effects.items()
+        ]
+        return drawn, made
 
     def _step_settings(self, made: list[Any], lanes: int) -> StepSettings:
         lists: dict[str, tuple[Any, ...]] = {

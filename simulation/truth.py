@@ -86,7 +86,7 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
         return Truth(None, None, None, None, None, 0.0, ((0.0, NOTHING),), end_s)
     times = Times.of(trial)
     contact, lost = held[0], held[-1] + 1
-    onset = _onset(motion, times.act)
+    onset = load_onset(motion, times.act)
     since = np.arange(len(motion.at_s)) >= (len(motion.at_s) if onset is None else onset)
     since[lost:] = False
     incipient = _first(motion.slips & since)
@@ -114,7 +114,8 @@ def _clock(motion: TrialMotion, beyond: int | None) -> Any:
     return at
 
 
-def _onset(motion: TrialMotion, act_s: float) -> int | None:
+def load_onset(motion: TrialMotion, act_s: float) -> int | None:
+    """The step at which the force of people and box has changed by LOAD_N; None: never."""
     first = int(np.searchsorted(motion.at_s, act_s))
     if first >= len(motion.at_s):
         return None

@@ -1,97 +1,184 @@
-"""B trials in a closed loop: physics, sensors, model file, controller, drive, once a sample."""
+"""B trials in a closed loop: physics, sensors, the model file, controller, drive, once a sample.
+
+    forces at a sample -> sensors -> bias, graph -> controller and supervisor -> target of the drive
+    -> physics until the next sample
+
+The target of a sample acts from that sample on; delay_samples more are the cost of a slower
+computer or bus. The loop of a trial begins a little before the hand closes, so that the model has
+settled, and ends a while after the action.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
+from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.grip import GripSense
 from edge_runtime.model import Model
 from simulation.closed_loop.actuator import Actuator, Drive
 from simulation.closed_loop.answers import HandModels
+from simulation.closed_loop.outcome import LoopOutcome, outcome_of
 from simulation.closed_loop.people import Habits, Wearer
 from simulation.closed_loop.physics import HandsAndObjects, Spans
 from simulation.closed_loop.sensing import LoopSensors
 from simulation.protocol import PlannedTrial
-from simulation.run import TrialMotion
+from simulation.run import Done
 from simulation.scene import Scene
-from simulation.script import grid_of
+from simulation.script import SETTLE_S, Times, grid_of
+
+ROWS_TO_SPARE = 5
+LANES = 300
+"""Trials in a loop together: fewer waste time on calls, more on memory."""
 
 
-def spans_of(scene: Scene, trials: Sequence[PlannedTrial], before: int) -> Spans:
-    grids = [grid_of(t, scene.card.rate_hz, scene.card.step_s) for t in trials]
-    moves = np.array([round(g.start_s * scene.card.rate_hz) for g in grids])
-    ends = np.array([int(g.sample[-1]) for g in grids])
-    counts = np.array([g.n_samples for g in grids])
-    return Spans(np.maximum(moves - before, 0), moves, ends, counts)
+class LoopController(Protocol):
+    """Decides for B hands."""
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] target, N a side; 0 for none."""
+        ...
 
 
-@dataclass
-class Record:
-    p_risky: FloatArray
-    p_safe: FloatArray
-    known: FloatArray
+@dataclass(frozen=True)
+class LoopTruth:
+    """What only a simulation knows at a sample: t_s [B], and the grip of the drive, grip_n [B]."""
+
+    t_s: FloatArray
     grip_n: FloatArray
-    load_n: FloatArray
-    slip: FloatArray
-    target_n: FloatArray
-    actual_n: FloatArray
-    force_n: FloatArray
-    position: FloatArray
 
 
-def run(scene, trials, model: Model, controller_of, drive=Drive(), habits=Habits(), delay=0):
-    card = model.card
-    before = card.settle_samples + card.preparation.bias_rows + 5
-    spans = spans_of(scene, trials, before)
-    lanes = len(trials)
-    act = Actuator(drive, trials)
-    world = HandsAndObjects(trials, scene._step_settings([], lanes), spans, act, habits)
-    sensors = LoopSensors(scene, trials, spans.counts)
-    models = HandModels(model, lanes)
-    wearer = Wearer(trials, habits, scene.seed)
-    controller = controller_of(lanes, card.rate_hz, trials, spans, world)
-    n = spans.periods + 1
-    rec = {
-        k: np.zeros((n, lanes), dtype=np.float32)
-        for k in (
-            "p_risky",
-            "p_safe",
-            "known",
-            "grip_n",
-            "load_n",
-            "slip",
-            "target_n",
-            "actual_n",
-            "empty",
+class ControllerMaker(Protocol):
+    """Makes the controller of a batch."""
+
+    def __call__(self, trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
+        """For these trials."""
+        ...
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """The hand's drive, the people, and how many samples later than they could targets act."""
+
+    drive: Drive = field(default_factory=Drive)
+    habits: Habits = field(default_factory=Habits)
+    delay_samples: int = 0
+
+
+def run_loops(
+    scene: Scene,
+    trials: Sequence[PlannedTrial],
+    model: Model,
+    make: ControllerMaker,
+    settings: LoopSettings | None = None,
+    done: Done = lambda trials: None,
+) -> list[LoopOutcome]:
+    """Outcomes of trials in their order; those of similar length run together."""
+    order = sorted(range(len(trials)), key=lambda k: _length_s(trials[k], Habits()))
+    size = -(-len(order) // max(1, round(len(order) / LANES)))
+    outcomes: dict[int, LoopOutcome] = {}
+    for start in range(0, len(order), size):
+        batch = order[start : start + size]
+        loop = ClosedLoop(scene, [trials[k] for k in batch], model, make, settings)
+        outcomes |= zip(batch, loop.run(), strict=True)
+        done(min(start + size, len(order)))
+    return [outcomes[k] for k in range(len(trials))]
+
+
+def _length_s(trial: PlannedTrial, habits: Habits) -> float:
+    return loop_end_s(trial, habits) - Times.of(trial).close
+
+
+def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
+    """When nothing more is decided: the person has given up, or the hand is open."""
+    times = Times.of(trial)
+    if trial.action == "pull":
+        return times.act + habits.pull_gives_up_s + habits.lets_go_s + SETTLE_S
+    if trial.action == "fall":
+        return times.act + trial.drawn["watch_s"]
+    return times.open + trial.drawn["opening_s"] + SETTLE_S
+
+
+class ClosedLoop:
+    """One batch of trials with an object, ready to run."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        trials: Sequence[PlannedTrial],
+        model: Model,
+        make: ControllerMaker,
+        settings: LoopSettings | None = None,
+    ) -> None:
+        self.settings = settings or LoopSettings()
+        self.trials, self.rate_hz = trials, scene.card.rate_hz
+        card, habits = model.card, self.settings.habits
+        before = card.settle_samples + card.preparation.bias_rows + ROWS_TO_SPARE
+        self.spans = _spans(scene, trials, before, habits)
+        self.actuator = Actuator(self.settings.drive, trials)
+        self.world = HandsAndObjects(
+            trials, scene.step_settings_of(trials), self.spans, self.actuator, habits
         )
-    }
-    F = np.zeros((n, lanes, world.forces_n.shape[1], 3), dtype=np.float32)
-    pos = np.zeros((n, lanes, 3), dtype=np.float32)
-    target = act.own_n.copy()
-    queue = [target] * delay
-    for p in range(n):
-        rows = np.minimum(spans.begins + p, spans.counts - 1)
-        r, lost = sensors.read(rows, world.forces_n)
-        sense = models.answer(r.values.reshape(lanes, -1), r.valid & ~lost[:, None])
-        t_s = rows / card.rate_hz
-        from dataclasses import replace
+        self.sensors = LoopSensors(scene, trials, self.spans.counts)
+        self.models = HandModels(model, len(trials))
+        self.wearer = Wearer(trials, habits, scene.seed)
+        self.controller = make(trials, self.rate_hz)
+        self._late = [self.actuator.own_n.copy()] * self.settings.delay_samples
+        self._agents_n = self.world.state.agents_n.copy()
 
-        ov = wearer.override(t_s, act.grip_n - act.own_n, 1 / card.rate_hz)
-        sense = replace(sense, opening=wearer.opening(t_s), overridden=t_s >= wearer.overrode_s)
-        want = controller.want(sense)
-        want = np.where(sense.opening | sense.overridden, 0.0, want)
-        target = np.maximum(want, act.own_n)
-        for k in ("p_risky", "p_safe", "known", "grip_n", "load_n", "slip", "empty"):
-            rec[k][p] = getattr(sense, k)
-        rec["target_n"][p] = want
-        rec["actual_n"][p] = act.grip_n
-        F[p] = world.forces_n
-        pos[p] = world.position_m
-        queue.append(target)
-        now = queue.pop(0)
-        if p < spans.periods:
-            world.advance(p, now)
-    return spans, world, wearer, rec, F, pos
+    def run(self) -> list[LoopOutcome]:
+        """Run to the end."""
+        periods = self.spans.periods
+        grip_n = np.zeros((periods, len(self.trials)), dtype=np.float32)
+        for period in range(periods):
+            target_n = self.decide(period)
+            grip_n[period] = self.actuator.grip_n
+            self.world.advance(period, target_n)
+        return [self._outcome(lane, grip_n[:, lane]) for lane in range(len(self.trials))]
+
+    def decide(self, period: int) -> FloatArray:
+        """[B] what the drives are told at a sample: never less than the wearer's own grip."""
+        rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
+        readings, lost = self.sensors.read(rows, self.world.forces_n)
+        lanes = len(self.trials)
+        valid = readings.valid & ~lost[:, None]
+        sense = self.models.answer(readings.values.reshape(lanes, -1), valid)
+        now = LoopTruth(rows / self.rate_hz, self.actuator.grip_n)
+        sense = replace(
+            sense, opening=self.wearer.opening(now.t_s), overridden=self._overridden(now)
+        )
+        wanted_n = self.controller.step(sense, now)
+        self._late.append(np.maximum(wanted_n, self.actuator.own_n))
+        return self._late.pop(0)
+
+    def _overridden(self, now: LoopTruth) -> BoolArray:
+        """[B] whether the wearer's override lasts; it lasts until the end of the trial."""
+        agents_n = self.world.state.agents_n
+        self._agents_n = np.where(now.t_s < self.wearer.act_s, agents_n, self._agents_n)
+        change_n = agents_n - self._agents_n
+        pulled_n = np.sqrt((change_n * change_n).sum(axis=0))
+        extra_n = now.grip_n - self.actuator.own_n
+        self.wearer.resist(now.t_s, extra_n, pulled_n, 1.0 / self.rate_hz)
+        overridden: BoolArray = now.t_s >= self.wearer.overrode_s
+        return overridden
+
+    def _outcome(self, lane: int, grip_n: npt.NDArray[np.float32]) -> LoopOutcome:
+        motion = self.world.motion(lane, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        moves = int(self.spans.ends[lane] - self.spans.begins[lane])
+        begin_s = float(self.spans.begins[lane]) / self.rate_hz
+        overrode_s = float(self.wearer.overrode_s[lane])
+        return outcome_of(self.trials[lane], motion, overrode_s, begin_s, grip_n[:moves])
+
+
+def _spans(scene: Scene, trials: Sequence[PlannedTrial], before: int, habits: Habits) -> Spans:
+    rate_hz = scene.card.rate_hz
+    grids = [grid_of(trial, rate_hz, scene.card.step_s) for trial in trials]
+    moves = np.array([round(grid.start_s * rate_hz) for grid in grids])
+    last = [int(np.ceil(loop_end_s(trial, habits) * rate_hz)) for trial in trials]
+    ends = np.minimum(last, [int(grid.sample[-1]) for grid in grids])
+    counts = np.array([grid.n_samples for grid in grids])
+    return Spans(np.maximum(moves - before, 0), moves, ends, counts)

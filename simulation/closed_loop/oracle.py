@@ -1,6 +1,6 @@
 """The best that this drive can do: it knows the trial's action, its friction and its load.
 
-From the moment the action begins it closes as fast as the drive can, until the grip holds the
+From the first sample after load onset it closes as fast as the drive can, until the grip holds the
 largest load that will come by kinetic friction, with a tenth to spare; in a hand-over it does
 nothing. What it cannot keep, no controller can: the drops that it keeps are the preventable ones.
 """
@@ -12,26 +12,29 @@ from collections.abc import Sequence
 import numpy as np
 
 from edge_runtime.contract import FloatArray
+from edge_runtime.grip import GripSense
 from edge_runtime.trial_layout import RISKY_ACTIONS
+from simulation.closed_loop.loop import LoopTruth
 from simulation.protocol import GRAVITY_M_S2, PlannedTrial
-from simulation.script import Times
 
 SPARE = 1.1
 
 
 class Oracle:
-    """B hands. want: the grip at times t_s [B], where the drive's grip is grip_n [B]."""
+    """B hands. onset_s [B]: load onset in a hand that does nothing, inf where there is none."""
 
-    def __init__(self, trials: Sequence[PlannedTrial], ceiling_n: float) -> None:
+    def __init__(
+        self, trials: Sequence[PlannedTrial], onset_s: FloatArray, ceiling_n: float
+    ) -> None:
         self.ceiling_n = ceiling_n
         risky = np.array([trial.action in RISKY_ACTIONS for trial in trials])
-        self.act_s = np.where(risky, [Times.of(trial).act for trial in trials], np.inf)
+        self.act_s = np.where(risky, onset_s, np.inf)
         self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
 
-    def want(self, t_s: FloatArray, grip_n: FloatArray) -> FloatArray:
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] N a side; 0 for none."""
-        close_n = np.where(grip_n < self.needed_n, self.ceiling_n, self.needed_n)
-        wanted: FloatArray = np.where(t_s >= self.act_s, close_n, 0.0)
+        close_n = np.where(now.grip_n < self.needed_n, self.ceiling_n, self.needed_n)
+        wanted: FloatArray = np.where(now.t_s >= self.act_s, close_n, 0.0)
         return wanted
 
 

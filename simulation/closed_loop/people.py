@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
+from edge_runtime.contract import BoolArray, FloatArray
 from simulation.body import Body
 from simulation.effect import stream
 from simulation.protocol import NEVER_S, PlannedTrial
@@ -42,7 +42,7 @@ class Habits:
 
 
 class LoopScript(Script):
-    """The script of a batch whose hands have a grip of their own making and whose people give up."""
+    """The script of a batch whose hands tighten and whose people give up."""
 
     def __init__(self, trials: Sequence[PlannedTrial], body: Body, habits: Habits) -> None:
         super().__init__(trials, body)
@@ -62,6 +62,12 @@ class LoopScript(Script):
         return there
 
 
+def held_n(trial: PlannedTrial) -> float:
+    """Force along the skin, N, that the wearer's own grip holds by kinetic friction."""
+    friction = trial.thing.friction * trial.drawn.get("friction_factor", 1.0)
+    return 2.0 * friction * trial.thing.kinetic_share * trial.grip_n
+
+
 class Wearer:
     """B wearers: when the muscle signal comes, and whether the wearer overrides."""
 
@@ -74,17 +80,27 @@ class Wearer:
         self.signal_s = np.where(missed, NEVER_S, opens_s - before_s)
         self.hands_over = np.array([trial.action in ("pass", "put-down") for trial in trials])
         self.act_s = np.array([Times.of(trial).act for trial in trials])
+        self.own_holds_n = np.array([held_n(trial) for trial in trials])
         self.resisted_s = np.zeros(len(trials))
         self.overrode_s = np.full(len(trials), np.inf)
 
-    def opening(self, t_s: FloatArray) -> FloatArray:
+    def opening(self, t_s: FloatArray) -> BoolArray:
         """[B] whether the signal to open has come, at t_s [B]."""
-        return t_s >= self.signal_s
+        signalled: BoolArray = t_s >= self.signal_s
+        return signalled
 
-    def override(self, t_s: FloatArray, extra_n: FloatArray, dt_s: float) -> FloatArray:
-        """[B] whether the wearer overrides at this sample. extra_n [B]: grip above the own one."""
-        resisted = self.hands_over & (t_s >= self.act_s) & (extra_n > self.habits.resisted_n)
+    def resist(
+        self, t_s: FloatArray, extra_n: FloatArray, pulled_n: FloatArray, dt_s: float
+    ) -> None:
+        """One sample: the wearer overrides a hand that resists a hand-over for too long.
+
+        extra_n [B]: grip above the own one. pulled_n [B]: force of the other person or the box on
+        the object, beyond the one before the action; it is resisted where the own grip would have
+        let go.
+        """
+        would_go = pulled_n > self.own_holds_n
+        resisted = self.hands_over & (t_s >= self.act_s) & would_go
+        resisted &= extra_n > self.habits.resisted_n
         self.resisted_s = np.where(resisted, self.resisted_s + dt_s, 0.0)
         now = (self.resisted_s >= self.habits.resisted_s) & np.isinf(self.overrode_s)
         self.overrode_s = np.where(now, t_s, self.overrode_s)
-        return now

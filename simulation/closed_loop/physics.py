@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -117,16 +118,17 @@ class HandsAndObjects:
     ) -> None:
         rate_hz, pieces = self.settings.rate_hz, self.pieces
         fine_part, coarse_part = _Part(self, fine), _Part(self, coarse)
-        before_s = at / rate_hz
+        start_s = np.asarray(at / rate_hz, dtype=np.float64)
+        before_s = start_s
         for k in range(pieces):
-            at_s = (at + (k + 1) / pieces) / rate_hz
+            at_s: FloatArray = (at + (k + 1) / pieces) / rate_hz
             self.script.grip_n = self.actuator.step(target_n, 1.0 / (rate_hz * pieces))
             last = k == pieces - 1
             if fine.size or (last and coarse.size):
                 now = self.script.chunk(at_s[None])[0]
                 fine_part.step(now, at_s, at_s - before_s, period * pieces + k)
                 if last:
-                    coarse_part.step(now, at_s, at_s - at / rate_hz, period * pieces + k)
+                    coarse_part.step(now, at_s, at_s - start_s, period * pieces + k)
             before_s = at_s
         fine_part.finish()
         coarse_part.finish()
@@ -207,7 +209,7 @@ class _Part:
                 getattr(whole.state, one.name)[..., lanes] = getattr(self.state, one.name)
 
 
-def _taken(whole, lanes: IntArray, n: int):  # type: ignore[no-untyped-def]
+def _taken(whole: Any, lanes: IntArray, n: int) -> Any:
     """Body or state of some of n lanes; what is the same for all lanes stays."""
     values = {one.name: getattr(whole, one.name) for one in fields(whole)}
     batched = (

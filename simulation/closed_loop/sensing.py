@@ -78,7 +78,8 @@ class LoopSensors:
         return self._in_card_unit(now, unit)[0], lost
 
     def _apply(self, name: str, now: Rows, rows: IntArray, lost: BoolArray) -> Rows:
-        law, plan = self.effects[name].make, self._plans[name].at(rows)
+        law: Any = self.effects[name].make
+        plan = self._plans[name].at(rows)
         if not law.chained:
             made: Rows = law.apply(now, plan)
             return made

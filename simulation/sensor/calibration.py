@@ -54,3 +54,15 @@ def residual_n() -> tuple[float, float]:
     forces = loads_n()
     error = (dipole_ut(place_m(forces, HEIGHT.default)) - rest) @ matrix.T - forces
     return float(np.sqrt((error[:, 2] ** 2).mean())), float(np.sqrt((error[:, :2] ** 2).mean()))
+
+
+def shear_gain() -> float:
+    """True over read ratio of shear and normal force, at a light touch of 1 N with 0.5 N of shear.
+
+    The map is fitted to loads up to 14 N, and silicone stiffens: a light touch reads too little
+    along the skin.
+    """
+    matrix, rest = linear_map()
+    force = np.array([[0.5, 0.0, 1.0]])
+    read = (dipole_ut(place_m(force, HEIGHT.default)) - rest) @ matrix.T
+    return float(0.5 * read[0, 2] / read[0, 0])

@@ -1,0 +1,110 @@
+"""What may reach the hand: the last word on every wanted grip. The wearer always wins.
+
+    the wearer overrides, or opens     yield: every request ends at once
+    the state is unknown               hold: neither tighten nor relax, and no time passes
+    the hand is empty                  idle
+    a larger grip is wanted            tighten, up to the ceiling, while evidence is fresh (RISE_S)
+                                       and not for longer than MOST_RISE_S in all
+    a smaller grip is wanted           relax
+    no evidence for GIVE_BACK_S        relax slowly to what the friction margin needs; to the
+                                       wearer's own grip where no slip has shown the friction
+    else                               hold
+
+A controller remembers nothing of what it wanted: it is told what was given.
+
+How long an override lasts is the decision's business (edge_runtime/decision.py), which every
+prediction tells as `overridden`. The rules run on one hand or on many (edge_runtime/lanes.py).
+docs/shared-control.md has the invariants; tests/edge_runtime/test_supervisor.py searches every
+state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
+from edge_runtime.lanes import Flag, Lanes, Number, least, most
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a hand allows: ceiling_n a side, slew_n_s; times in s; give_back_n_s: slow relaxing."""
+
+    ceiling_n: float = 70.0
+    slew_n_s: float = 400.0
+    rise_s: float = 0.2
+    most_rise_s: float = 2.0
+    give_back_s: float = 1.0
+    give_back_n_s: float = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What a controller wants at one sample, and what the wearer does.
+
+    wanted_n: N a side, 0 for none. fresh: there is evidence at this sample. needed_n: by the
+    friction margin, 0 where unknown. known, empty, opening, overridden: as in GripSense.
+    """
+
+    wanted_n: Number
+    fresh: Flag
+    needed_n: Number
+    known: Flag
+    empty: Flag
+    opening: Flag
+    overridden: Flag
+
+
+class Supervisor:
+    """given_n: the target that reaches the hand, N a side, 0 for none. mode: index of MODES."""
+
+    def __init__(self, lanes: Lanes, rate_hz: float, limits: Limits | None = None) -> None:
+        self._lanes, self.limits, self._period_s = lanes, limits or Limits(), 1.0 / rate_hz
+        self.given_n, self.since_s, self.risen_s = (lanes.zero() for _ in range(3))
+        self.mode: Number = lanes.zero() + HOLD
+
+    def step(self, wish: Wish) -> Number:
+        """The target after one sample; sets `mode`."""
+        lanes = self._lanes
+        ends = wish.opening | wish.overridden | (wish.known & wish.empty)
+        unknown = lanes.no(wish.known)
+        self._pass_time(wish)
+        target_n = self._given_back(wish, self._followed(wish.wanted_n))
+        target_n = lanes.choose(unknown, self.given_n, target_n)
+        target_n = lanes.choose(ends, 0.0, target_n)
+        rises = target_n > self.given_n
+        self.risen_s = lanes.choose(rises, self.risen_s + self._period_s, self.risen_s)
+        self.risen_s = lanes.choose(target_n > 0.0, self.risen_s, 0.0)
+        self._choose_mode(target_n, unknown, ends)
+        self.given_n = target_n
+        return target_n
+
+    def _pass_time(self, wish: Wish) -> None:
+        """Time since the last evidence; it stands still while the state is unknown."""
+        lanes = self._lanes
+        later_s = least(lanes, self.since_s + self._period_s, self.limits.give_back_s)
+        since_s = lanes.choose(wish.fresh, 0.0, later_s)
+        self.since_s = lanes.choose(wish.known, since_s, self.since_s)
+
+    def _followed(self, wanted_n: Number) -> Number:
+        """The wanted grip, where the target may go there."""
+        lanes, limits = self._lanes, self.limits
+        may_rise = (self.since_s < limits.rise_s) & (self.risen_s < limits.most_rise_s)
+        capped_n = least(lanes, wanted_n, limits.ceiling_n)
+        return lanes.choose(may_rise, capped_n, least(lanes, capped_n, self.given_n))
+
+    def _given_back(self, wish: Wish, target_n: Number) -> Number:
+        """The target after slow relaxing to what friction needs."""
+        lanes, limits = self._lanes, self.limits
+        stale = self.since_s >= limits.give_back_s
+        less_n = target_n - limits.give_back_n_s * self._period_s
+        floor_n = least(lanes, wish.needed_n, target_n)
+        return lanes.choose(stale, most(lanes, most(lanes, less_n, floor_n), 0.0), target_n)
+
+    def _choose_mode(self, target_n: Number, unknown: Flag, ends: Flag) -> None:
+        lanes, before_n = self._lanes, self.given_n
+        mode = lanes.choose(target_n < before_n, RELAX, HOLD)
+        mode = lanes.choose(target_n > before_n, TIGHTEN, mode)
+        mode = lanes.choose(target_n <= 0.0, lanes.choose(before_n > 0.0, YIELD, IDLE), mode)
+        mode = lanes.choose(unknown, HOLD, mode)
+        self.mode = lanes.choose(ends, lanes.choose(before_n > 0.0, YIELD, IDLE), mode)

@@ -1,0 +1,96 @@
+"""Who decides in a closed loop: a grip controller by its name, the oracle, or a vibration alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from edge_runtime.contract import FloatArray
+from edge_runtime.grip import AnswerRules, GripSense, Holdfast
+from edge_runtime.grip_control import CUE_P, GripLoop, controller_of
+from edge_runtime.lanes import Lanes, ManyLanes
+from edge_runtime.supervisor import Limits
+from edge_runtime.trial_layout import RISKY_ACTIONS
+from simulation.closed_loop.loop import LoopController, LoopTruth
+from simulation.closed_loop.oracle import Oracle, needed_grip_n
+from simulation.effect import stream
+from simulation.protocol import PlannedTrial
+from simulation.scene import Scene
+from simulation.sensor.calibration import shear_gain
+
+Make = Callable[[Sequence[PlannedTrial], float], LoopController]
+REACTION_S, REACTION_SPREAD = 0.28, 0.25
+"""A wearer's reaction to a vibration: log-normal, its median in s and the deviation of its log."""
+
+
+class Managed:
+    """A grip controller behind margin and supervisor, for B hands; margin: its last mu_hat."""
+
+    def __init__(self, grip: GripLoop) -> None:
+        self.grip = grip
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] target, N a side; 0 for none."""
+        target_n: FloatArray = self.grip.step(sense)
+        return target_n
+
+
+def managed(
+    scene: Scene,
+    name: str,
+    setting: float | None = None,
+    rules: AnswerRules | None = None,
+    limits: Limits | None = None,
+) -> Make:
+    """A maker of the named controller; rules: of holdfast, for a study of its parts."""
+    gain = shear_gain() if "dipole" in scene.card.effects else 1.0
+
+    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
+        lanes: Lanes = ManyLanes(len(trials))
+        controller = controller_of(name, lanes, rate_hz, setting)
+        if rules is not None:
+            controller = Holdfast(lanes, rate_hz, setting or Holdfast.SETTING, rules)
+        return Managed(GripLoop(lanes, rate_hz, controller, limits, gain))
+
+    return make
+
+
+def oracle(onset_s: dict[int, float], ceiling_n: float) -> Make:
+    """A maker of the oracle; onset_s: trial number -> load onset in a hand that does nothing."""
+
+    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
+        onsets = np.array([onset_s[trial.number] for trial in trials])
+        return Oracle(trials, onsets, ceiling_n)
+
+    return make
+
+
+class Vibration:
+    """The hand does nothing but vibrate; a wearer who did not mean it closes the hand after a while.
+
+    The wearer knows whether it was meant, and closes to what the load needs. Reaction times are
+    log-normal about 0.28 s (vibrotactile: a simple reaction of 0.2 to 0.35 s).
+    """
+
+    def __init__(self, trials: Sequence[PlannedTrial], seed: int) -> None:
+        rngs = [stream(seed, trial.number, "reaction") for trial in trials]
+        self.reaction_s = np.array(
+            [REACTION_S * np.exp(REACTION_SPREAD * rng.normal()) for rng in rngs]
+        )
+        self.meant = np.array([trial.action not in RISKY_ACTIONS for trial in trials])
+        self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
+        self.felt_s = np.full(len(trials), np.inf)
+
+    def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
+        """[B] N a side; 0 for none."""
+        cue = sense.known & (sense.p_risky >= CUE_P) & ~self.meant
+        self.felt_s = np.where(cue, np.minimum(self.felt_s, now.t_s), self.felt_s)
+        acts = now.t_s >= self.felt_s + self.reaction_s
+        wanted: FloatArray = np.where(acts, self.needed_n, 0.0)
+        return wanted
+
+
+def vibration(seed: int) -> Make:
+    """A maker of the vibration alone."""
+    return lambda trials, rate_hz: Vibration(trials, seed)
