@@ -27,6 +27,7 @@ VERBS = {
     "repair": ("holdfast.repair", "repair trials after a kill or a power cut"),
     "watch": ("holdfast.watch", "record a camera: lossless video and tracks of two printed tags"),
     "onset": ("holdfast.onset", "find the onset of slip in a camera recording; writes a label"),
+    "loop": ("holdfast.loop", "grip controllers in a closed loop: drops saved, hand-overs blocked"),
     "bench": ("holdfast.bench", "measure what accuracy costs in time"),
     "selftest": ("holdfast.selftest", "check a model file on this machine, in seconds"),
     "doctor": ("holdfast.doctor", "list what is installed, what is missing, and how to get it"),

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("card", metavar="CARD", help=f"a TOML file, or one of {', '.join(shipped())}")
     option("--out", type=path_argument, required=True, metavar="DIR", help="a new folder")
     trials = "number of trials, in the card's proportions (default: all)"
-    option("--trials", type=_count, metavar="N", help=trials)
+    option("--trials", type=trial_count, metavar="N", help=trials)
     option("--rate", type=float, metavar="HZ", help="sampling rate (default: the card's)")
     every = "seed of every random choice (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=every)
@@ -74,7 +74,8 @@ def _nothing_left_of(out: Path) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _count(word: str) -> int:
+def trial_count(word: str) -> int:
+    """A number of trials, from a word of the command line."""
     number = int(word) if word.isdecimal() else 0
     if number < 1:
         raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from 1")

@@ -25,6 +25,7 @@ OBJECT_KEYS = {
     ),
     "friction": Parameter(0.7, "", 0.0, 3.0, "static friction coefficient on silicone"),
     "kinetic_share": Parameter(0.8, "", 0.0, 1.0, "kinetic over static friction"),
+    "crush_n": Parameter(0.0, "N", 0.0, 1e4, "grip of either side that crushes it; 0: none does"),
     "stiffness_n_per_m": Parameter(1e4, "N/m", 50.0, 1e7, "stiffness, in series with a finger's"),
 }
 EDGE_RADIUS_MM = 5.0
@@ -43,6 +44,7 @@ class Thing:
     friction: float
     kinetic_share: float
     stiffness_n_per_m: float
+    crush_n: float = 0.0
 
     @property
     def curvature_per_m(self) -> tuple[float, float]:

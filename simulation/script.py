@@ -226,7 +226,7 @@ class Script:
         floor = self._box(t_s) if self.boxed else None
         return [
             Inputs(
-                self._closure(shut[k], pulse[k]),
+                self._closure(shut[k], pulse[k], self.grip_share(k)),
                 tuple(Pull(*(part[k] for part in person)) for person in people),
                 None
                 if floor is None
@@ -249,14 +249,16 @@ class Script:
         disturbed = self.holds & (number >= 0) & (number < np.round(self.d("times")))
         return np.where(disturbed, within * within, 0.0)
 
-    def _closure(self, shut: FloatArray, pulse: FloatArray) -> FloatArray:
-        grip = (1.0 + self.d("grip_change") * pulse) * self.grip_share()
+    def _closure(
+        self, shut: FloatArray, pulse: FloatArray, share: FloatArray | float
+    ) -> FloatArray:
+        grip = (1.0 + self.d("grip_change") * pulse) * share
         closure = shut * (OPEN_GAP_M + self.closed_m * grip) - OPEN_GAP_M
         closure[self.body.thumb :] += 1e-3 * self.d("motor_mm") * pulse * shut
         return closure
 
-    def grip_share(self) -> FloatArray | float:
-        """The hand's grip over the one it was closed with; a closed loop changes it."""
+    def grip_share(self, k: int) -> FloatArray | float:
+        """[B] the hand's grip in step k of a chunk, over the one that it was closed with."""
         return 1.0
 
     def still_there(self, t_s: FloatArray) -> FloatArray | float:

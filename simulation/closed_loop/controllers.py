@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,27 +12,28 @@ from edge_runtime.grip_control import CUE_P, GripLoop, controller_of
 from edge_runtime.lanes import Lanes, ManyLanes
 from edge_runtime.supervisor import Limits
 from edge_runtime.trial_layout import RISKY_ACTIONS
-from simulation.closed_loop.loop import LoopController, LoopTruth
+from simulation.closed_loop.loop import LoopController, LoopTruth, Make
 from simulation.closed_loop.oracle import Oracle, needed_grip_n
 from simulation.effect import stream
 from simulation.protocol import PlannedTrial
 from simulation.scene import Scene
 from simulation.sensor.calibration import shear_gain
 
-Make = Callable[[Sequence[PlannedTrial], float], LoopController]
 REACTION_S, REACTION_SPREAD = 0.28, 0.25
 """A wearer's reaction to a vibration: log-normal, its median in s and the deviation of its log."""
 
 
 class Managed:
-    """A grip controller behind margin and supervisor, for B hands; margin: its last mu_hat."""
+    """A grip controller behind margin and supervisor, for B hands."""
 
-    def __init__(self, grip: GripLoop) -> None:
-        self.grip = grip
+    def __init__(self, grip: GripLoop, lanes: int) -> None:
+        self.grip, self.mu_hat = grip, np.full(lanes, np.nan)
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] target, N a side; 0 for none."""
         target_n: FloatArray = self.grip.step(sense)
+        observed = self.grip.margin.mu_hat
+        self.mu_hat = np.where(observed > 0.0, observed, self.mu_hat)
         return target_n
 
 
@@ -51,7 +52,8 @@ def managed(
         controller = controller_of(name, lanes, rate_hz, setting)
         if rules is not None:
             controller = Holdfast(lanes, rate_hz, setting or Holdfast.SETTING, rules)
-        return Managed(GripLoop(lanes, rate_hz, controller, limits, gain))
+        grip = GripLoop(lanes, rate_hz, controller, limits, gain)
+        return Managed(grip, len(trials))
 
     return make
 
@@ -67,7 +69,7 @@ def oracle(onset_s: dict[int, float], ceiling_n: float) -> Make:
 
 
 class Vibration:
-    """The hand does nothing but vibrate; a wearer who did not mean it closes the hand after a while.
+    """The hand only vibrates; a wearer who did not mean it closes the hand after a while.
 
     The wearer knows whether it was meant, and closes to what the load needs. Reaction times are
     log-normal about 0.28 s (vibrotactile: a simple reaction of 0.2 to 0.35 s).
@@ -81,6 +83,7 @@ class Vibration:
         self.meant = np.array([trial.action not in RISKY_ACTIONS for trial in trials])
         self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
         self.felt_s = np.full(len(trials), np.inf)
+        self.mu_hat = np.full(len(trials), np.nan)
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] N a side; 0 for none."""

@@ -10,7 +10,7 @@ settled, and ends a while after the action.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -22,7 +22,7 @@ from edge_runtime.grip import GripSense
 from edge_runtime.model import Model
 from simulation.closed_loop.actuator import Actuator, Drive
 from simulation.closed_loop.answers import HandModels
-from simulation.closed_loop.outcome import LoopOutcome, outcome_of
+from simulation.closed_loop.outcome import LaneRecord, LoopOutcome, outcome_of
 from simulation.closed_loop.people import Habits, Wearer
 from simulation.closed_loop.physics import HandsAndObjects, Spans
 from simulation.closed_loop.sensing import LoopSensors
@@ -37,7 +37,9 @@ LANES = 300
 
 
 class LoopController(Protocol):
-    """Decides for B hands."""
+    """Decides for B hands. mu_hat [B]: the last friction estimates, nan where there is none."""
+
+    mu_hat: FloatArray
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] target, N a side; 0 for none."""
@@ -52,12 +54,8 @@ class LoopTruth:
     grip_n: FloatArray
 
 
-class ControllerMaker(Protocol):
-    """Makes the controller of a batch."""
-
-    def __call__(self, trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
-        """For these trials."""
-        ...
+Make = Callable[[Sequence[PlannedTrial], float], LoopController]
+"""Makes the controller of a batch: (trials, rate in Hz)."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def run_loops(
     scene: Scene,
     trials: Sequence[PlannedTrial],
     model: Model,
-    make: ControllerMaker,
+    make: Make,
     settings: LoopSettings | None = None,
     done: Done = lambda trials: None,
 ) -> list[LoopOutcome]:
@@ -111,7 +109,7 @@ class ClosedLoop:
         scene: Scene,
         trials: Sequence[PlannedTrial],
         model: Model,
-        make: ControllerMaker,
+        make: Make,
         settings: LoopSettings | None = None,
     ) -> None:
         self.settings = settings or LoopSettings()
@@ -169,9 +167,14 @@ class ClosedLoop:
     def _outcome(self, lane: int, grip_n: npt.NDArray[np.float32]) -> LoopOutcome:
         motion = self.world.motion(lane, np.zeros((2, 1, 3)), np.zeros((2, 3)))
         moves = int(self.spans.ends[lane] - self.spans.begins[lane])
-        begin_s = float(self.spans.begins[lane]) / self.rate_hz
-        overrode_s = float(self.wearer.overrode_s[lane])
-        return outcome_of(self.trials[lane], motion, overrode_s, begin_s, grip_n[:moves])
+        kept = LaneRecord(
+            overrode_s=float(self.wearer.overrode_s[lane]),
+            begin_s=float(self.spans.begins[lane]) / self.rate_hz,
+            rate_hz=self.rate_hz,
+            mu_hat=float(self.controller.mu_hat[lane]),
+            grip_n=grip_n[:moves],
+        )
+        return outcome_of(self.trials[lane], motion, kept)
 
 
 def _spans(scene: Scene, trials: Sequence[PlannedTrial], before: int, habits: Habits) -> Spans:

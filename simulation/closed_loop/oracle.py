@@ -30,6 +30,7 @@ class Oracle:
         risky = np.array([trial.action in RISKY_ACTIONS for trial in trials])
         self.act_s = np.where(risky, onset_s, np.inf)
         self.needed_n = np.array([needed_grip_n(trial) for trial in trials])
+        self.mu_hat = np.full(len(trials), np.nan)
 
     def step(self, sense: GripSense, now: LoopTruth) -> FloatArray:
         """[B] N a side; 0 for none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,8 @@ class LoopOutcome:
     lost_s: the last contact ends. onset_s: load onset. slip_mm: travel of the contacts since load
     onset. peak_n: largest force of the other person or the box beyond the one before the action,
     while there is contact. grip_n: the grip of either side that the drive gave, over time [T] from
-    begin_s on. overrode_s: the wearer overrides.
+    begin_s on. overrode_s: the wearer overrides. mu_hat: the last friction estimate, nan where no
+    slip has shown it.
     """
 
     trial: PlannedTrial
@@ -32,6 +33,8 @@ class LoopOutcome:
     peak_n: float
     overrode_s: float
     begin_s: float
+    rate_hz: float
+    mu_hat: float
     grip_n: npt.NDArray[np.float32]
 
     @property
@@ -50,18 +53,28 @@ class LoopOutcome:
         return self.lost_s < min(self.opens_s, HELD_AT_END_S)
 
     @property
+    def crushed(self) -> bool:
+        """The grip of either side exceeded what the object bears."""
+        return 0.0 < self.trial.thing.crush_n < self.peak_grip_n
+
+    @property
     def peak_grip_n(self) -> float:
         """The largest grip of either side."""
         return float(self.grip_n.max())
 
 
-def outcome_of(
-    trial: PlannedTrial,
-    motion: TrialMotion,
-    overrode_s: float,
-    begin_s: float,
-    grip_n: npt.NDArray[np.float32],
-) -> LoopOutcome:
+@dataclass(frozen=True)
+class LaneRecord:
+    """What the loop itself kept of a trial; fields as in LoopOutcome."""
+
+    overrode_s: float
+    begin_s: float
+    rate_hz: float
+    mu_hat: float
+    grip_n: npt.NDArray[np.float32]
+
+
+def outcome_of(trial: PlannedTrial, motion: TrialMotion, kept: LaneRecord) -> LoopOutcome:
     """Read the outcome of a trial off its motion."""
     act_s, at_s = Times.of(trial).act, motion.at_s
     held = np.flatnonzero(motion.gripped)
@@ -75,9 +88,7 @@ def outcome_of(
         onset_s=float(at_s[onset]) if onset is not None else HELD_AT_END_S,
         slip_mm=1e3 * float(motion.slip_m[max(last, 0)] - motion.slip_m[start]),
         peak_n=_peak_n(motion, act_s, last),
-        overrode_s=overrode_s,
-        begin_s=begin_s,
-        grip_n=grip_n,
+        **{one.name: getattr(kept, one.name) for one in fields(kept)},
     )
 
 

@@ -25,7 +25,7 @@ TAKING = ("pass", "pull")
 class Habits:
     """How people behave; distributions are uniform where two figures are given.
 
-    gives_up_s: from the start of a pull or a hand-over until the other person lets go, by action.
+    pull_gives_up_s, pass_gives_up_s: from the first pull until the other person lets go.
     lets_go_s: how long letting go takes. signal_s: by how much the wearer's muscle signal precedes
     the opening of the hand. missed_share: of the signals, which the hand's own control sees and
     we do not. resisted_n, resisted_s: grip above the wearer's own, for so long, in a hand-over:
@@ -47,14 +47,17 @@ class LoopScript(Script):
     def __init__(self, trials: Sequence[PlannedTrial], body: Body, habits: Habits) -> None:
         super().__init__(trials, body)
         after_s = {"pull": habits.pull_gives_up_s, "pass": habits.pass_gives_up_s}
-        self.gives_up_s = self.t["act"] + np.array([after_s.get(t.action, NEVER_S) for t in trials])
+        patience_s = np.array([after_s.get(trial.action, NEVER_S) for trial in trials])
+        self.gives_up_s = self.t["act"] + self.d("wait_s") + patience_s
         self.lets_go_s = habits.lets_go_s
         self.own_n = np.array([trial.grip_n for trial in trials])
-        self.grip_n: FloatArray = self.own_n
+        self.grip_n: FloatArray = self.own_n[None]
+        """[n, B] grip of the drive in each step of the next chunk."""
 
-    def grip_share(self) -> FloatArray:
-        """[B] the hand's grip over the wearer's own."""
-        return self.grip_n / self.own_n
+    def grip_share(self, k: int) -> FloatArray:
+        """[B] the hand's grip in step k of a chunk, over the wearer's own."""
+        share: FloatArray = self.grip_n[k] / self.own_n
+        return share
 
     def still_there(self, t_s: FloatArray) -> FloatArray:
         """[n, B] 1 while the other person pulls, 0 after giving up."""

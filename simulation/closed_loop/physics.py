@@ -117,19 +117,18 @@ class HandsAndObjects:
         self, period: int, at: IntArray, fine: IntArray, coarse: IntArray, target_n: FloatArray
     ) -> None:
         rate_hz, pieces = self.settings.rate_hz, self.pieces
+        dt_s = 1.0 / (rate_hz * pieces)
+        grips_n = np.stack([self.actuator.step(target_n, dt_s) for _ in range(pieces)])
+        ends_s = (at + (np.arange(pieces)[:, None] + 1) / pieces) / rate_hz
+        first = 0 if fine.size else pieces - 1
+        self.script.grip_n = grips_n[first:]
         fine_part, coarse_part = _Part(self, fine), _Part(self, coarse)
         start_s = np.asarray(at / rate_hz, dtype=np.float64)
         before_s = start_s
-        for k in range(pieces):
-            at_s: FloatArray = (at + (k + 1) / pieces) / rate_hz
-            self.script.grip_n = self.actuator.step(target_n, 1.0 / (rate_hz * pieces))
-            last = k == pieces - 1
-            if fine.size or (last and coarse.size):
-                now = self.script.chunk(at_s[None])[0]
-                fine_part.step(now, at_s, at_s - before_s, period * pieces + k)
-                if last:
-                    coarse_part.step(now, at_s, at_s - start_s, period * pieces + k)
-            before_s = at_s
+        for k, now in enumerate(self.script.chunk(ends_s[first:]), first):
+            fine_part.step(now, ends_s[k], ends_s[k] - before_s, period * pieces + k)
+            before_s = ends_s[k]
+        coarse_part.step(now, ends_s[-1], ends_s[-1] - start_s, (period + 1) * pieces - 1)
         fine_part.finish()
         coarse_part.finish()
 
@@ -170,7 +169,7 @@ class _Part:
         self.all = self.count == n
         self.body = whole.body if self.all else whole.body_part(self.lanes)
         self.state = whole.state if self.all else _taken(whole.state, self.lanes, n)
-        self.travel_m = whole.travel_m[:, self.lanes]
+        self.travel_m = np.take(whole.travel_m, self.lanes, axis=-1)
         self.total = np.zeros((len(self.travel_m), 3, len(self.lanes)))
         self.weight_s = np.zeros(len(self.lanes))
 
@@ -217,15 +216,17 @@ def _taken(whole: Any, lanes: IntArray, n: int) -> Any:
         for name, value in values.items()
         if isinstance(value, np.ndarray) and value.ndim and value.shape[-1] == n
     )
-    return type(whole)(**(values | {name: values[name][..., lanes] for name in batched}))
+    # take, not [..., lanes]: the layout in memory decides in which order numpy sums
+    return type(whole)(**(values | {n: np.take(values[n], lanes, axis=-1) for n in batched}))
 
 
 def _inputs(now: Inputs, lanes: IntArray, n: int) -> Inputs:
     people = tuple(
-        Pull(*(getattr(pull, one.name)[..., lanes] for one in fields(Pull))) for pull in now.people
+        Pull(*(np.take(getattr(pull, one.name), lanes, axis=-1) for one in fields(Pull)))
+        for pull in now.people
     )
     floor: Floor | None = None if now.floor is None else _taken(now.floor, lanes, n)
-    return Inputs(now.closure_m[:, lanes], people, floor)
+    return Inputs(np.take(now.closure_m, lanes, axis=-1), people, floor)
 
 
 def _busy(trials: Sequence[PlannedTrial], settings: StepSettings, spans: Spans) -> BoolArray:

@@ -1,0 +1,164 @@
+"""Runs of whole sets in a closed loop, in as many processes as there are cores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+from joblib import Parallel, delayed
+
+from edge_runtime.contract import UNITS
+from edge_runtime.errors import UsageError
+from edge_runtime.fit import require_fit
+from edge_runtime.grip import CONTROLLERS, AnswerRules
+from edge_runtime.model import Model
+from edge_runtime.supervisor import Limits
+from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
+from simulation.card import read_card
+from simulation.closed_loop.actuator import Drive
+from simulation.closed_loop.controllers import managed, oracle, vibration
+from simulation.closed_loop.loop import LoopSettings, Make, run_loops
+from simulation.closed_loop.outcome import LoopOutcome
+from simulation.closed_loop.people import Habits
+from simulation.protocol import PlannedTrial
+from simulation.scene import Scene
+
+ORACLE, VIBRATION = "oracle", "vibration"
+CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
+BARE = "none"
+PART = 150
+"""Trials a process runs together."""
+
+
+@dataclass(frozen=True)
+class LoopSet:
+    """Trials of a card: all of it, or so many in its proportions. changes: values of every row."""
+
+    card: str
+    trials: int | None
+    seed: int
+    changes: tuple[tuple[str, object], ...] = ()
+
+
+@dataclass(frozen=True)
+class LoopRequest:
+    """One controller with a setting (None: its default) on a set, with a drive."""
+
+    name: str
+    setting: float | None = None
+    lag_ms: float = 50.0
+    delay_samples: int = 0
+    rules: AnswerRules | None = None
+    habits: Habits = field(default_factory=Habits)
+
+
+@lru_cache(maxsize=2)
+def opened(model: str) -> Model:
+    """A model file, opened once a process."""
+    return Model(model)
+
+
+@lru_cache(maxsize=16)
+def scene_of(one: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
+    """The scene of a set and its trials with an object."""
+    card = read_card(one.card)
+    rows = tuple(replace(row, values={**row.values, **_fitting(row, one)}) for row in card.rows)
+    scene = Scene(replace(card, rows=rows), one.seed)
+    return scene, tuple(t for t in scene.trials(one.trials) if t.action != "nothing")
+
+
+def _fitting(row: object, one: LoopSet) -> dict[str, object]:
+    nothing = getattr(row, "action", "") == "nothing"
+    return {} if nothing else dict(one.changes)
+
+
+def require_runnable(model: Model, card_name: str) -> None:
+    """Raise what does not fit between a card and a model, and CardError."""
+    card = read_card(card_name)
+    contacts = 3 * card.hand.n_contacts
+    assert card.unit in UNITS
+    require_fit(
+        model.card, n_channels=contacts, unit=card.unit, rate_hz=card.rate_hz, where=card_name
+    )
+
+
+def run_part(
+    model: str, one: LoopSet, request: LoopRequest, start: int, onset_s: Mapping[int, float]
+) -> list[LoopOutcome]:
+    """Outcomes of PART trials of a set from `start` on."""
+    scene, trials = scene_of(one)
+    settings = LoopSettings(
+        Drive(lag_ms=request.lag_ms), request.habits, delay_samples=request.delay_samples
+    )
+    part = trials[start : start + PART]
+    return run_loops(scene, part, opened(model), _maker(scene, request, onset_s), settings)
+
+
+def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:
+    if request.name == ORACLE:
+        return oracle(dict(onset_s), Drive().ceiling_n)
+    if request.name == VIBRATION:
+        return vibration(scene.seed)
+    if request.name not in CONTROLLERS:
+        raise UsageError(
+            f"no controller {request.name!r}", next_step=f"choose from {', '.join(CHOICES)}"
+        )
+    return managed(scene, request.name, request.setting, request.rules, Limits())
+
+
+class LoopRuns:
+    """Runs requests on sets, each once; done: called with the share of the work that is done."""
+
+    def __init__(
+        self,
+        model: Path,
+        n_jobs: int,
+        done: Callable[[float], None] = lambda share: None,
+    ) -> None:
+        self.model, self.n_jobs, self.done = str(model), n_jobs, done
+        self._kept: dict[tuple[LoopSet, LoopRequest], list[LoopOutcome]] = {}
+
+    def run(self, wanted: Sequence[tuple[LoopSet, LoopRequest]]) -> None:
+        """Run all of them, with the bare hands and oracles that their figures need."""
+        drives = {(one, request.lag_ms): None for one, request in wanted}
+        bare = [(one, LoopRequest(BARE)) for one in dict.fromkeys(one for one, _ in wanted)]
+        best = [(one, LoopRequest(ORACLE, lag_ms=lag_ms)) for one, lag_ms in drives]
+        total = len({*bare, *best, *wanted})
+        self._run(bare, 0.0, len(bare) / total)
+        self._run([*best, *wanted], len(bare) / total, 1.0)
+
+    def _run(
+        self, wanted: Sequence[tuple[LoopSet, LoopRequest]], from_share: float, to_share: float
+    ) -> None:
+        new = [pair for pair in dict.fromkeys(wanted) if pair not in self._kept]
+        parts = [
+            (one, request, start)
+            for one, request in new
+            for start in range(0, len(scene_of(one)[1]), PART)
+        ]
+        jobs = (
+            delayed(run_part)(self.model, one, request, start, self._onsets(one, request))
+            for one, request, start in parts
+        )
+        results = Parallel(n_jobs=self.n_jobs, return_as="generator")(jobs)
+        for number, ((one, request, _), outcomes) in enumerate(zip(parts, results, strict=True), 1):
+            self._kept.setdefault((one, request), []).extend(outcomes)
+            self.done(from_share + (to_share - from_share) * number / len(parts))
+
+    def _onsets(self, one: LoopSet, request: LoopRequest) -> dict[int, float]:
+        if request.name != ORACLE:
+            return {}
+        return {o.trial.number: o.onset_s for o in self._kept[one, LoopRequest(BARE)]}
+
+    def outcomes(self, one: LoopSet, request: LoopRequest) -> list[ThreeRuns]:
+        """Each trial in three hands."""
+        bare = self._kept[one, LoopRequest(BARE)]
+        best = self._kept[one, LoopRequest(ORACLE, lag_ms=request.lag_ms)]
+        held = self._kept[one, request]
+        return [ThreeRuns(*three) for three in zip(bare, best, held, strict=True)]
+
+    def figures(self, one: LoopSet, request: LoopRequest) -> LoopFigures:
+        """Figures of a request on a set."""
+        return loop_figures(self.outcomes(one, request))

@@ -1,0 +1,123 @@
+"""`holdfast loop CARD..`: grip controllers in a closed loop on cards, simulated."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edge_runtime.command import path_argument, positive, seed, show
+from edge_runtime.writing import require_writable, write_whole
+from holdfast.simulate import trial_count
+
+if TYPE_CHECKING:
+    from evaluation.loop_scores import LoopFigures
+
+MODEL = Path("models/holdfast-150hz.onnx")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    option = parser.add_argument
+    option("cards", nargs="+", metavar="CARD", help="scene cards, by name or file")
+    option("--model", type=path_argument, default=MODEL, metavar="FILE", help=f"default {MODEL}")
+    names = "grip controllers, vibration or oracle (default holdfast)"
+    option("--controller", nargs="+", default=["holdfast"], metavar="NAME", help=names)
+    setting = "the controllers' own setting (default: each its own)"
+    option("--setting", type=positive, metavar="X", help=setting)
+    lag = "lag of the hand's drive (default 50)"
+    option("--lag-ms", type=_lag_ms, default=50.0, metavar="MS", help=lag)
+    option("--trials", type=trial_count, metavar="N", help="trials a card (default: all)")
+    option("--seed", type=seed, default=0, metavar="S", help="seed of every choice (default 0)")
+    option("--jobs", type=trial_count, default=2, metavar="N", help="processes (default 2)")
+    option("--json", type=path_argument, metavar="OUT", help="write the figures to this file")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, print a line a controller, write the figures."""
+    from training.progress import counted
+
+    if args.json is not None:
+        require_writable(args.json.parent)
+    with counted(f"running {', '.join(args.cards)} in a closed loop (simulated)", 1) as done:
+        sets = _figures(args, done)
+    for card, rows in sets.items():
+        show(f"{card}, drive lag {args.lag_ms:g} ms, seed {args.seed} (simulated)")
+        show("\n".join(in_words(name, figures) for name, figures in rows.items()))
+    if args.json is not None:
+        write_whole(args.json, json.dumps(_json(args, sets), indent=1) + "\n")
+    return 0
+
+
+def _figures(
+    args: argparse.Namespace, done: Callable[[float], None]
+) -> dict[str, dict[str, LoopFigures]]:
+    from evaluation.loop_runs import (
+        CHOICES,
+        LoopRequest,
+        LoopRuns,
+        LoopSet,
+        opened,
+        require_runnable,
+    )
+
+    require_known(args.controller, CHOICES)
+    model = opened(str(args.model))
+    for card in args.cards:
+        require_runnable(model, card)
+    sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
+    asked = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
+    runs = LoopRuns(args.model, args.jobs, done)
+    runs.run([(one, request) for one in sets.values() for request in asked.values()])
+    return {
+        Path(card).stem: {name: runs.figures(one, request) for name, request in asked.items()}
+        for card, one in sets.items()
+    }
+
+
+def require_known(names: list[str], known: tuple[str, ...]) -> None:
+    """Raise UsageError for a controller that does not exist."""
+    from edge_runtime.errors import UsageError
+
+    for name in names:
+        if name not in known:
+            raise UsageError(
+                f"--controller {name!r:.40} does not exist",
+                next_step=f"choose from {', '.join(known)}",
+            )
+
+
+def _json(args: argparse.Namespace, sets: dict[str, dict[str, LoopFigures]]) -> dict[str, object]:
+    from evaluation.loop_runs import opened
+
+    return {
+        "kind": "simulated",
+        "model": opened(str(args.model)).card.model_id,
+        "lag_ms": args.lag_ms,
+        "seed": args.seed,
+        "trials": args.trials,
+        "setting": args.setting,
+        "sets": {
+            card: {name: figures.to_json() for name, figures in rows.items()}
+            for card, rows in sets.items()
+        },
+    }
+
+
+def in_words(name: str, figures: LoopFigures) -> str:
+    """One line of figures."""
+    saved = f"{figures.saved} of {figures.preventable} preventable drops saved"
+    blocked = f"{figures.blocked} of {figures.handovers} hand-overs blocked"
+    return f"  {name:<13}{saved}, {blocked}, grip {figures.grip_excess:.2f} N s above need a trial"
+
+
+def _lag_ms(word: str) -> float:
+    try:
+        lag = float(word)
+    except ValueError:
+        lag = -1.0
+    if not 0.0 <= lag <= 1000.0:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a lag from 0 to 1000 ms")
+    return lag
