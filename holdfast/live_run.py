@@ -9,7 +9,7 @@ import argparse
 import errno
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from edge_runtime.commands import command_port
@@ -23,15 +23,18 @@ from edge_runtime.sample_file import SampleFile, sample_file
 from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
 from edge_runtime.visible import visible
+from holdfast.grip_options import require_grip
 from holdfast.live_options import force_of, resting_of
 from holdfast.live_sources import open_live
 from holdfast.real_time import RunClock, first_in_line
 from holdfast.stopping import output_from_the_background, stop_signals, until
 
 if TYPE_CHECKING:
+    from holdfast.live_grip import GripOutput
     from holdfast.view import View
 
 PACE_READS = 3
+UNLOADED = "no --bias: the first samples must be of the unloaded hand; this is not checked"
 STDOUT, STDERR = "stdout", "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
 """Errors of a standard stream that its reader closed on purpose: `| head`, a closed terminal."""
@@ -40,6 +43,7 @@ Emit = Callable[[Prediction, Sample, SourceReading], int | None]
 
 def run_live_verb(args: argparse.Namespace) -> int:
     """Run until stopped; returns the exit code."""
+    require_grip(args)
     clock, model = RunClock(), Model(args.model)
     with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
         summary, failures = _run_until_stopped(args, clock, model, beside)
@@ -105,22 +109,30 @@ def _run_until_stopped(
         outlets, tell = outputs.outlets, outputs.tell
         port = command_port(args.commands, tell, clock.now_ns) if args.commands else None
         command = Command if port is None else stack.enter_context(port)
-        source = open_live(args.source, clock=clock, say=tell, to_force=force_of(args.calibration))
+        grip = stack.enter_context(_grip(args, model, clock, tell))
+        field = None if grip is None else grip.field
+        to_force = force_of(args.calibration)
+        source = open_live(args.source, clock=clock, say=tell, to_force=to_force, field=field)
         stack.enter_context(first_in_line(tell))
-        try:
+        with closing(source), nullcontext() if grip is None else grip.running(source):
             resting = resting_of(args.bias, source)
             if resting is None:
-                tell(
-                    "no --bias: the first samples must be of the unloaded hand; this is not checked"
-                )
+                tell(UNLOADED)
             stop = until(lambda: stopped() or outlets.none_acts(), clock, args.seconds)
-            summary = answer(
-                source, model, clock, outputs.emit, stop, resting=resting, command=command
-            )
-        finally:
-            source.close()
+            emit = outputs.emit if grip is None else grip.before(outputs.emit)
+            summary = answer(source, model, clock, emit, stop, resting=resting, command=command)
     summary.dropped, summary.lost_sinks = outlets.dropped, outlets.lost()
     return summary, outlets.failures
+
+
+def _grip(
+    args: argparse.Namespace, model: Model, clock: RunClock, tell: Callable[[str], None]
+) -> AbstractContextManager[GripOutput | None]:
+    if not args.grip:
+        return nullcontext()
+    from holdfast.live_grip import grip_output
+
+    return grip_output(args, model.card, clock, tell)
 
 
 def _sinks(

@@ -38,6 +38,7 @@ from holdfast.sources import MOST_DIGITS, SIM, open_source, simulated_trial, spl
 
 if TYPE_CHECKING:
     from drivers.virtual.hand import VirtualHand
+    from simulation.protocol import PlannedTrial
     from simulation.scene import Scene, SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
@@ -73,19 +74,25 @@ class SourceUrl:
 
 
 def open_live(
-    url: str, *, clock: Any, say: Callable[[str], None], to_force: ToForce | None = None
+    url: str,
+    *,
+    clock: Any,
+    say: Callable[[str], None],
+    to_force: ToForce | None = None,
+    field: Any = None,
 ) -> Source:
     """Open and start a live source.
 
-    clock: has now_ns, spend and wait_until; to_force: a calibration, for a hand. Raises UsageError
-    for an impossible URL, and the errors of the hand or the recording.
+    clock: has now_ns, spend and wait_until; to_force: a calibration, for a hand; field: what a
+    virtual hand's chips measure, in place of the recorded field of its scene. Raises UsageError for
+    an impossible URL, and the errors of the hand or the recording.
     """
     source = _source_url(url)
     if source.scheme not in HANDS:
         return PacedReplay(open_source(url), clock.now_ns)
     if source.scheme == "virtual":
         _require_known(source, VIRTUAL_KEYS)
-        hand = _virtual(source, clock, say)
+        hand = _virtual(source, clock, say, field)
         bus_hz = source.number("bus_hz", 400_000)
         opener = open_virtual(source.name, hand, bus_hz)
         live = _started(opener, source, clock, say, to_force or _scene_force())
@@ -176,7 +183,9 @@ def _started(
     return LiveHand(hand, to_force)
 
 
-def _virtual(source: SourceUrl, clock: Any, say: Callable[[str], None]) -> VirtualHand:
+def _virtual(
+    source: SourceUrl, clock: Any, say: Callable[[str], None], field: Any = None
+) -> VirtualHand:
     from drivers.virtual.faults import read_fault
     from drivers.virtual.hand import WIRINGS, VirtualHand
 
@@ -189,7 +198,7 @@ def _virtual(source: SourceUrl, clock: Any, say: Callable[[str], None]) -> Virtu
     seed = source.number("seed", 0)
     hand = VirtualHand(
         clock,
-        track=_track(source.text("scene", ""), seed, source.number("trial", 0), say),
+        track=field or _track(source.text("scene", ""), seed, source.number("trial", 0), say),
         layout=name,
         seed=seed,
         faults=[read_fault(text) for text in source.options.get("fault", [])],
@@ -212,10 +221,15 @@ def scene_of(url: str) -> tuple[Scene, SimulatedTrial] | None:
     """The scene and the trial of a virtual:// URL with a scene, or of sim://; else None."""
     if url.startswith(SIM):
         return simulated_trial(url)
-    source = _source_url(url)
+    named = _named_trial(_source_url(url))
+    return None if named is None else simulated(*named)
+
+
+def _named_trial(source: SourceUrl) -> tuple[str, int, int] | None:
+    """(scene, seed, trial) of a virtual:// URL; None where it has no scene."""
     if source.scheme != "virtual" or not source.text("scene", ""):
         return None
-    return simulated(source.text("scene", ""), source.number("seed", 0), source.number("trial", 0))
+    return source.text("scene", ""), source.number("seed", 0), source.number("trial", 0)
 
 
 _kept: dict[tuple[str, int, int], tuple[Scene, SimulatedTrial]] = {}
@@ -231,19 +245,35 @@ def simulated(
     """
     key = scene, seed, trial
     if key not in _kept:
-        made = _scene_at_chips(scene, seed)
-        trials = made.trials()
-        if trial >= len(trials):
-            what = f"scene {scene}: no trial {trial}"
-            raise UsageError(what, next_step=f"0..{len(trials) - 1}")
+        made, planned = _planned(scene, seed, trial)
         report = progress_of(f"simulating scene {scene}", say)
-        one = made.run_together([trials[trial]], report)[0]
+        one = made.run_together([planned], report)[0]
         _kept.clear()
         _kept[key] = made, one
     return _kept[key]
 
 
-def _scene_at_chips(name: str, seed: int) -> Scene:
+def planned_scene(url: str, rate_hz: float, step_s: float) -> tuple[Scene, PlannedTrial] | None:
+    """(scene, trial before it is simulated) of a virtual:// URL; None where it has no scene.
+
+    rate_hz: of the field at the chips. Raises CardError, UsageError.
+    """
+    named = _named_trial(_source_url(url))
+    return None if named is None else _planned(*named, rate_hz, step_s)
+
+
+def _planned(
+    name: str, seed: int, number: int, rate_hz: float = FIELD_HZ, step_s: float | None = None
+) -> tuple[Scene, PlannedTrial]:
+    made = _scene_at_chips(name, seed, rate_hz, step_s)
+    trials = made.trials()
+    if number >= len(trials):
+        what = f"scene {name}: no trial {number}"
+        raise UsageError(what, next_step=f"0..{len(trials) - 1}")
+    return made, trials[number]
+
+
+def _scene_at_chips(name: str, seed: int, rate_hz: float, step_s: float | None) -> Scene:
     """The scene in uT without the effects that the virtual chip and bus have themselves."""
     from simulation.card import read_card
     from simulation.effects import AVERAGING
@@ -251,11 +281,11 @@ def _scene_at_chips(name: str, seed: int) -> Scene:
     from simulation.sensor.chip import CHIP
     from simulation.sensor.timing import TIMING
 
-    card = read_card(name, rate_hz=FIELD_HZ) if Path(name).is_file() else read_card(name)
+    card = read_card(name, rate_hz=rate_hz) if Path(name).is_file() else read_card(name)
     of_the_chip = {effect.name for effect in (AVERAGING, *CHIP, *TIMING)}
     effects = {effect: own for effect, own in card.effects.items() if effect not in of_the_chip}
-    field = replace(card, rate_hz=FIELD_HZ, unit="uT", effects={"dipole": {}} | effects)
-    return Scene(field, seed)
+    field = replace(card, rate_hz=rate_hz, unit="uT", effects={"dipole": {}} | effects)
+    return Scene(field if step_s is None else replace(field, step_s=step_s), seed)
 
 
 def _scene_force() -> ToForce:

@@ -2,6 +2,7 @@
 
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h
 holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 
 from edge_runtime.command import path_argument, positive
+from holdfast.grip_options import add_grip_options
 from holdfast.live_options import add_live_options
 
 
@@ -21,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--udp", metavar="HOST:PORT", help="also send the JSON lines as datagrams")
     commands = "receive the user's commands here: opening, and override of an alarm"
     option("--commands", metavar="HOST:PORT", help=commands)
+    add_grip_options(parser)
     samples = "write the prepared samples to a CSV, for holdfast replay"
     option("--samples", type=path_argument, metavar="FILE", help=samples)
     option("--quiet", action="store_true", help="no JSON lines on stdout")

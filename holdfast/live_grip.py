@@ -1,0 +1,162 @@
+"""The acting end of a run: one grip command a sample, to a hand or to a scene.
+
+The controller runs in the live loop, right after the prediction. Where its commands or the wearer's
+cue do not arrive, the run goes on and reports it (edge_runtime/grip_sinks.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from edge_runtime.contract import Prediction, Sample
+from edge_runtime.errors import ChannelError
+from edge_runtime.grip_command import GripCommand, last_line, to_line
+from edge_runtime.grip_control import GripControl
+from edge_runtime.grip_sinks import LineSink, feedback_line, last_feedback, line_sink
+from edge_runtime.live import Source
+from edge_runtime.model_file import ModelCard
+from edge_runtime.supervisor import Limits
+from holdfast.grip_options import DEFAULT_CONTROLLER, drive_of, is_virtual
+
+if TYPE_CHECKING:
+    from holdfast.live_scene import LiveScene
+
+FEEDBACK_NS = 50_000_000
+"""At least this long between two lines of the cue: faster than a person feels."""
+FEEDBACK_STEP = 0.02
+"""A cue that changed by less is the same."""
+FINGERS = 6
+"""The controllers take half of the sum of all normal forces as the grip of either side."""
+Say = Callable[[str], None]
+
+
+def controller_for(
+    name: str, card: ModelCard, say: Say, *, ceiling_n: float | None = None
+) -> GripControl:
+    """A controller that fits a model. ceiling_n: largest grip of the hand, None for the usual one.
+
+    say: gets one line where it runs in reduced mode. Raises UsageError, ChannelError.
+    """
+    if card.n_channels != 3 * FINGERS:
+        raise ChannelError(
+            f"the controllers are for {FINGERS} fingers, the model is for {card.n_channels // 3}",
+            where="--grip",
+            next_step="use a model for six fingers, or run without --grip",
+        )
+    limits = Limits() if ceiling_n is None else Limits(ceiling_n=ceiling_n)
+    control = GripControl(name, card.rate_hz, unit=card.unit, n_fingers=FINGERS, limits=limits)
+    if control.reduced:
+        say(f"reduced mode: the model reads {card.unit}, not N; commands have no target in N")
+    return control
+
+
+class Cue:
+    """The wearer's vibration cue on its own wire: a line when it changes, at most 20 a second."""
+
+    def __init__(self, sink: LineSink) -> None:
+        self.sink, self._sent, self._sent_ns = sink, 0.0, -FEEDBACK_NS
+
+    def show(self, command: GripCommand, now_ns: int) -> int:
+        """Send the cue where it changed; returns 1 where the line did not leave."""
+        changed = abs(command.feedback - self._sent) >= FEEDBACK_STEP
+        ends = command.feedback == 0.0 != self._sent
+        if not (changed or ends) or now_ns - self._sent_ns < FEEDBACK_NS:
+            return 0
+        taken = self.sink(
+            feedback_line(command.sequence, command.t_ns, command.feedback), command.sequence
+        )
+        if taken:
+            self._sent, self._sent_ns = command.feedback, now_ns
+        return int(not taken)
+
+
+class GripOutput:
+    """Controller, wire and cue of a run. field: what a virtual hand's chips measure, or None.
+
+    dropped: commands that did not leave.
+    """
+
+    def __init__(
+        self,
+        controller: GripControl,
+        clock: Any,
+        period_ns: float,
+        say: Say,
+        *,
+        wire: LineSink | None = None,
+        scene: LiveScene | None = None,
+        cue: Cue | None = None,
+    ) -> None:
+        self._controller, self._clock, self._period_ns = controller, clock, period_ns
+        self._say, self._wire, self.field, self._cue = say, wire, scene, cue
+        self._sinks = [sink for sink in (wire, cue and cue.sink) if sink is not None]
+
+    def before(self, emit: Callable[..., int | None]) -> Callable[..., int]:
+        """An emit that first sends the command of a sample, and then calls another emit."""
+
+        def both(prediction: Prediction, sample: Sample, measured: Any) -> int:
+            return self.act(prediction, sample) + (emit(prediction, sample, measured) or 0)
+
+        return both
+
+    def act(self, prediction: Prediction, sample: Sample) -> int:
+        """Send the command of one sample; returns how many lines did not leave."""
+        command = self._controller.step(prediction, sample.values, sample.valid)
+        dropped = 0
+        if self._wire is not None:
+            dropped += not self._wire(to_line(command), command.sequence)
+        if self._cue is not None:
+            dropped += self._cue.show(command, self._clock.now_ns())
+        if self.field is not None:
+            self.field.obey(command, self._clock.now_ns(), self._period_ns)
+        return dropped
+
+    @contextmanager
+    def running(self, source: Source) -> Iterator[None]:
+        """The time of the loop: its last command is `hold`, sent before anything is closed."""
+        if self.field is not None:
+            self.field.began_ns = getattr(source, "began_ns", 0)
+        reason = "failed"
+        try:
+            yield
+            reason = "stopped"
+        finally:
+            for sink in self._sinks:
+                sink.finish(reason)
+            if self.field is not None:
+                self._say(self.field.outcome().line())
+
+
+@contextmanager
+def grip_output(
+    args: argparse.Namespace, card: ModelCard, clock: Any, say: Say
+) -> Iterator[GripOutput]:
+    """The acting end that the options ask for, opened; card: of the model.
+
+    Raises UsageError, ChannelError, DeviceError, OutputError.
+    """
+    name = args.controller or DEFAULT_CONTROLLER
+    control = controller_for(name, card, say, ceiling_n=args.ceiling)
+    scene = wire = cue = None
+    with ExitStack() as stack:
+        if is_virtual(args.grip):
+            scene = _scene(args)
+        else:
+            wire = stack.enter_context(line_sink(args.grip, "--grip", last_line, say, clock.now_ns))
+        if args.feedback:
+            port = line_sink(args.feedback, "--feedback", last_feedback, say, clock.now_ns)
+            cue = Cue(stack.enter_context(port))
+        yield GripOutput(control, clock, 1e9 / card.rate_hz, say, wire=wire, scene=scene, cue=cue)
+
+
+def _scene(args: argparse.Namespace) -> LiveScene:
+    from holdfast.live_scene import live_scene
+
+    drive = drive_of(args.grip)
+    if args.ceiling is not None:
+        drive = replace(drive, ceiling_n=min(drive.ceiling_n, args.ceiling))
+    return live_scene(args.source, drive)

@@ -1,0 +1,264 @@
+"""Grip commands on their way to a hand: whatever fails, the last command is `hold`."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from grip_bench import Hands, TtyReceiver, UdpReceiver, opened, send, sender
+
+from edge_runtime.errors import DeviceNotFound, UsageError
+from edge_runtime.grip_links import open_link
+from edge_runtime.grip_sinks import feedback_line, last_feedback, line_sink
+from edge_runtime.guardian import Guardian
+
+A_WHILE_NS = 3_000_000_000
+
+
+@pytest.fixture(params=[UdpReceiver, TtyReceiver])
+def receiver(request) -> Iterator[UdpReceiver | TtyReceiver]:
+    one = request.param()
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def tty() -> Iterator[TtyReceiver]:
+    one = TtyReceiver()
+    yield one
+    one.close()
+
+
+def test_every_command_arrives_and_the_last_one_holds(receiver):
+    with opened(receiver.url, Hands(), []) as sink:
+        assert send(sink, 1, 2, 3) == [True] * 3
+        assert [receiver.next()["sequence"] for _ in range(3)] == [1, 2, 3]
+    last = receiver.next()
+    assert (last["mode"], last["target_n"], last["reason"]) == ("hold", None, "stopped")
+    assert last["sequence"] == 4
+    assert last["expires_ms"] == 300
+
+
+def test_the_guardian_is_silent_after_a_goodbye():
+    receiver = UdpReceiver()
+    with sender(receiver.url) as (process, guardian):
+        process.communicate(timeout=300)
+        assert process.returncode == 0
+        wait_for_the_end_of(guardian)
+    lines = receiver.waiting()
+    assert [line["reason"] for line in lines] == ["risky slip"] * 3 + ["stopped"]
+    receiver.close()
+
+
+def wait_for_the_end_of(pid: int) -> None:
+    """By its own descriptor, which is readable when the process has ended."""
+    try:
+        handle = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        assert select.select([handle], [], [], 300)[0]
+    finally:
+        os.close(handle)
+
+
+def test_a_killed_run_leaves_a_hold_that_says_that_nobody_is_there(receiver):
+    with sender(receiver.url) as (process, _):
+        process.send_signal(signal.SIGKILL)
+        last = receiver.until("nobody")
+    assert (last["mode"], last["target_n"], last["sequence"]) == ("hold", None, 43)
+    assert last["t_ns"] > 0
+
+
+def test_the_guardian_outlives_the_signals_that_end_a_whole_service(receiver):
+    with sender(receiver.url) as (process, guardian):
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            os.kill(guardian, number)
+        process.kill()
+        assert receiver.until("nobody")["mode"] == "hold"
+
+
+def test_a_run_that_ends_by_an_error_says_so_in_its_last_hold(receiver):
+    with sender(receiver.url, "raise") as (process, _):
+        process.communicate(timeout=300)
+        assert process.returncode == 1
+        assert receiver.until("failed")["mode"] == "hold"
+
+
+def test_a_port_without_a_receiver_is_reported_once_and_its_return_begins_with_hold():
+    clock, said = Hands(), []
+    receiver = UdpReceiver()
+    with opened(receiver.url, clock, said) as sink:
+        send(sink, 1)
+        receiver.close()
+        for k in range(2, 40):
+            clock.ns += A_WHILE_NS
+            send(sink, k)
+        assert len(said) == 1
+        assert "no command arrives" in said[0]
+        again = UdpReceiver(receiver.port)
+        for k in range(40, 50):
+            clock.ns += A_WHILE_NS
+            send(sink, k)
+        lines = again.waiting()
+    assert [line["reason"] for line in lines[:3]] == ["link was lost"] * 3
+    assert {line["mode"] for line in lines[:3]} == {"hold"}
+    assert lines[-1]["sequence"] == 49
+    assert "arrive again" in said[1]
+    assert len(said) == 2
+    again.close()
+
+
+def test_retries_become_rarer_up_to_two_seconds():
+    clock = Hands()
+    receiver = UdpReceiver()
+    with opened(receiver.url, clock, []) as sink:
+        receiver.close()
+        tries = []
+        write = sink._link.write
+        sink._link.write = lambda line: tries.append(clock.ns) or write(line)
+        for k in range(3000):
+            clock.ns += 6_666_667
+            send(sink, k)
+    assert 10 < len(tries) < 60
+
+
+def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
+    clock, said = Hands(), []
+    with opened(tty.url, clock, said) as sink:
+        for k in range(2000):
+            clock.ns += 6_666_667
+            send(sink, k)
+        assert len(said) == 1
+        assert "stalled" in said[0]
+        assert sink.dropped > 1000
+        os.set_blocking(tty.handle, False)
+        while True:
+            try:
+                os.read(tty.handle, 65536)
+            except BlockingIOError:
+                break
+        for k in range(2000, 2020):
+            clock.ns += A_WHILE_NS
+            send(sink, k)
+        tty.until("link was lost")
+        while tty.next()["sequence"] != 2019:
+            pass
+    assert len(said) == 2
+
+
+def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_path: Path):
+    clock, said = Hands(), []
+    name = tmp_path / "ttyHAND"
+    first, second = TtyReceiver(), TtyReceiver()
+    name.symlink_to(first.path)
+    with opened(f"serial://{name}", clock, said) as sink:
+        assert send(sink, 1) == [True]
+        assert first.next()["sequence"] == 1
+        first.close()
+        name.unlink()
+        for k in range(2, 6):
+            clock.ns += A_WHILE_NS
+            send(sink, k)
+        assert len(said) == 1
+        name.symlink_to(second.path)
+        k = 6
+        while len(said) < 2:
+            clock.ns += A_WHILE_NS
+            send(sink, k)
+            if sink._link._opening is not None:
+                sink._link._opening.join()
+            k += 1
+        assert send(sink, k) == [True]
+        assert [second.next()["reason"] for _ in range(4)] == ["link was lost"] * 3 + ["risky slip"]
+    assert second.next()["reason"] == "stopped"
+    second.close()
+
+
+def test_the_guardian_holds_the_descriptor_that_it_was_given_last():
+    first, second = UdpReceiver(), UdpReceiver()
+    guardian = Guardian('{"sequence":%(sequence)d,"t_ns":%(t_ns)d}')
+    for receiver in (first, second):
+        link = open_link(receiver.url, "--grip")
+        guardian.hold(link.handle)
+        link.close()
+    guardian.note(8)
+    guardian.end(said=False)
+    assert second.next()["sequence"] == 9
+    assert first.waiting() == []
+    first.close()
+    second.close()
+
+
+def test_a_guardian_that_was_let_go_of_its_port_writes_nothing():
+    receiver = UdpReceiver()
+    guardian = Guardian("{}")
+    link = open_link(receiver.url, "--grip")
+    guardian.hold(link.handle)
+    guardian.release()
+    guardian.end(said=False)
+    wait_for_the_end_of(guardian.pid)
+    assert receiver.waiting() == []
+    link.close()
+    receiver.close()
+
+
+def test_a_line_that_was_cut_off_does_not_spoil_the_one_after_it(tty):
+    clock = Hands()
+    with opened(tty.url, clock, []) as sink:
+        send(sink, 1)
+        os.write(sink._link.handle, b'{"sequence":2,"t_n')
+    assert tty.next()["sequence"] == 1
+    assert tty.next()["reason"] == "stopped"
+
+
+def test_a_slow_port_leaves_out_commands_and_queues_none(tty, monkeypatch):
+    import edge_runtime.grip_links as links
+
+    waiting = iter([0, 500, 200, 50])
+    monkeypatch.setattr(links, "unsent_bytes", lambda port: next(waiting))
+    with opened(tty.url, Hands(), []) as sink:
+        assert send(sink, 1, 2, 3, 4) == [True, False, False, True]
+        assert sink.dropped == 2
+    assert [tty.next()["sequence"] for _ in range(2)] == [1, 4]
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "127.0.0.1:9000",
+        "tcp://127.0.0.1:9000",
+        "udp://127.0.0.1",
+        "udp://127.0.0.1:99999",
+        "udp://:9000",
+        "udp://no.such.host.invalid:9000",
+        "serial://",
+        "serial://ttyUSB0",
+        "serial:///dev/null?speed=9600",
+        "serial:///dev/null?baud=fast",
+        "serial:///dev/null?baud=115201",
+        "udp://[::1:9000",
+    ],
+)
+def test_an_address_that_cannot_be_is_a_usage_error(url):
+    with pytest.raises(UsageError):
+        open_link(url, "--grip")
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/dev/no-such-port", "/etc/hostname"])
+def test_what_is_not_a_serial_port_is_a_device_error(path):
+    with pytest.raises(DeviceNotFound, match="serial"):
+        open_link(f"serial://{path}", "--grip")
+
+
+def test_the_cue_ends_with_zero():
+    receiver = UdpReceiver()
+    with line_sink(receiver.url, "--feedback", last_feedback, print, Hands().now_ns) as sink:
+        sink(feedback_line(7, 70, 0.5), 7)
+    assert receiver.next() == {"sequence": 7, "t_ns": 70, "feedback": 0.5}
+    assert receiver.next() == {"sequence": 8, "t_ns": 1_000_000_000, "feedback": 0.0}
+    receiver.close()

@@ -1,0 +1,150 @@
+"""Receivers of grip commands, and programs that send some and die."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.grip_command import GripCommand, last_line, to_line
+from edge_runtime.grip_sinks import LineSink, line_sink
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE_S = 300.0
+"""A receiver waits this long: only a run that never sends anything fails by it."""
+
+
+class UdpReceiver:
+    """A UDP port of this machine."""
+
+    def __init__(self, port: int = 0) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self.socket.bind(("127.0.0.1", port))
+        self.socket.settimeout(PATIENCE_S)
+        self.port = self.socket.getsockname()[1]
+        self.url = f"udp://127.0.0.1:{self.port}"
+
+    def next(self) -> dict[str, Any]:
+        line: dict[str, Any] = json.loads(self.socket.recv(65536))
+        return line
+
+    def waiting(self) -> list[dict[str, Any]]:
+        """What has already come."""
+        lines = []
+        self.socket.setblocking(False)
+        try:
+            while True:
+                lines.append(json.loads(self.socket.recv(65536)))
+        except BlockingIOError:
+            self.socket.settimeout(PATIENCE_S)
+            return lines
+
+    def until(self, reason: str) -> dict[str, Any]:
+        """Read on to a line with this reason."""
+        while (line := self.next())["reason"] != reason:
+            pass
+        return line
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+class TtyReceiver:
+    """The other end of a serial port; lines that are not JSON are skipped, as a hand does."""
+
+    def __init__(self) -> None:
+        self.handle, other = os.openpty()
+        self.path = os.ttyname(other)
+        self.url = f"serial://{self.path}"
+        self._other, self._text = other, b""
+
+    def next(self) -> dict[str, Any]:
+        while True:
+            while b"\n" not in self._text:
+                ready, _, _ = select.select([self.handle], [], [], PATIENCE_S)
+                assert ready
+                self._text += os.read(self.handle, 65536)
+            line, _, self._text = self._text.partition(b"\n")
+            try:
+                read: dict[str, Any] = json.loads(line)
+            except ValueError:
+                continue
+            return read
+
+    def until(self, reason: str) -> dict[str, Any]:
+        """Read on to a line with this reason."""
+        while (line := self.next())["reason"] != reason:
+            pass
+        return line
+
+    def close(self) -> None:
+        for handle in (self.handle, self._other):
+            if handle >= 0:
+                os.close(handle)
+        self.handle = self._other = -1
+
+
+class Hands:
+    """A clock by hand."""
+
+    def __init__(self) -> None:
+        self.ns = 1_000_000_000
+
+    def now_ns(self) -> int:
+        return self.ns
+
+
+def command(sequence: int, mode: Any = "tighten") -> GripCommand:
+    return GripCommand(sequence, 1000 * sequence, mode, 9.4, 400.0, 0.5, "risky slip")
+
+
+@contextmanager
+def opened(url: str, clock: Hands, said: list[str]) -> Iterator[LineSink]:
+    with line_sink(url, "--grip", last_line, said.append, clock.now_ns) as sink:
+        yield sink
+
+
+def send(sink: LineSink, *sequences: int) -> list[bool]:
+    return [sink(to_line(command(k)), k) for k in sequences]
+
+
+SENDS_THEN_WAITS = """
+import sys
+sys.path.insert(0, "tests/support")
+from grip_bench import Hands, opened, send
+with opened(sys.argv[1], Hands(), []) as sink:
+    send(sink, 40, 41, 42)
+    print(sink._guardian.pid, flush=True)
+    sys.stdin.read()
+    if sys.argv[2] == "raise":
+        raise ValueError("a bug")
+"""
+
+
+@contextmanager
+def sender(url: str, then: str = "end") -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """(a process that has sent three commands and waits for its stdin, its guardian's id)."""
+    program = [sys.executable, "-c", SENDS_THEN_WAITS, url, then]
+    with subprocess.Popen(
+        program,
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    ) as process:
+        assert process.stdout is not None
+        pid = int(process.stdout.readline())
+        try:
+            yield process, pid
+        finally:
+            process.kill()
