@@ -64,9 +64,7 @@ def drive_of(url: str) -> Drive:
                 f"--grip virtual: {key[:40]!r} is not known",
                 next_step=f"allowed: {', '.join(known)}",
             )
-        figures[key] = _figure(
-            key, values[-1], above_zero=not key.endswith(("lag_ms", "backlash_mm"))
-        )
+        figures[key] = _figure(key, values[-1], may_be_zero=key in ("lag_ms", "backlash_mm"))
     return Drive(**figures)
 
 

@@ -93,7 +93,7 @@ class GripOutput:
     ) -> None:
         self._controller, self._clock, self._period_ns = controller, clock, period_ns
         self._say, self._wire, self.field, self._cue = say, wire, scene, cue
-        self._sinks = [sink for sink in (wire, cue and cue.sink) if sink is not None]
+        self._sinks = [sink for sink in (wire, None if cue is None else cue.sink) if sink]
 
     def before(self, emit: Callable[..., int | None]) -> Callable[..., int]:
         """An emit that first sends the command of a sample, and then calls another emit."""

@@ -75,8 +75,9 @@ class LiveScene:
         of_lanes = (0, round(grid.start_s * ROWS_HZ), int(grid.sample[-1]), rows)
         spans = Spans(*(np.full(LANES, value, dtype=np.int64) for value in of_lanes))
         self._drive = Actuator(drive, trials)
+        self._fastest_n_s = self._drive.fastest_n_s
         _require_strength(drive, trial)
-        settings = scene.step_settings(trials)
+        settings = scene.step_settings_of(trials)
         self._world = HandsAndObjects(trials, settings, spans, self._drive, Habits())
         self._sensors = LoopSensors(scene, trials, spans.counts)
         self._periods, self._row, self.began_ns = spans.periods, 0, 0
@@ -97,6 +98,8 @@ class LiveScene:
         """Take a command, and compute the scene until the next sample."""
         now_s = 1e-9 * (now_ns - self.began_ns)
         self._command, self._commanded_s = command, now_s
+        if command.slew_n_s > 0.0:
+            self._drive.fastest_n_s = np.minimum(self._fastest_n_s, command.slew_n_s)
         self.advance(now_s + 1e-9 * period_ns)
 
     def advance(self, until_s: float) -> None:
@@ -130,10 +133,7 @@ class LiveScene:
         command, row_s = self._command, self._row / ROWS_HZ
         if command is None or row_s - self._commanded_s > 1e-3 * EXPIRES_MS:
             return self._target_n
-        wanted_n = self._wanted_n(command)
-        most_n = command.slew_n_s / ROWS_HZ if command.slew_n_s > 0.0 else math.inf
-        change_n = min(max(wanted_n - self._target_n, -most_n), most_n)
-        self._target_n += change_n
+        self._target_n = self._wanted_n(command)
         return self._target_n
 
     def _wanted_n(self, command: GripCommand) -> float:

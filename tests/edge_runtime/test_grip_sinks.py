@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import select
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from grip_bench import Hands, TtyReceiver, UdpReceiver, opened, send, sender
+from grip_bench import Hands, TtyReceiver, UdpReceiver, opened, send, sender, wait_for_the_end_of
 
 from edge_runtime.errors import DeviceNotFound, UsageError
 from edge_runtime.grip_links import open_link
@@ -52,18 +51,6 @@ def test_the_guardian_is_silent_after_a_goodbye():
     lines = receiver.waiting()
     assert [line["reason"] for line in lines] == ["risky slip"] * 3 + ["stopped"]
     receiver.close()
-
-
-def wait_for_the_end_of(pid: int) -> None:
-    """By its own descriptor, which is readable when the process has ended."""
-    try:
-        handle = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return
-    try:
-        assert select.select([handle], [], [], 300)[0]
-    finally:
-        os.close(handle)
 
 
 def test_a_killed_run_leaves_a_hold_that_says_that_nobody_is_there(receiver):
@@ -128,7 +115,8 @@ def test_retries_become_rarer_up_to_two_seconds():
 
 
 def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
-    clock, said = Hands(), []
+    clock = Hands()
+    said: list[str] = []
     with opened(tty.url, clock, said) as sink:
         for k in range(2000):
             clock.ns += 6_666_667
@@ -152,7 +140,8 @@ def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
 
 
 def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_path: Path):
-    clock, said = Hands(), []
+    clock = Hands()
+    said: list[str] = []
     name = tmp_path / "ttyHAND"
     first, second = TtyReceiver(), TtyReceiver()
     name.symlink_to(first.path)
@@ -170,8 +159,9 @@ def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_pa
         while len(said) < 2:
             clock.ns += A_WHILE_NS
             send(sink, k)
-            if sink._link._opening is not None:
-                sink._link._opening.join()
+            opening = getattr(sink._link, "_opening", None)
+            if opening is not None:
+                opening.join()
             k += 1
         assert send(sink, k) == [True]
         assert [second.next()["reason"] for _ in range(4)] == ["link was lost"] * 3 + ["risky slip"]

@@ -17,7 +17,7 @@ from edge_runtime.grip_command import GripCommand, last_line, to_line
 from edge_runtime.grip_sinks import LineSink, line_sink
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE_S = 300.0
+PATIENCE_S = 60.0
 """A receiver waits this long: only a run that never sends anything fails by it."""
 
 
@@ -148,3 +148,15 @@ def sender(url: str, then: str = "end") -> Iterator[tuple[subprocess.Popen[str],
             yield process, pid
         finally:
             process.kill()
+
+
+def wait_for_the_end_of(pid: int) -> None:
+    """By its own descriptor, which is readable when the process has ended."""
+    try:
+        handle = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        assert select.select([handle], [], [], 300)[0]
+    finally:
+        os.close(handle)

@@ -1,0 +1,298 @@
+"""`holdfast run --grip`: a command at every sample, and `hold` as the last one, however it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from grip_bench import UdpReceiver, wait_for_the_end_of
+from live_bench import DEFAULT, ROOT, RUN
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.errors import ChannelError, UsageError
+from edge_runtime.grip import CONTROLLERS
+from edge_runtime.grip_command import GripCommand
+from edge_runtime.model import Model
+from holdfast.grip_options import drive_of
+from holdfast.live_grip import Cue, GripOutput, controller_for, grip_output
+from holdfast.live_run import answer
+from holdfast.live_sources import open_live
+
+PERIOD_NS = 1e9 / 150
+REST = "virtual://ft232h"
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(DEFAULT)
+
+
+@pytest.fixture
+def receiver() -> Iterator[UdpReceiver]:
+    one = UdpReceiver()
+    yield one
+    one.close()
+
+
+def options(grip: str, **more: Any) -> Namespace:
+    told = {"controller": None, "ceiling": None, "feedback": None, "source": REST}
+    return Namespace(grip=grip, **(told | more))
+
+
+@contextmanager
+def running(receiver: UdpReceiver, *more: str, **streams: Any) -> Iterator[subprocess.Popen[str]]:
+    """A real run that has sent a command."""
+    command = [*RUN, "--grip", receiver.url, *more]
+    streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE} | streams
+    with subprocess.Popen(command, cwd=ROOT, text=True, env=dict(os.environ), **streams) as run:
+        try:
+            receiver.next()
+            yield run
+        finally:
+            run.kill()
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_that_is_stopped_ends_with_hold(receiver, how):
+    with running(receiver) as run:
+        run.send_signal(how)
+        _, err = run.communicate(timeout=300)
+        assert run.returncode == 0, err
+    last = receiver.waiting()[-1]
+    assert (last["mode"], last["target_n"], last["reason"]) == ("hold", None, "stopped")
+
+
+def test_a_run_that_is_killed_ends_with_a_hold_that_says_that_nobody_is_there(receiver):
+    with running(receiver) as run:
+        run.kill()
+        assert receiver.until("nobody")["mode"] == "hold"
+    assert receiver.waiting() == []
+
+
+def small_disk() -> None:
+    """No file of this process grows beyond 20 kB."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+
+def test_a_full_disk_and_a_stalled_reader_stop_no_command_and_the_last_one_holds(
+    receiver, tmp_path
+):
+    log = ["--out", str(tmp_path / "log.jsonl")]
+    unread = subprocess.PIPE
+    with running(receiver, *log, stdout=unread, preexec_fn=small_disk) as run:
+        sequences = [receiver.next()["sequence"] for _ in range(400)]
+        run.send_signal(signal.SIGTERM)
+        assert receiver.until("stopped")["mode"] == "hold"
+        _, err = run.communicate(timeout=300)
+        assert run.returncode == 5, err
+        assert "takes no more lines" in err
+    assert sequences == sorted(set(sequences))
+
+
+def test_a_command_comes_at_every_sample_and_the_last_one_follows_it(model, receiver):
+    with grip_output(options(receiver.url), model.card, VirtualClock(), print) as grip:
+        n = run_on(grip, model, REST, 1.0)
+        lines = [receiver.next() for _ in range(n + 1)]
+    assert [line["sequence"] for line in lines] == list(range(n + 1))
+    assert lines[-1]["reason"] == "stopped"
+
+
+def run_on(grip: GripOutput, model: Model, url: str, seconds: float, clock: Any = None) -> int:
+    """Run on virtual time; returns the number of samples."""
+    clock = clock or VirtualClock()
+    source = open_live(url, clock=clock, say=lambda line: None, field=grip.field)
+    end_ns = clock.now_ns() + round(1e9 * seconds)
+    with grip.running(source):
+        emit = grip.before(lambda *one: 0)
+        return answer(source, model, clock, emit, lambda: clock.now_ns() >= end_ns).samples
+
+
+def test_an_unplugged_hand_is_answered_with_hold_until_the_end(model, receiver):
+    url = f"{REST}?fault=unplug@1%2B1000"
+    with grip_output(options(receiver.url), model.card, VirtualClock(), print) as grip:
+        n = run_on(grip, model, url, 3.0)
+        lines = [receiver.next() for _ in range(n + 1)]
+    assert {line["mode"] for line in lines[200:]} == {"hold"}
+    assert "unknown" in lines[-2]["reason"]
+
+
+def test_an_error_in_the_loop_ends_with_a_hold_that_says_failed(model, receiver):
+    def fails(*one: object) -> int:
+        raise ZeroDivisionError
+
+    clock = VirtualClock()
+    with grip_output(options(receiver.url), model.card, clock, print) as grip:
+        source = open_live(REST, clock=clock, say=print)
+        with pytest.raises(ZeroDivisionError), grip.running(source):
+            answer(source, model, clock, grip.before(fails), lambda: False)
+    assert [line["reason"] for line in receiver.waiting()][1:] == ["failed"]
+
+
+# -- the scene in the loop
+
+FALL = """
+[record]
+rate_hz = 150
+[physics]
+step_s = 0.003
+[[trials]]
+objects = ["hard-ball"]
+action = "fall"
+style = "author"
+close_at_s = 0.8
+hold_s = 2.0
+tail_s = 0.5
+[effects.brush]
+count = 5
+[effects.dipole]
+"""
+
+
+@pytest.mark.parametrize(("controller", "kept"), [("holdfast", True), ("none", False)])
+def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
+    model, tmp_path, controller, kept
+):
+    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
+    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
+    said: list[str] = []
+    clock = VirtualClock()
+    asked = options("virtual?lag_ms=50", source=url, controller=controller)
+    with grip_output(asked, model.card, clock, said.append) as grip:
+        run_on(grip, model, url, 5.0, clock)
+    assert grip.field is not None
+    outcome = grip.field.outcome()
+    assert outcome.kept == kept
+    assert said[-1].startswith("scene: the object " + ("is in" if kept else "left"))
+    assert outcome.strongest_n > outcome.own_n or not kept
+
+
+def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
+    from holdfast.live_scene import ROWS_HZ, STEP_S, live_scene
+    from holdfast.live_sources import planned_scene
+
+    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
+    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
+    planned = planned_scene(url, ROWS_HZ, STEP_S)
+    assert planned is not None
+    scene, trial = planned
+    recorded = scene.run_together([trial])[0].signal
+    live = live_scene(url, drive_of("virtual"))
+    for row in range(0, len(recorded.t_s), 7):
+        want = recorded.values[row, 3].tolist()
+        assert live.at(float(recorded.t_s[row]), 3) == want
+
+
+def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
+    from holdfast.live_scene import live_scene
+
+    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
+    live = live_scene(f"virtual://ft232h?scene={tmp_path / 'fall.toml'}", drive_of("virtual"))
+    live.advance(2.0)
+    tighten = GripCommand(1, 0, "tighten", 20.0, 400.0, 0.0, "test")
+    live.obey(tighten, 2_000_000_000, PERIOD_NS)
+    live.obey(replace(tighten, mode="idle", target_n=None), 2_005_000_000, PERIOD_NS)
+    live.obey(tighten, 2_010_000_000, PERIOD_NS)
+    live.advance(4.0)
+    assert live.outcome().strongest_n == pytest.approx(20.0, rel=0.05)
+
+
+# -- what cannot be
+
+
+@pytest.mark.parametrize(
+    ("more", "what"),
+    [
+        (["--grip", "tcp://x:1"], "is not an address"),
+        (["--grip", "udp://127.0.0.1:9000", "--controller", "best"], "ismsp"),
+        (["--grip", "udp://127.0.0.1:9000", "--feedback", "9000"], "--feedback"),
+        (["--controller", "smsp"], "--controller needs --grip"),
+        (["--ceiling", "20"], "--ceiling needs --grip"),
+        (["--grip", "virtual"], "has no scene"),
+        (["--grip", "virtual?colour=red"], "allowed: lag_ms"),
+        (["--grip", "virtual?lag_ms=-1"], "from 0"),
+        (["--grip", "virtual?ceiling_n=0"], "above 0"),
+    ],
+)
+def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(more, what):
+    done = subprocess.run([*RUN, *more], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    assert what in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_hand_that_is_too_weak_for_its_object_is_refused(tmp_path):
+    from holdfast.live_scene import live_scene
+
+    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
+    url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
+    with pytest.raises(UsageError, match=r"ceiling of 1 N is below the 1\.6 N"):
+        live_scene(url, drive_of("virtual?ceiling_n=1"))
+
+
+def test_a_model_of_a_raw_field_runs_in_reduced_mode_and_says_so(model):
+    said: list[str] = []
+    controller_for("holdfast", replace(model.card, unit="uT"), said.append)
+    assert len(said) == 1
+    assert "reduced mode" in said[0]
+    with pytest.raises(UsageError, match="calibrate"):
+        controller_for("pd-shear", replace(model.card, unit="uT"), said.append)
+
+
+def test_a_model_for_another_number_of_fingers_is_refused(model):
+    with pytest.raises(ChannelError, match="6 fingers, the model is for 16"):
+        controller_for("holdfast", replace(model.card, n_channels=48), print)
+
+
+def test_the_help_names_every_controller():
+    done = subprocess.run([*RUN[:4], "--help"], cwd=ROOT, capture_output=True, text=True)
+    text = " ".join(done.stdout.split())
+    assert [name for name in CONTROLLERS if name not in text] == []
+
+
+# -- the wearer's cue
+
+
+class Kept:
+    """A wire that keeps its lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[dict[str, Any]] = []
+
+    def __call__(self, line: str, sequence: int) -> bool:
+        self.lines.append(json.loads(line))
+        return True
+
+
+def test_the_cue_is_sent_when_it_changes_and_at_most_20_times_a_second():
+    wire: Any = Kept()
+    cue = Cue(wire)
+    strengths = [0.0] * 10 + [0.1 + 0.01 * k for k in range(60)] + [0.7] * 30 + [0.0] * 30
+    for k, strength in enumerate(strengths):
+        command = GripCommand(k, 0, "tighten", 9.0, 400.0, strength, "risky slip")
+        cue.show(command, round(k * PERIOD_NS))
+    assert wire.lines[0]["sequence"] == 10
+    assert wire.lines[-1]["feedback"] == 0.0
+    gaps = [b["sequence"] - a["sequence"] for a, b in zip(wire.lines, wire.lines[1:], strict=False)]
+    assert min(gaps) >= 8
+    assert len(wire.lines) < 12
+
+
+def test_a_run_with_a_cue_leaves_no_guardian_behind(model, receiver):
+    cue = UdpReceiver()
+    asked = options(receiver.url, feedback=cue.url)
+    with grip_output(asked, model.card, VirtualClock(), print) as grip:
+        guardians = [sink._guardian.pid for sink in grip._sinks]
+        run_on(grip, model, REST, 0.1)
+    for pid in guardians:
+        wait_for_the_end_of(pid)
+    assert cue.next()["feedback"] == 0.0
+    cue.close()
