@@ -34,7 +34,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate fast-handover preliminary ablation bench peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover preliminary ablation bench peers lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -74,6 +74,9 @@ evaluate: setup  ## the default model on unseen simulated sets, beside baselines
 	$(BIN)/holdfast evaluate $(MODEL) --data $(addprefix build/evaluate/,thesis thesis-texture apple p1 p2 perturbed-hold daily) \
 	    --choose build/evaluate/choose --train build/evaluate/train --real build/real \
 	    --json build/evaluate/figures.json --report build/evaluate/report.html $(ARGS)
+
+loop: setup  ## what holding on costs: grip controllers in a closed loop, into build/loop and docs/shared-control.md
+	$(BIN)/python -m studies.shared_control --page $(ARGS)
 
 fast-handover: setup  ## what tells a fast hand-over from a pull, one change at a time, into build/fast-handover
 	rm -rf build/fast-handover

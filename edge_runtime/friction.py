@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edge_runtime.lanes import Lanes, Number, most
+from edge_runtime.lanes import Lanes, Number
 
 if TYPE_CHECKING:
     from edge_runtime.grip import GripSense
@@ -59,7 +59,7 @@ class FrictionMargin:
         lanes = self._lanes
         load_n = self._gain * sense.load_n
         firm = (sense.grip_n > FIRM_N) & sense.known
-        ratio = lanes.choose(firm, load_n / (2.0 * most(lanes, sense.grip_n, FIRM_N)), 0.0)
+        ratio = lanes.choose(firm, load_n / (2.0 * lanes.most(sense.grip_n, FIRM_N)), 0.0)
         self._take(sense, ratio, firm)
         self._hold(sense, ratio, firm)
         self._ratio = ratio
@@ -70,12 +70,12 @@ class FrictionMargin:
         """mu_hat, margin and the needed grip after this sample."""
         lanes = self._lanes
         sure = self._count >= SAMPLES
-        lower = most(lanes, self._mean - lanes.root(self._variance), LEAST_MU)
-        lower = most(lanes, lower, self.held)
+        lower = lanes.most(self._mean - lanes.root(self._variance), LEAST_MU)
+        lower = lanes.most(lower, self.held)
         slides_n = load_n / (2.0 * lower)
         self.mu_hat = lanes.choose(sure, lower, 0.0)
         self.needed_n = lanes.choose(sure, SPARE * slides_n, 0.0)
-        used = slides_n / most(lanes, sense.grip_n, FIRM_N)
+        used = slides_n / lanes.most(sense.grip_n, FIRM_N)
         self.margin = lanes.choose(sure & firm, 1.0 - used, 0.0)
 
     def _take(self, sense: GripSense, ratio: Number, firm: Number) -> None:
@@ -99,7 +99,7 @@ class FrictionMargin:
         quiet = firm & (sense.p_risky < QUIET_P) & (sense.p_safe < QUIET_P)
         smooth = self._quiet + self._share * (ratio - self._quiet)
         self._quiet = lanes.choose(quiet, smooth, self._quiet)
-        self.held = lanes.choose(quiet, most(lanes, self.held, self._quiet), self.held)
+        self.held = lanes.choose(quiet, lanes.most(self.held, self._quiet), self.held)
 
     def _forget(self, sense: GripSense) -> None:
         lanes, gone = self._lanes, sense.empty & sense.known

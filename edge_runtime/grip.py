@@ -23,10 +23,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from edge_runtime.lanes import Flag, Lanes, Number, least, most, within
+from edge_runtime.lanes import Flag, Lanes, Number
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class GripSense:
     """What a controller knows at one sample.
 
@@ -101,7 +101,7 @@ class PdShear:
         self._load_n = sense.load_n
         above_n = sense.load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
         self.fresh = (sense.load_n > self.THRESHOLD_N) & lanes.no(sense.empty)
-        return lanes.choose(self.fresh, own_n + self._kp * most(lanes, above_n, 0.0), 0.0)
+        return lanes.choose(self.fresh, own_n + self._kp * lanes.most(above_n, 0.0), 0.0)
 
 
 class SlidingMode:
@@ -129,8 +129,8 @@ class SlidingMode:
         kept_n = lanes.choose(self._reference_n > 0.0, self._reference_n, own_n)
         self._reference_n = lanes.choose(self.fresh, kept_n, 0.0)
         error = (self._reference_n - sense.grip_n) / self.BOUNDARY_N
-        pushed_n = self._reference_n + self._gain_n * within(lanes, -1.0, error, 1.0)
-        return lanes.choose(self.fresh, most(lanes, pushed_n, 0.0), 0.0)
+        pushed_n = self._reference_n + self._gain_n * lanes.within(-1.0, error, 1.0)
+        return lanes.choose(self.fresh, lanes.most(pushed_n, 0.0), 0.0)
 
 
 class SlipSteps:
@@ -149,7 +149,7 @@ class SlipSteps:
         own_n = self._own.step(sense, given_n)
         self.fresh = sense.slip & lanes.no(self._slipped)
         self._slipped = sense.slip
-        raised_n = most(lanes, given_n, own_n) + self._step_n
+        raised_n = lanes.most(given_n, own_n) + self._step_n
         return lanes.choose(self.fresh, raised_n, given_n)
 
 
@@ -168,7 +168,7 @@ class SlipIntegral:
         lanes = self._lanes
         own_n = self._own.step(sense, given_n)
         self.fresh = sense.slip
-        raised_n = most(lanes, given_n, own_n) + self._rise_n
+        raised_n = lanes.most(given_n, own_n) + self._rise_n
         return lanes.choose(self.fresh, raised_n, given_n)
 
 
@@ -220,9 +220,9 @@ class Holdfast:
         own_n = self._own.step(sense, given_n)
         evidence = self._evidence(sense)
         rises = (evidence > 0.0) & sense.known & lanes.no(sense.empty)
-        ahead_n = most(lanes, sense.grip_n, own_n) + self._lead_n * evidence
+        ahead_n = lanes.most(sense.grip_n, own_n) + self._lead_n * evidence
         kept_n = self._kept_n(sense, own_n, given_n, needed_n)
-        wanted_n = lanes.choose(rises, most(lanes, given_n, ahead_n), kept_n)
+        wanted_n = lanes.choose(rises, lanes.most(given_n, ahead_n), kept_n)
         ends = self._handed_over(sense) & lanes.no(rises)
         self._rises, self.fresh = rises, rises | (wanted_n > given_n)
         return lanes.choose(ends, 0.0, wanted_n)
@@ -233,15 +233,15 @@ class Holdfast:
         share = (sense.p_risky - rules.from_p) / (rules.full_p - rules.from_p)
         if not rules.graded:
             return lanes.choose(share >= 1.0, 1.0, 0.0)
-        return within(lanes, 0.0, share, 1.0)
+        return lanes.within(0.0, share, 1.0)
 
     def _kept_n(self, sense: GripSense, own_n: Number, given_n: Number, needed_n: Number) -> Number:
         """The grip to keep without evidence; it stops where it was when the evidence ended."""
         lanes = self._lanes
-        stopped_n = most(lanes, least(lanes, given_n, sense.grip_n), own_n)
+        stopped_n = lanes.most(lanes.least(given_n, sense.grip_n), own_n)
         kept_n = lanes.choose(self._rises, stopped_n, given_n)
         if self.rules.margin:
-            kept_n = most(lanes, kept_n, needed_n)
+            kept_n = lanes.most(kept_n, needed_n)
         return lanes.choose((given_n > 0.0) & (kept_n > own_n), kept_n, 0.0)
 
     def _handed_over(self, sense: GripSense) -> Flag:

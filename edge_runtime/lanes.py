@@ -27,6 +27,18 @@ class Lanes(Protocol):
         """`then` where the flag is set."""
         ...
 
+    def least(self, a: Number, b: Number) -> Number:
+        """The smaller of two."""
+        ...
+
+    def most(self, a: Number, b: Number) -> Number:
+        """The larger of two."""
+        ...
+
+    def within(self, low: Number, x: Number, high: Number) -> Number:
+        """x, not below low and not above high."""
+        ...
+
     def root(self, of: Number) -> Number:
         """Square root of a number that is not negative."""
         ...
@@ -51,6 +63,22 @@ class OneLane:
     def choose(where: Flag, then: Number, otherwise: Number) -> Number:
         """`then` where the flag is set."""
         return then if where else otherwise
+
+    @staticmethod
+    def least(a: Number, b: Number) -> Number:
+        """The smaller of two."""
+        return a if a < b else b
+
+    @staticmethod
+    def most(a: Number, b: Number) -> Number:
+        """The larger of two."""
+        return a if a > b else b
+
+    @staticmethod
+    def within(low: Number, x: Number, high: Number) -> Number:
+        """x, not below low and not above high."""
+        x = x if x > low else low
+        return x if x < high else high
 
     root = staticmethod(math.sqrt)
 
@@ -77,6 +105,23 @@ class ManyLanes:
         self.batch = batch
 
     choose = staticmethod(np.where)
+
+    @staticmethod
+    def least(a: Number, b: Number) -> Number:
+        """The smaller of two."""
+        return np.where(a < b, a, b)
+
+    @staticmethod
+    def most(a: Number, b: Number) -> Number:
+        """The larger of two."""
+        return np.where(a > b, a, b)
+
+    @staticmethod
+    def within(low: Number, x: Number, high: Number) -> Number:
+        """x, not below low and not above high."""
+        x = np.where(x > low, x, low)
+        return np.where(x < high, x, high)
+
     root = staticmethod(np.sqrt)
     no = staticmethod(np.logical_not)
 
@@ -90,18 +135,3 @@ class ManyLanes:
 
 
 ONE_LANE = OneLane()
-
-
-def least(lanes: Lanes, a: Number, b: Number) -> Number:
-    """The smaller of two."""
-    return lanes.choose(a < b, a, b)
-
-
-def most(lanes: Lanes, a: Number, b: Number) -> Number:
-    """The larger of two."""
-    return lanes.choose(a > b, a, b)
-
-
-def within(lanes: Lanes, low: Number, x: Number, high: Number) -> Number:
-    """x, not below low and not above high."""
-    return least(lanes, most(lanes, x, low), high)

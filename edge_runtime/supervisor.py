@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
-from edge_runtime.lanes import Flag, Lanes, Number, least, most
+from edge_runtime.lanes import Flag, Lanes, Number
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Limits:
     give_back_n_s: float = 10.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Wish:
     """What a controller wants at one sample, and what the wearer does.
 
@@ -82,7 +82,7 @@ class Supervisor:
     def _pass_time(self, wish: Wish) -> None:
         """Time since the last evidence; it stands still while the state is unknown."""
         lanes = self._lanes
-        later_s = least(lanes, self.since_s + self._period_s, self.limits.give_back_s)
+        later_s = lanes.least(self.since_s + self._period_s, self.limits.give_back_s)
         since_s = lanes.choose(wish.fresh, 0.0, later_s)
         self.since_s = lanes.choose(wish.known, since_s, self.since_s)
 
@@ -90,16 +90,16 @@ class Supervisor:
         """The wanted grip, where the target may go there."""
         lanes, limits = self._lanes, self.limits
         may_rise = (self.since_s < limits.rise_s) & (self.risen_s < limits.most_rise_s)
-        capped_n = least(lanes, wanted_n, limits.ceiling_n)
-        return lanes.choose(may_rise, capped_n, least(lanes, capped_n, self.given_n))
+        capped_n = lanes.least(wanted_n, limits.ceiling_n)
+        return lanes.choose(may_rise, capped_n, lanes.least(capped_n, self.given_n))
 
     def _given_back(self, wish: Wish, target_n: Number) -> Number:
         """The target after slow relaxing to what friction needs."""
         lanes, limits = self._lanes, self.limits
         stale = self.since_s >= limits.give_back_s
         less_n = target_n - limits.give_back_n_s * self._period_s
-        floor_n = least(lanes, wish.needed_n, target_n)
-        return lanes.choose(stale, most(lanes, most(lanes, less_n, floor_n), 0.0), target_n)
+        floor_n = lanes.least(wish.needed_n, target_n)
+        return lanes.choose(stale, lanes.most(lanes.most(less_n, floor_n), 0.0), target_n)
 
     def _choose_mode(self, target_n: Number, unknown: Flag, ends: Flag) -> None:
         lanes, before_n = self._lanes, self.given_n

@@ -1,0 +1,1 @@
+"""What holding on costs: grip controllers in a closed loop, on styles seen and never seen."""

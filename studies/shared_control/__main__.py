@@ -1,0 +1,71 @@
+"""`make loop`: what holding on costs; writes loop.json and the front figure, fills the page."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.command import path_argument, run_script
+from edge_runtime.writing import require_writable, write_whole
+from evaluation.loop_runs import LoopRuns, opened
+from evaluation.provenance import host
+from studies.shared_control.page import PAGE, fill_page
+from studies.shared_control.picture import picture
+from studies.shared_control.plan import Row, rows
+from training.progress import counted
+
+MODEL = Path("models/holdfast-150hz.onnx")
+FIGURE = Path("docs/shared-control.svg")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    option = parser.add_argument
+    option("--model", type=path_argument, default=MODEL, metavar="FILE", help=f"default {MODEL}")
+    option("--trials", type=int, default=150, metavar="N", help="trials of a set (default 150)")
+    option("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
+    out = "folder of loop.json (default build/loop)"
+    option("--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out)
+    option("--page", action="store_true", help=f"fill the tables of {PAGE} and draw {FIGURE}")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the study, write its figures."""
+    require_writable(args.out)
+    wanted = rows(args.trials)
+    with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
+        runs = LoopRuns(args.model, args.jobs, done)
+        runs.run([(row.one, row.request) for row in wanted])
+    figures = {
+        "kind": "simulated",
+        "model": opened(str(args.model)).card.model_id,
+        "trials": args.trials,
+        "host": host(),
+        "rows": [_row(row, runs) for row in wanted],
+    }
+    path = write_whole(args.out / "loop.json", json.dumps(figures, indent=1) + "\n")
+    if args.page:
+        write_whole(FIGURE, picture(figures) + "\n")
+        fill_page(figures)
+    sys.stdout.write(f"{path}\n")
+    return 0
+
+
+def _row(row: Row, runs: LoopRuns) -> dict[str, Any]:
+    request = row.request
+    return {
+        "part": row.part,
+        "set": row.set_name,
+        "controller": row.label,
+        "setting": request.setting,
+        "lag_ms": request.lag_ms,
+        "delay_samples": request.delay_samples,
+        **runs.figures(row.one, request).to_json(),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(run_script("make loop", str(__doc__), add_arguments, run))

@@ -1,0 +1,106 @@
+"""The tables of docs/shared-control.md, from loop.json."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from evaluation.doc_tables import table, with_interval, write_tables
+from studies.shared_control.plan import OURS, UNSEEN
+
+PAGE = Path("docs/shared-control.md")
+CONTROLLER_HEADS = {
+    "controller": "controller",
+    "saved": "preventable drops saved (95 %)",
+    "slip": "slip of the saved, mm",
+    "blocked": "hand-overs blocked (95 %)",
+    "force": "extra force, N",
+    "delay": "extra delay, 95 %, ms",
+    "disturbed": "put-downs disturbed",
+    "excess": "grip above need, N s a trial",
+}
+SET_HEADS = {
+    "set": "set",
+    "drops": "drops of the bare hand",
+    "preventable": "preventable",
+    "saved": "saved (95 %)",
+    "handovers": "hand-overs",
+    "blocked": "blocked (95 %)",
+    "crushed": "crushed",
+    "tightenings": "tightenings a minute",
+}
+PART_HEADS = {
+    "set": "set",
+    "controller": "left out",
+    "saved": "saved (95 %)",
+    "blocked": "blocked (95 %)",
+    "excess": "grip above need, N s a trial",
+}
+TIME_HEADS = {
+    "set": "set",
+    "lag": "lag of the drive, ms",
+    "late": "targets late by, ms",
+    "setting": "lead, N",
+    "preventable": "preventable",
+    "saved": "saved (95 %)",
+    "blocked": "blocked (95 %)",
+}
+Row = dict[str, Any]
+
+
+def fill_page(figures: dict[str, Any]) -> None:
+    """Write every table between its markers. Raises DataNotFound where the page has none."""
+    rows = figures["rows"]
+    write_tables(
+        PAGE,
+        {
+            "author": table([shown(r) for r in _of(rows, "table", ["author"])], CONTROLLER_HEADS),
+            "unseen": table([shown(r) for r in _pooled(rows)], CONTROLLER_HEADS),
+            "sets": table(
+                [shown(r) for r in rows if r["part"] == "table" and r["controller"] == OURS],
+                SET_HEADS,
+            ),
+            "parts": table([shown(r) for r in rows if r["part"] == "without"], PART_HEADS),
+            "milliseconds": table(
+                [shown(r) for r in rows if r["part"] in ("lag", "delay")], TIME_HEADS
+            ),
+        },
+    )
+
+
+def _of(rows: Sequence[Row], part: str, sets: Sequence[str]) -> list[Row]:
+    return [row for row in rows if row["part"] == part and row["set"] in sets]
+
+
+def _pooled(rows: Sequence[Row]) -> list[Row]:
+    """For each controller the unseen style on which it saves the least."""
+    worst: dict[str, Row] = {}
+    for row in _of(rows, "table", UNSEEN):
+        name = row["controller"]
+        if name not in worst or (row["saved_share"] or 0) < (worst[name]["saved_share"] or 0):
+            worst[name] = row
+    return [{**row, "controller": f"{name} ({row['set']})"} for name, row in worst.items()]
+
+
+def shown(row: Row) -> Row:
+    """A row of the study as the tables print it."""
+    return {
+        **{key: row[key] for key in ("set", "controller", "drops", "preventable", "handovers")},
+        "setting": row["setting"],
+        "lag": f"{row['lag_ms']:g}",
+        "late": f"{1e3 * row['delay_samples'] / 150.0:.0f}",
+        "saved": with_interval(row["saved_share"], row["saved_share_ci"]),
+        "blocked": with_interval(row["blocked_share"], row["blocked_share_ci"]),
+        "disturbed": with_interval(row["disturbed_share"], row["disturbed_share_ci"]),
+        "crushed": with_interval(row["crushed_share"], row["crushed_share_ci"]),
+        "slip": _number(row["slip_mm_p50"]),
+        "force": _number(row["extra_force_n_p50"]),
+        "delay": _number(row["extra_delay_ms_p95"], 0),
+        "excess": _number(row["grip_excess"], 2),
+        "tightenings": _number(row["tightenings_per_min"], 2),
+    }
+
+
+def _number(value: float | None, digits: int = 1) -> str | None:
+    return None if value is None else f"{value:.{digits}f}"

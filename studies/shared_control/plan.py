@@ -1,0 +1,96 @@
+"""Which controllers run on which trials, with which settings, lags, delays and parts left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from edge_runtime.grip import CONTROLLERS, AnswerRules
+from evaluation.loop_runs import ORACLE, VIBRATION, LoopRequest, LoopSet
+from simulation.closed_loop.people import Habits
+
+CARDS = Path(__file__).parent / "cards"
+SHORTER = (("close_at_s", 0.8), ("hold_s", 1.8), ("tail_s", 0.5))
+"""Values of shipped cards for this study: the quiet seconds before an action are simulated less."""
+SEED = 2000
+UNSEEN = ("p1", "p2", "quick", "slow")
+"""Styles of no card that the model was trained on."""
+OURS = "holdfast"
+LAG_MS = 50.0
+SETTINGS: dict[str, tuple[float, ...]] = {
+    OURS: (4.0, 8.0, 12.0, 20.0),
+    "pd-shear": (0.5, 1.0, 2.0),
+    "smsp": (1.0, 3.0, 8.0),
+    "ismsp": (20.0, 60.0, 200.0),
+}
+"""The curve of each controller: its one setting."""
+CURVE_SETS = ("author", "p1", "quick")
+LAGS_MS = (0.0, 20.0, 100.0)
+DELAYS = (1, 3, 8)
+"""Samples by which targets act later: 7, 20 and 53 ms at 150 Hz."""
+WITHOUT = {
+    "graded": AnswerRules(graded=False),
+    "revocable": AnswerRules(revocable=False),
+    "friction margin": AnswerRules(margin=False),
+}
+"""The holdfast controller without one of its parts."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the study: a set, a request, and what it is part of."""
+
+    part: str
+    set_name: str
+    label: str
+    one: LoopSet
+    request: LoopRequest
+
+
+def sets(trials: int) -> dict[str, LoopSet]:
+    """Every set, by its name; trials: of each (fragile objects and holds: two thirds)."""
+    fewer = max(1, 2 * trials // 3)
+    return {
+        "author": LoopSet("thesis", 2 * trials, SEED, SHORTER),
+        "p1": LoopSet("p1", trials, SEED, SHORTER),
+        "p2": LoopSet("p2", trials, SEED, SHORTER),
+        "quick": LoopSet(str(CARDS / "quick.toml"), trials, SEED),
+        "slow": LoopSet(str(CARDS / "slow.toml"), trials, SEED),
+        "tugs": LoopSet(str(CARDS / "tugs.toml"), fewer, SEED),
+        "disturbed holds": LoopSet("perturbed-hold", fewer, SEED, SHORTER[:2]),
+        "daily": LoopSet("daily", fewer, SEED, SHORTER[:2]),
+        "fragile": LoopSet(str(CARDS / "fragile.toml"), fewer, SEED),
+    }
+
+
+def rows(trials: int) -> list[Row]:
+    """Everything that the study runs."""
+    by_name = sets(trials)
+    made = [
+        Row("table", name, which, one, LoopRequest(which, lag_ms=LAG_MS))
+        for name, one in by_name.items()
+        for which in (*CONTROLLERS, VIBRATION, ORACLE)
+    ]
+    for name in CURVE_SETS:
+        one = by_name[name]
+        made += [
+            Row("curve", name, which, one, LoopRequest(which, setting))
+            for which, settings in SETTINGS.items()
+            for setting in settings
+        ]
+        made += [
+            Row("lag", name, OURS, one, LoopRequest(OURS, setting, lag_ms))
+            for lag_ms in LAGS_MS
+            for setting in SETTINGS[OURS][1:3]
+        ]
+        made += [
+            Row("delay", name, OURS, one, LoopRequest(OURS, delay_samples=delay))
+            for delay in DELAYS
+        ]
+        made += [
+            Row("without", name, part, one, LoopRequest(OURS, rules=rules))
+            for part, rules in WITHOUT.items()
+        ]
+        deaf = replace(Habits(), missed_share=1.0)
+        made.append(Row("without", name, "own command", one, LoopRequest(OURS, habits=deaf)))
+    return made
