@@ -5,9 +5,9 @@ the next sample needs, and its field goes to the emulated chips. After every com
 period is computed, while the live loop waits for it. So the real driver reads, the real file
 answers, and the answer moves the emulated drive.
 
-The hand in the scene obeys the rules of docs/shared-control.md: no command for EXPIRES_MS, and it
-holds its grip. In time it has no more than what a real one has: where this machine is too slow for
-the physics, the loop counts overruns.
+The hand in the scene follows the rules of docs/shared-control.md: where no command comes for
+EXPIRES_MS, it holds its grip. A machine that is too slow for the physics loses samples, as it would
+with a real hand, and the summary counts them as overruns.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class LiveScene:
         contacts = self._world.forces_n.shape[1]
         self._field = Track(np.arange(rows) / ROWS_HZ, np.zeros((rows, contacts, 3)))
         self._forces_n, self._position_m = np.zeros((rows, contacts, 3)), np.zeros((rows, 3))
-        self._own_n, self._target_n = trial.grip_n, trial.grip_n
+        self._own_n = trial.grip_n
         self._command: GripCommand | None = None
         self._strongest_n, self._commanded_s = 0.0, -math.inf
         self._keep_row()
@@ -109,8 +109,8 @@ class LiveScene:
             self._world.advance(self._row, np.full(LANES, self._next_target_n()))
             self._row += 1
             self._keep_row()
-        if self._row == self._periods:
-            self._field.field_ut[self._row :] = self._field.field_ut[self._row]
+            if self._row == self._periods:
+                self._field.field_ut[self._row :] = self._field.field_ut[self._row]
 
     def outcome(self) -> SceneOutcome:
         """What has become of the object so far."""
@@ -131,16 +131,13 @@ class LiveScene:
     def _next_target_n(self) -> float:
         """The grip that the drive is told to go to at this row, N a side."""
         command, row_s = self._command, self._row / ROWS_HZ
-        if command is None or row_s - self._commanded_s > 1e-3 * EXPIRES_MS:
-            return self._target_n
-        self._target_n = self._wanted_n(command)
-        return self._target_n
-
-    def _wanted_n(self, command: GripCommand) -> float:
-        if command.mode in ("idle", "yield"):
+        if command is None:
             return self._own_n
-        if command.target_n is None:
-            return self._target_n
+        expired = row_s - self._commanded_s > 1e-3 * EXPIRES_MS
+        if not expired and command.mode in ("idle", "yield"):
+            return self._own_n
+        if expired or command.target_n is None:
+            return float(self._drive.motor_n[0])
         return max(command.target_n, self._own_n)
 
 

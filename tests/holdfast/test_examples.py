@@ -1,0 +1,92 @@
+"""The example receivers of grip commands do what docs/shared-control.md says."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from grip_bench import ROOT, Hands, command, opened, send
+
+from edge_runtime.grip_command import to_line
+from edge_runtime.grip_links import open_link
+
+EXAMPLES = ROOT / "examples"
+
+
+@pytest.fixture(scope="module", params=["grip_receiver.py", "grip_receiver.c"])
+def program(request, tmp_path_factory) -> list[str]:
+    source = EXAMPLES / request.param
+    if source.suffix == ".py":
+        return [sys.executable, str(source)]
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler (cc) for examples/grip_receiver.c")
+    made = tmp_path_factory.mktemp("receiver") / "grip_receiver"
+    strict = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, *strict, "-o", str(made), str(source)], check=True, cwd=ROOT)
+    return [str(made)]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@contextmanager
+def listening(program: list[str]) -> Iterator[tuple[Iterator[str], str]]:
+    """(the lines that a receiver prints, its URL)."""
+    port = free_port()
+    with subprocess.Popen([*program, str(port)], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            lines = (line.rstrip("\n") for line in process.stdout)
+            assert next(lines) == "listening"
+            yield lines, f"udp://127.0.0.1:{port}"
+        finally:
+            process.kill()
+
+
+def after(lines: Iterator[str], wanted: str) -> str:
+    """The line that was wanted, after those of a silence on a slow machine."""
+    return next(line for line in lines if wanted in line or "no command for" not in line)
+
+
+def test_a_receiver_obeys_commands_and_holds_at_the_end(program):
+    with listening(program) as (lines, url):
+        with opened(url, Hands(), []) as sink:
+            send(sink, 1)
+            assert after(lines, "tighten") == "tighten: 9.4 N, at most 400 N/s (risky slip)"
+        assert after(lines, "stopped") == "hold: the grip it has, at most 0 N/s (stopped)"
+
+
+def test_a_receiver_holds_when_no_command_comes(program):
+    with listening(program) as (lines, url):
+        link = open_link(url, "--grip")
+        link.write(to_line(command(1)).encode())
+        assert next(lines).startswith("tighten")
+        assert next(lines) == "hold: the grip it has, at most 0 N/s (no command for 300 ms)"
+        link.close()
+
+
+def test_a_receiver_skips_what_was_cut_off(program):
+    with listening(program) as (lines, url):
+        link = open_link(url, "--grip")
+        whole = to_line(command(5)).encode()
+        link.write(whole[: len(whole) // 3])
+        link.write(whole)
+        assert next(lines).startswith("tighten: 9.4 N")
+        link.close()
+
+
+def test_the_page_shows_the_receivers_as_they_are():
+    page = (ROOT / "docs" / "shared-control.md").read_text("utf-8")
+    for name in ("grip_receiver.py", "grip_receiver.c"):
+        assert f"(../examples/{name})" in page
+        assert Path(EXAMPLES / name).is_file()
