@@ -92,7 +92,7 @@ preliminary: setup  ## the thesis' preliminary study again, into build/prelimina
 fuzz: setup  ## fuzz everything that comes from outside, SECONDS=60 each; what breaks it goes into build/fuzz
 	$(BIN)/python tests/fuzz/fuzz_run.py --seconds $(or $(SECONDS),60) $(ARGS)
 
-soak: setup  ## the long tests: a million steps, and the like; then the tests beside four busy loops
+soak: setup  ## the long tests: a million steps, an hour of falls in real time, and the like; then the tests beside four busy loops
 	$(BIN)/python -m pytest -m soak $(ARGS)
 	.ci/busy
 

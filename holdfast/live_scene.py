@@ -31,7 +31,7 @@ from simulation.scene import Scene
 from simulation.script import grid_of
 from simulation.truth import Truth, truth_of
 
-ROWS_HZ = 400.0
+ROWS_HZ = 300.0
 STEP_S = 1.0 / ROWS_HZ
 """One step a row: coarser than a recorded scene's, so that a small machine keeps up."""
 LANES = 2

@@ -175,6 +175,15 @@ def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
     assert outcome.strongest_n > outcome.own_n or not kept
 
 
+def test_a_run_with_a_scene_says_what_became_of_the_object(tmp_path):
+    (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
+    source = ["--source", f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"]
+    command = [*RUN[:-2], *source, "--grip", "virtual", "--quiet", "--seconds", "0.5"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "scene: the hand has not closed yet" in done.stderr
+
+
 def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
     from holdfast.live_scene import ROWS_HZ, STEP_S, live_scene
     from holdfast.live_sources import planned_scene

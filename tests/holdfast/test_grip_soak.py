@@ -1,0 +1,77 @@
+"""An hour of falls in real time: no drop that the simulation saves with two samples to spare.
+
+HOLDFAST_SOAK_S=60 makes it a minute. A trial in which this machine lost samples counts for nothing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterator
+from itertools import count
+from typing import Any
+
+import pytest
+from test_run_grip import DEFAULT, FALL
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.grip_command import GripCommand
+from edge_runtime.model import Model
+from holdfast.grip_options import drive_of
+from holdfast.live_grip import GripOutput, controller_for
+from holdfast.live_run import answer
+from holdfast.live_scene import live_scene
+from holdfast.live_sources import open_live
+from holdfast.real_time import RunClock, first_in_line
+
+SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
+SPARE_SAMPLES = 2
+"""A real machine answers by up to this much later than a simulated one, which takes no time."""
+PLAYED_S = 4.5
+
+
+def kept(url: str, model: Model, clock: Any, spare_samples: int) -> tuple[bool, int]:
+    """(whether the object is in the hand at the end, overruns)."""
+    scene = live_scene(url, drive_of("virtual"))
+    obey, late = scene.obey, deque[GripCommand]()
+
+    def obey_late(command: GripCommand, now_ns: int, period_ns: float) -> None:
+        late.append(command)
+        obey(late.popleft() if len(late) > spare_samples else late[0], now_ns, period_ns)
+
+    scene.obey = obey_late  # type: ignore[method-assign]
+    control = controller_for("holdfast", model.card, print)
+    grip = GripOutput(control, clock, 1e9 / model.card.rate_hz, lambda line: None, scene=scene)
+    source = open_live(url, clock=clock, say=lambda line: None, field=scene)
+    end_ns = clock.now_ns() + round(1e9 * PLAYED_S)
+    with grip.running(source):
+        emit = grip.before(lambda *one: 0)
+        summary = answer(source, model, clock, emit, lambda: clock.now_ns() >= end_ns)
+    return scene.outcome().kept, summary.overruns
+
+
+def seeds(clock: RunClock) -> Iterator[int]:
+    """Seeds until the hour is over."""
+    end_ns = clock.now_ns() + round(1e9 * SOAK_S)
+    for seed in count(1):
+        if clock.now_ns() >= end_ns:
+            return
+        yield seed
+
+
+@pytest.mark.soak
+def test_an_hour_in_real_time_loses_no_object_that_the_simulation_keeps(tmp_path):
+    card = FALL.replace("hold_s = 2.0", "hold_s = 2.0\nvanish_s = 0.2")
+    (tmp_path / "fall.toml").write_text(card, encoding="utf-8")
+    model, clock, lost, tried = Model(DEFAULT), RunClock(), [], 0
+    for seed in seeds(clock):
+        url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed={seed}"
+        if not kept(url, model, VirtualClock(), SPARE_SAMPLES)[0]:
+            continue
+        with first_in_line(lambda line: None):
+            in_the_hand, overruns = kept(url, model, clock, 0)
+        tried += not overruns
+        if not in_the_hand and not overruns:
+            lost.append(seed)
+    assert tried, "this machine is too slow for a hand in real time"
+    assert lost == [], f"of {tried}"
