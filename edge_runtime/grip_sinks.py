@@ -27,7 +27,7 @@ LastLine = Callable[[int, int, str], str]
 
 
 class LineSink:
-    """One wire with its retries and its guardian. dropped: lines that it did not take."""
+    """One wire with its retries and its guardian. dropped: lines that did not leave."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class LineSink:
         self._link, self._last, self._say, self._now_ns = link, last, say, now_ns
         self._guardian = guardian
         guardian.hold(link.handle)
-        self.dropped = 0
+        self.name, self.dropped, self._guarded = link.name, 0, True
         self._sequence = -1
         self._works, self._trials, self._done = True, 0, False
         self._failed_ns = self._retry_ns = 0
@@ -51,6 +51,9 @@ class LineSink:
         """Pass a line on; False where it did not leave."""
         self._sequence = sequence
         self._guardian.note(sequence)
+        if self._guarded and not self._guardian.lives():
+            self._guarded = False
+            self._say(f"{self.name}: its guardian ended; a run that dies now sends no last command")
         now_ns = self._now_ns()
         taken = self._works and self._write(line, now_ns)
         if not self._works:
@@ -90,7 +93,7 @@ class LineSink:
         if self._works:
             self._failed_ns, self._wait_ns = now_ns, FIRST_RETRY_NS
             reason = error.strerror or error
-            self._say(f"{self._link.name}: no command arrives ({reason}); the hand holds its grip")
+            self._say(f"{self.name}: no command arrives ({reason}); the hand holds its grip")
         else:
             self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
         if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
@@ -114,7 +117,7 @@ class LineSink:
         if self._trials >= TRIALS:
             self._works, self._full_since_ns = True, None
             after_s = 1e-9 * (now_ns - self._failed_ns)
-            self._say(f"{self._link.name}: commands arrive again, after {after_s:.1f} s")
+            self._say(f"{self.name}: commands arrive again, after {after_s:.1f} s")
 
 
 @contextmanager

@@ -73,6 +73,10 @@ class Guardian:
         """The newest sequence; costs no system call."""
         self._sequence[0] = sequence
 
+    def lives(self) -> bool:
+        """Whether its process still runs."""
+        return self._process.poll() is None
+
     def end(self, *, said: bool) -> None:
         """Let it go. said: the last line was written; else the guardian writes its own."""
         if said:

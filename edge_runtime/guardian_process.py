@@ -25,14 +25,15 @@ import sys
 import time
 
 READY, FRESH, RELEASE, GOODBYE = b"ready", b"fresh", b"release", b"goodbye"
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT)
+"""Ignored: they are sent to a whole terminal or service (systemd's watchdog: SIGABRT)."""
 TRIES, WAIT_MS = 10, 500
 """How often and how long the last line waits for room in a serial port."""
 
 
 def main(control_fd: int, memory_fd: int, text: str) -> None:
     """Wait for the parent's end; write the text where it came without a goodbye."""
-    for number in SIGNALS:  # they are sent to a whole group or service; the parent answers them
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     control = socket.socket(fileno=control_fd)
     memory = mmap.mmap(memory_fd, 8, prot=mmap.PROT_READ)

@@ -32,6 +32,7 @@ FEEDBACK_STEP = 0.02
 FINGERS = 6
 """The controllers take half of the sum of all normal forces as the grip of either side."""
 Say = Callable[[str], None]
+Emit = Callable[[Prediction, Sample, Any], int | None]
 
 
 def controller_for(
@@ -60,25 +61,19 @@ class Cue:
     def __init__(self, sink: LineSink) -> None:
         self.sink, self._sent, self._sent_ns = sink, 0.0, -FEEDBACK_NS
 
-    def show(self, command: GripCommand, now_ns: int) -> int:
-        """Send the cue where it changed; returns 1 where the line did not leave."""
+    def show(self, command: GripCommand, now_ns: int) -> None:
+        """Send the cue where it changed."""
         changed = abs(command.feedback - self._sent) >= FEEDBACK_STEP
         ends = command.feedback == 0.0 != self._sent
         if not (changed or ends) or now_ns - self._sent_ns < FEEDBACK_NS:
-            return 0
-        taken = self.sink(
-            feedback_line(command.sequence, command.t_ns, command.feedback), command.sequence
-        )
-        if taken:
+            return
+        line = feedback_line(command.sequence, command.t_ns, command.feedback)
+        if self.sink(line, command.sequence):
             self._sent, self._sent_ns = command.feedback, now_ns
-        return int(not taken)
 
 
 class GripOutput:
-    """Controller, wire and cue of a run. field: what a virtual hand's chips measure, or None.
-
-    dropped: commands that did not leave.
-    """
+    """Controller, wire and cue of a run. field: what a virtual hand's chips measure, or None."""
 
     def __init__(
         self,
@@ -95,25 +90,24 @@ class GripOutput:
         self._say, self._wire, self.field, self._cue = say, wire, scene, cue
         self._sinks = [sink for sink in (wire, None if cue is None else cue.sink) if sink]
 
-    def before(self, emit: Callable[..., int | None]) -> Callable[..., int]:
+    def before(self, emit: Emit) -> Emit:
         """An emit that first sends the command of a sample, and then calls another emit."""
 
-        def both(prediction: Prediction, sample: Sample, measured: Any) -> int:
-            return self.act(prediction, sample) + (emit(prediction, sample, measured) or 0)
+        def both(prediction: Prediction, sample: Sample, measured: Any) -> int | None:
+            self.act(prediction, sample)
+            return emit(prediction, sample, measured)
 
         return both
 
-    def act(self, prediction: Prediction, sample: Sample) -> int:
-        """Send the command of one sample; returns how many lines did not leave."""
+    def act(self, prediction: Prediction, sample: Sample) -> None:
+        """Send the command of one sample."""
         command = self._controller.step(prediction, sample.values, sample.valid)
-        dropped = 0
         if self._wire is not None:
-            dropped += not self._wire(to_line(command), command.sequence)
+            self._wire(to_line(command), command.sequence)
         if self._cue is not None:
-            dropped += self._cue.show(command, self._clock.now_ns())
+            self._cue.show(command, self._clock.now_ns())
         if self.field is not None:
             self.field.obey(command, self._clock.now_ns(), self._period_ns)
-        return dropped
 
     @contextmanager
     def running(self, source: Source) -> Iterator[None]:
@@ -127,6 +121,8 @@ class GripOutput:
         finally:
             for sink in self._sinks:
                 sink.finish(reason)
+                if sink.dropped:
+                    self._say(f"{sink.name}: {sink.dropped} lines did not leave")
             if self.field is not None:
                 self._say(self.field.outcome().line())
 

@@ -63,10 +63,20 @@ def test_a_killed_run_leaves_a_hold_that_says_that_nobody_is_there(receiver):
 
 def test_the_guardian_outlives_the_signals_that_end_a_whole_service(receiver):
     with sender(receiver.url) as (process, guardian):
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGABRT):
             os.kill(guardian, number)
         process.kill()
         assert receiver.until("nobody")["mode"] == "hold"
+
+
+def test_a_guardian_that_ends_is_reported_once(receiver):
+    said: list[str] = []
+    with opened(receiver.url, Hands(), said) as sink:
+        os.kill(sink._guardian.pid, signal.SIGKILL)
+        wait_for_the_end_of(sink._guardian.pid)
+        assert send(sink, 1, 2) == [True, True]
+        assert len(said) == 1
+        assert "guardian" in said[0]
 
 
 def test_a_run_that_ends_by_an_error_says_so_in_its_last_hold(receiver):
