@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from edge_runtime.contract import BoolArray, FloatArray, Prediction, Unit
 from edge_runtime.errors import UsageError
@@ -16,6 +17,8 @@ FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
 """Controllers whose parameters are in N: they need forces, not raw fields."""
 HELD_N = 0.5
 """A slip event counts while the fingers press harder than this, N a side."""
+LARGEST = 1e9
+"""No sensor reads more, N or uT; a larger number counts as no force."""
 CUE_P = 0.35
 """p(risky slip) from which the wearer's vibration cue begins; full at 1."""
 
@@ -70,7 +73,8 @@ class GripControl:
 
     name: of CONTROLLERS. setting: the controller's own, None for its default. unit: of the forces.
     In uT or count there is no N: a friction ratio still means something, a grip in N does not, so
-    controllers that need N are refused and every command says `reduced`. Raises UsageError.
+    controllers that need N are refused, the ceiling is the hand's own business, and every command
+    says `reduced`. Raises UsageError.
     """
 
     def __init__(
@@ -90,7 +94,8 @@ class GripControl:
             )
         self.limits = limits or Limits()
         controller = controller_of(name, ONE_LANE, rate_hz, setting)
-        self._loop = GripLoop(ONE_LANE, rate_hz, controller, self.limits)
+        limits = replace(self.limits, ceiling_n=math.inf) if self.reduced else self.limits
+        self._loop = GripLoop(ONE_LANE, rate_hz, controller, limits)
 
     def step(self, prediction: Prediction, forces: FloatArray, valid: BoolArray) -> GripCommand:
         """One sample. forces [C]: prepared, in the model's unit; valid [S]. Raises UsageError."""
@@ -121,11 +126,11 @@ class GripControl:
 
 
 def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> GripSense:
-    """What a controller knows of one sample; a sensor that is not valid counts as no force."""
+    """What a controller knows of one sample; no force where a sensor is not valid or not finite."""
     f, grip_n, load_n = forces.tolist(), 0.0, 0.0
     for k, good in enumerate(valid.tolist()):
         x, y, z = f[3 * k : 3 * k + 3]
-        if good and math.isfinite(x + y + z):
+        if good and abs(x) + abs(y) + abs(z) < LARGEST:
             grip_n += z if z > 0.0 else 0.0
             load_n += math.sqrt(x * x + y * y)
     grip_n *= 0.5

@@ -14,8 +14,7 @@ A controller remembers nothing of what it wanted: it is told what was given.
 
 How long an override lasts is the decision's business (edge_runtime/decision.py), which every
 prediction tells as `overridden`. The rules run on one hand or on many (edge_runtime/lanes.py).
-docs/shared-control.md has the invariants; tests/edge_runtime/test_supervisor.py searches every
-state.
+docs/safety.md has the invariants; tests/edge_runtime/test_supervisor.py searches every state.
 """
 
 from __future__ import annotations
@@ -60,7 +59,8 @@ class Supervisor:
 
     def __init__(self, lanes: Lanes, rate_hz: float, limits: Limits | None = None) -> None:
         self._lanes, self.limits, self._period_s = lanes, limits or Limits(), 1.0 / rate_hz
-        self.given_n, self.since_s, self.risen_s = (lanes.zero() for _ in range(3))
+        self.given_n, self.risen_s = lanes.zero(), lanes.zero()
+        self.since_s: Number = lanes.zero() + self.limits.give_back_s
         self.mode: Number = lanes.zero() + HOLD
 
     def step(self, wish: Wish) -> Number:

@@ -172,6 +172,13 @@ INVARIANTS = Hazard(
     "All reachable states and inputs of the decision are searched, and the invariants hold in each",
     "Nothing",
 )
+SUPERVISOR_INVARIANTS = Hazard(
+    DECISIONS,
+    "A grip controller wants too much, for too long, or against the wearer",
+    "A supervisor bounds every target; all its reachable states and inputs are searched, and the "
+    "invariants hold in each",
+    "The force limit of the drive, whatever the request is",
+)
 FOREIGN_MODEL = Hazard(
     OUTSIDE,
     "A model file was altered and sealed again",

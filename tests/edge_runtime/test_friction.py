@@ -1,0 +1,133 @@
+"""The friction margin: nothing before a slip, right after one, and never a guess."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from grip_senses import RATE_HZ, bits, of_hand, of_hands, random_senses, sense
+
+from edge_runtime.friction import SPARE, FrictionMargin
+from edge_runtime.lanes import ONE_LANE, ManyLanes
+
+GRIP_N = 4.0
+
+
+def holding(margin: FrictionMargin, ratio: float, samples: int = 60, **changes: object) -> None:
+    """Hold without slip at a ratio of load to both sides' grip."""
+    for _ in range(samples):
+        margin.step(sense(grip_n=GRIP_N, load_n=2.0 * GRIP_N * ratio, **changes))
+
+
+def sliding(
+    margin: FrictionMargin, friction: float, samples: int = 20, noise: float = 0.0, seed: int = 0
+) -> None:
+    """Slide: the load is what friction bears, read with noise."""
+    rng = np.random.default_rng(seed)
+    for factor in 1.0 + noise * rng.normal(size=samples):
+        load_n = 2.0 * GRIP_N * friction * factor
+        margin.step(sense(grip_n=GRIP_N, load_n=load_n, p_risky=0.9))
+
+
+def margin_of(gain: float = 1.0) -> FrictionMargin:
+    return FrictionMargin(ONE_LANE, RATE_HZ, gain)
+
+
+def said(margin: FrictionMargin) -> tuple[float, float, float]:
+    return margin.mu_hat, margin.margin, margin.needed_n
+
+
+def test_one_hand_and_many_have_the_same_bits() -> None:
+    many, single = (FrictionMargin(ManyLanes(n), RATE_HZ) for n in (8, 1))
+    ones = [margin_of() for _ in range(8)]
+    for senses in random_senses(5, 400, 8):
+        many.step(senses)
+        single.step(of_hands(senses, slice(0, 1)))
+        for hand, one in enumerate(ones):
+            one.step(of_hand(senses, hand))
+            assert bits([*said(one), one.held]) == bits([*said(many), many.held], hand)
+        assert bits([*said(single)], 0) == bits([*said(many)], 0)
+
+
+def test_nothing_is_known_before_the_first_slip() -> None:
+    margin = margin_of()
+    holding(margin, 0.5)
+    assert said(margin) == (0.0, 0.0, 0.0)
+    sliding(margin, 0.5, samples=3)
+    assert said(margin) == (0.0, 0.0, 0.0)
+
+
+def test_a_clean_slide_shows_the_friction_and_leaves_no_margin() -> None:
+    margin = margin_of()
+    sliding(margin, 0.6)
+    mu_hat, left, needed_n = said(margin)
+    assert mu_hat == pytest.approx(0.6)
+    assert left == pytest.approx(0.0, abs=1e-9)
+    assert needed_n == pytest.approx(SPARE * GRIP_N)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_estimate_is_right_within_15_percent_under_noise_of_5_percent(
+    friction: float, seed: int
+) -> None:
+    margin = margin_of()
+    sliding(margin, friction, samples=30, noise=0.05, seed=seed)
+    assert margin.mu_hat == pytest.approx(friction, rel=0.15)
+    assert margin.mu_hat <= 1.02 * friction
+
+
+def test_more_grip_is_more_margin() -> None:
+    margin = margin_of()
+    sliding(margin, 0.6)
+    margin.step(sense(grip_n=2.0 * GRIP_N, load_n=2.0 * GRIP_N * 0.6))
+    assert margin.margin == pytest.approx(0.5)
+    assert margin.needed_n == pytest.approx(SPARE * GRIP_N)
+
+
+def test_a_ratio_that_changes_is_no_sample_of_friction() -> None:
+    margin = margin_of()
+    for k in range(40):
+        margin.step(sense(grip_n=GRIP_N, load_n=0.3 * 1.1**k, p_risky=0.9))
+    assert margin.mu_hat == 0.0
+
+
+def test_the_estimate_is_never_below_a_ratio_that_the_hand_has_held_in_quiet() -> None:
+    margin = margin_of()
+    holding(margin, 0.8, samples=600)
+    sliding(margin, 0.4)
+    assert margin.held == pytest.approx(0.8, rel=1e-3)
+    assert margin.mu_hat == margin.held
+
+
+def test_a_ratio_while_something_may_slip_is_not_held() -> None:
+    for unquiet in ({"p_risky": 0.3}, {"p_safe": 0.3}, {"known": False}):
+        margin = margin_of()
+        holding(margin, 0.8, **unquiet)
+        assert margin.held == 0.0
+
+
+def test_an_empty_hand_forgets_the_object_and_an_unknown_one_does_not() -> None:
+    margin = margin_of()
+    holding(margin, 0.5, samples=600)
+    sliding(margin, 0.6)
+    margin.step(sense(grip_n=0.0, load_n=0.0, empty=True, known=False))
+    assert margin.mu_hat == pytest.approx(0.6)
+    assert margin.margin == 0.0
+    margin.step(sense(grip_n=0.0, load_n=0.0, empty=True))
+    assert (*said(margin), margin.held) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_sensors_that_read_too_little_along_the_skin_are_corrected() -> None:
+    margin = margin_of(1.5)
+    sliding(margin, 0.4)
+    assert margin.mu_hat == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("force_n", [0.0, 5e-324, 1e-300, 3e38])
+def test_no_force_makes_a_nan(force_n: float) -> None:
+    for grip_n, load_n in ((force_n, 1.0), (1.0, force_n), (force_n, force_n)):
+        margin = margin_of()
+        for _ in range(30):
+            margin.step(sense(grip_n=grip_n, load_n=load_n, p_risky=0.9))
+            margin.step(sense(grip_n=grip_n, load_n=load_n))
+        assert np.isfinite(said(margin)).all()

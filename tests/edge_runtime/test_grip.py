@@ -1,0 +1,199 @@
+"""The grip controllers: their equations, and the same bits on one hand as on many."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from grip_senses import (
+    RATE_HZ,
+    bits,
+    loop_of,
+    numbers_of,
+    of_hand,
+    of_hands,
+    random_senses,
+    sense,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.errors import UsageError
+from edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, Holdfast, PdShear
+from edge_runtime.grip_control import controller_of
+from edge_runtime.lanes import ONE_LANE, ManyLanes
+
+SAMPLES, HANDS = 80, 3
+EVERY = sorted(CONTROLLERS)
+
+
+def after_a_hold(name: str, setting: float | None = None) -> Controller:
+    """A controller after two seconds of a quiet hold at 3 N; its own grip is 3 N."""
+    controller = controller_of(name, ONE_LANE, RATE_HZ, setting)
+    for _ in range(int(2 * RATE_HZ)):
+        controller.want(sense(), 0.0, 0.0)
+    return controller
+
+
+def answers_of(controller: Controller, *each: dict[str, Any], given_n: float = 0.0) -> list[float]:
+    """What it wants at samples one after another, each given as the controller wanted before."""
+    wanted = []
+    for changes in each:
+        given_n = controller.want(sense(**changes), given_n, 0.0)
+        wanted.append(given_n)
+    return wanted
+
+
+# one hand and many
+
+
+@pytest.mark.parametrize("name", EVERY)
+@settings(max_examples=3)
+@given(seed=st.integers(0, 2**32 - 1), gain=st.sampled_from([1.0, 1.3]))
+def test_controller_margin_and_supervisor_give_one_hand_the_bits_of_many(
+    name: str, seed: int, gain: float
+) -> None:
+    many = loop_of(ManyLanes(HANDS), name, gain)
+    single = loop_of(ManyLanes(1), name, gain)
+    ones = [loop_of(ONE_LANE, name, gain) for _ in range(HANDS)]
+    for senses in random_senses(seed, SAMPLES, HANDS):
+        many.step(senses)
+        single.step(of_hands(senses, slice(0, 1)))
+        for hand, one in enumerate(ones):
+            one.step(of_hand(senses, hand))
+            assert bits(numbers_of(one)) == bits(numbers_of(many), hand)
+        assert bits(numbers_of(single), 0) == bits(numbers_of(many), 0)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_no_number_makes_a_nan(name: str) -> None:
+    loop = loop_of(ManyLanes(40), name)
+    for senses in random_senses(3, 150, 40):
+        loop.step(senses)
+        assert all(np.isfinite(number).all() for number in numbers_of(loop))
+
+
+@pytest.mark.parametrize("value", [0.0, 5e-324, 3e38])
+def test_a_hand_that_senses_one_number_for_ever_gets_a_finite_target(value: float) -> None:
+    for name in EVERY:
+        loop = loop_of(ONE_LANE, name)
+        for p_risky in (0.0, 0.9) * 40:
+            loop.step(sense(grip_n=value, load_n=value, p_risky=p_risky, slip=True))
+            assert all(np.isfinite(number) for number in numbers_of(loop))
+
+
+# each controller
+
+
+def test_none_wants_nothing_whatever_happens() -> None:
+    controller = after_a_hold("none")
+    assert answers_of(controller, {"p_risky": 1.0, "load_n": 9.0, "slip": True}) == [0.0]
+    assert not controller.fresh
+
+
+def test_pd_shear_adds_the_load_above_its_threshold_and_its_rate() -> None:
+    controller, kp, kd = after_a_hold("pd-shear", 2.0), 2.0, 2.0 * PdShear.RATE_S
+    first = controller.want(sense(load_n=2.0), 0.0, 0.0)
+    second = controller.want(sense(load_n=2.0), first, 0.0)
+    assert first == pytest.approx(3.0 + kp * (2.0 - 1.0) + kd * 1.5 * RATE_HZ)
+    assert second == pytest.approx(3.0 + kp * (2.0 - 1.0))
+
+
+def test_pd_shear_wants_nothing_under_its_threshold_or_with_an_empty_hand() -> None:
+    assert answers_of(after_a_hold("pd-shear"), {"load_n": 1.0}) == [0.0]
+    assert answers_of(after_a_hold("pd-shear"), {"load_n": 5.0, "empty": True}) == [0.0]
+
+
+def test_sliding_mode_pushes_back_to_the_own_grip_and_saturates_beyond_its_boundary() -> None:
+    controller = after_a_hold("sliding-mode", 2.0)
+    wanted = [controller.want(sense(grip_n=n), 3.0, 0.0) for n in (3.0, 2.5, 0.5, 6.0)]
+    own_n = wanted[2] - 2.0  # saturated
+    assert own_n == pytest.approx(3.0, rel=0.01)  # 0.1 s of averaging, half a second after contact
+    assert wanted == pytest.approx([own_n + 2.0 * x for x in (own_n - 3.0, own_n - 2.5, 1.0, -1.0)])
+
+
+def test_sliding_mode_knows_no_slip_and_waits_for_half_a_second_of_contact() -> None:
+    controller = controller_of("sliding-mode", ONE_LANE, RATE_HZ)
+    waits = int(0.5 * RATE_HZ) - 1
+    wanted = [controller.want(sense(slip=True, p_risky=1.0), 0.0, 0.0) for _ in range(waits)]
+    assert not any(wanted)
+    controller.want(sense(), 0.0, 0.0)
+    assert controller.want(sense(), 0.0, 0.0) > 0.0
+
+
+def test_smsp_adds_one_step_for_every_slip_event_however_long_it_lasts() -> None:
+    slips = [{"slip": slip} for slip in (True, True, True, False, True, True)]
+    wanted = answers_of(after_a_hold("smsp", 3.0), *slips)
+    assert wanted == pytest.approx([6.0, 6.0, 6.0, 6.0, 9.0, 9.0], abs=1e-6)
+
+
+def test_ismsp_integrates_the_slip_signal() -> None:
+    slips = [{"slip": slip} for slip in (True, True, False, False, True)]
+    step_n = 60.0 / RATE_HZ
+    wanted = np.array(answers_of(after_a_hold("ismsp", 60.0), *slips)) - 3.0
+    assert wanted / step_n == pytest.approx([1.0, 2.0, 2.0, 2.0, 3.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("p_risky", "share"), [(0.0, 0.0), (0.35, 0.0), (0.45, 0.25), (0.55, 0.5), (0.75, 1.0), (1, 1)]
+)
+def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -> None:
+    (wanted,) = answers_of(after_a_hold("holdfast", 8.0), {"p_risky": p_risky})
+    assert wanted == pytest.approx(3.0 + 8.0 * share if share else 0.0)
+
+
+def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
+    controller = Holdfast(ONE_LANE, RATE_HZ, 8.0, AnswerRules(graded=False))
+    wanted = [controller.want(sense(p_risky=p), 0.0, 0.0) for p in (0.74, 0.76)]
+    assert wanted == pytest.approx([0.0, 11.0])
+
+
+def test_holdfast_stops_where_the_grip_was_when_the_evidence_ends() -> None:
+    rising = {"grip_n": 5.0, "p_risky": 0.9}
+    wanted = answers_of(after_a_hold("holdfast"), rising, {"grip_n": 6.0}, {"grip_n": 6.5}, {})
+    assert wanted == pytest.approx([20.0, 6.0, 6.0, 6.0])
+
+
+def test_holdfast_does_not_answer_an_unknown_state_or_an_empty_hand() -> None:
+    for absent in ({"known": False}, {"empty": True}):
+        assert answers_of(after_a_hold("holdfast"), {"p_risky": 1.0} | absent) == [0.0]
+
+
+def handing_over(p_safe: float, step_n: float) -> list[dict[str, Any]]:
+    """A quarter of a second of safe slip while the load changes by step_n a sample."""
+    return [{"p_safe": p_safe, "load_n": 3.0 + step_n * k} for k in range(40)]
+
+
+@pytest.mark.parametrize("step_n", [-0.06, 0.06])
+def test_holdfast_gives_back_a_safe_slip_with_a_changing_load(step_n: float) -> None:
+    wanted = answers_of(after_a_hold("holdfast"), *handing_over(0.9, step_n), given_n=8.0)
+    assert wanted[0] == 8.0
+    assert wanted[-1] == 0.0
+
+
+@pytest.mark.parametrize(("p_safe", "step_n"), [(0.9, 0.0), (0.9, 0.01), (0.4, 0.06)])
+def test_holdfast_keeps_the_grip_in_a_static_hold_and_without_a_safe_slip(
+    p_safe: float, step_n: float
+) -> None:
+    controller = after_a_hold("holdfast")
+    answers_of(controller, *[{"load_n": 3.0}] * 100, given_n=8.0)  # the load has come before
+    wanted = answers_of(controller, *handing_over(p_safe, step_n), given_n=8.0)
+    assert set(wanted) == {8.0}
+
+
+def test_holdfast_that_cannot_revoke_keeps_its_grip_in_a_hand_over() -> None:
+    controller = Holdfast(ONE_LANE, RATE_HZ, 8.0, AnswerRules(revocable=False))
+    assert answers_of(controller, *handing_over(0.9, 0.06), given_n=8.0)[-1] == 8.0
+
+
+def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> None:
+    for margin, expected in ((True, 9.0), (False, 7.0)):
+        controller = Holdfast(ONE_LANE, RATE_HZ, 8.0, AnswerRules(margin=margin))
+        assert controller.want(sense(), 7.0, 9.0) == expected
+        assert controller.want(sense(), 0.0, 9.0) == 0.0
+
+
+def test_an_unknown_controller_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(UsageError, match="pd-shear, sliding-mode, smsp, ismsp, holdfast"):
+        controller_of("pid", ONE_LANE, RATE_HZ)

@@ -1,0 +1,210 @@
+"""One hand's grip controller: from a prediction and forces to one command and one line."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edge_runtime.contract import BoolArray, FloatArray, Prediction
+from edge_runtime.errors import UsageError
+from edge_runtime.grip_command import EXPIRES_MS, MODES, GripCommand, last_line, to_line
+from edge_runtime.grip_control import GripControl
+from edge_runtime.supervisor import Limits
+
+RATE_HZ = 150.0
+ALL = np.ones(6, dtype=np.bool_)
+HELD = np.tile([0.1, 0.0, 1.0], 6)
+"""Six fingers press with 1 N each: 3 N a side, 0.6 N along the skin."""
+AWKWARD = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e200, 5e-324, -1.0)
+
+
+def prediction(sequence: int = 7, **changes: Any) -> Prediction:
+    """A grasp that nothing disturbs; changes: other fields."""
+    p_risky = changes.pop("p_risky", 0.0)
+    shares = {"nothing": 0.0, "grasp": 1.0 - p_risky, "safe_slip": 0.0, "risky_slip": p_risky}
+    grasp: dict[str, Any] = {
+        "sequence": sequence,
+        "t_acquired_ns": 10**9,
+        "t_decided_ns": 10**9,
+        "latency_us": 0.0,
+        "state": "grasp",
+        "why": "",
+        "p_situation": shares,
+        "p_risky": p_risky,
+        "p_class": None,
+        "weight": None,
+        "extra": {},
+        "detectors": {"band_pass": False},
+        "arm": False,
+        "act": False,
+        "act_ended": None,
+        "opening": False,
+        "overridden": False,
+        "commands": "none",
+        "late": False,
+        "started_loaded": None,
+        "degraded": False,
+        "settled": True,
+        "model_id": "m",
+    }
+    return Prediction(**(grasp | changes))
+
+
+RISKY: dict[str, Any] = {"state": "risky_slip", "p_risky": 0.9}
+UNKNOWN: dict[str, Any] = {"state": "unknown", "why": "sensors", "p_risky": 0.9}
+
+
+def step(
+    control: GripControl, forces: FloatArray = HELD, valid: BoolArray = ALL, **changes: Any
+) -> GripCommand:
+    return control.step(prediction(**changes), forces, valid)
+
+
+def held(name: str = "holdfast", **options: Any) -> GripControl:
+    """After half a second of a quiet hold."""
+    control = GripControl(name, RATE_HZ, **options)
+    for _ in range(75):
+        step(control)
+    return control
+
+
+def test_a_quiet_hold_is_idle_and_has_no_target() -> None:
+    command = step(held())
+    assert (command.mode, command.target_n, command.feedback) == ("idle", None, 0.0)
+    assert command.reason == "grasp"
+    assert (command.mu_hat, command.margin, command.needed_n) == (None, None, None)
+
+
+def test_a_risky_slip_tightens_and_is_felt() -> None:
+    command = step(held(), **RISKY)
+    assert (command.mode, command.reason, command.feedback) == ("tighten", "risky slip", 0.9)
+    assert command.target_n == pytest.approx(18.0)
+    assert command.slew_n_s == Limits().slew_n_s
+    assert (command.sequence, command.t_ns) == (7, 10**9)
+
+
+def test_a_target_is_held_while_the_state_is_unknown() -> None:
+    control = held()
+    given = step(control, **RISKY)
+    for _ in range(500):
+        command = step(control, **UNKNOWN)
+        assert (command.mode, command.target_n) == ("hold", given.target_n)
+        assert (command.reason, command.feedback) == ("unknown: sensors", 0.0)
+
+
+def test_an_unknown_state_with_nothing_given_is_a_hold_without_a_target() -> None:
+    for control in (GripControl("holdfast", RATE_HZ), held()):
+        command = step(control, **UNKNOWN)
+        assert (command.mode, command.target_n) == ("hold", None)
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"), [("opening", "opening"), ("overridden", "override")]
+)
+def test_the_wearer_ends_the_target_and_the_command_says_so(command: str, reason: str) -> None:
+    control, ends = held(), RISKY | {command: True}
+    step(control, **RISKY)
+    ended = step(control, **ends)
+    assert (ended.mode, ended.target_n, ended.reason) == ("yield", None, reason)
+    assert step(control, **ends).mode == "idle"
+
+
+def test_a_friction_estimate_is_published_with_what_it_asks_for() -> None:
+    control, sliding = held(), np.tile([0.5, 0.0, 1.0], 6)
+    for _ in range(6):
+        command = step(control, sliding, **RISKY)
+    assert command.mu_hat == pytest.approx(0.5)
+    assert command.margin == pytest.approx(0.0, abs=1e-6)
+    assert command.needed_n == pytest.approx(1.25 * 3.0)
+
+
+# units and shapes
+
+
+def test_raw_fields_have_ratios_and_no_newtons_and_every_reason_says_so() -> None:
+    control, sliding = held(unit="uT"), 1000.0 * np.tile([0.5, 0.0, 1.0], 6)
+    commands = [step(control, sliding, **RISKY) for _ in range(6)]
+    assert commands[0].mode == "tighten"
+    assert commands[-1].mode == "hold"
+    assert {(one.target_n, one.needed_n) for one in commands} == {(None, None)}
+    assert commands[-1].mu_hat == pytest.approx(0.5)
+    assert commands[0].reason == "risky slip (reduced: no N)"
+    assert commands[-1].reason == "risky_slip (reduced: no N)"
+
+
+def test_a_ceiling_in_newtons_does_not_end_the_grip_on_raw_fields() -> None:
+    control = held(unit="uT")
+    for _ in range(75):
+        step(control, 1000.0 * HELD)
+    assert step(control, 1000.0 * HELD, **RISKY).mode == "tighten"
+    assert step(control, 1000.0 * HELD).mode == "relax"
+
+
+@pytest.mark.parametrize("name", ["pd-shear", "sliding-mode"])
+def test_a_controller_that_needs_newtons_is_refused_where_there_are_none(name: str) -> None:
+    with pytest.raises(UsageError, match=f"{name} needs forces in N, this model answers in uT"):
+        GripControl(name, RATE_HZ, unit="uT")
+
+
+@pytest.mark.parametrize("fingers", [0, 5, 16])
+def test_another_number_of_fingers_is_refused(fingers: int) -> None:
+    with pytest.raises(UsageError, match=f"{fingers} fingers, .* made for 6"):
+        step(held(), np.zeros(3 * fingers), np.ones(fingers, dtype=np.bool_))
+    with pytest.raises(UsageError):
+        step(held(), HELD, np.ones(5, dtype=np.bool_))
+
+
+# bad readings
+
+
+def test_an_invalid_sensor_counts_as_no_force_whatever_it_reads() -> None:
+    valid = ALL.copy()
+    valid[2] = False
+    commands = []
+    for value in (*AWKWARD, 0.0):
+        forces = HELD.copy()
+        forces[6:9] = value
+        control = held()
+        commands.append(step(control, forces, valid, **RISKY))
+    assert len(set(commands)) == 1
+    assert commands[0].target_n == pytest.approx(2.975 + 15.0, abs=0.06)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("value", AWKWARD)
+def test_no_reading_makes_a_nan_at_its_sample_or_later(value: float, axis: int) -> None:
+    forces = HELD.copy()
+    forces[axis::3] = value
+    for name in ("holdfast", "pd-shear", "sliding-mode", "smsp", "ismsp"):
+        control = held(name)
+        commands = [step(control, forces, **one) for one in (RISKY, RISKY, {}, UNKNOWN)]
+        commands += [step(control, HELD, **RISKY) for _ in range(6)]
+        for command in commands:
+            assert "NaN" not in (line := to_line(command))
+            assert "Infinity" not in line
+
+
+# the line
+
+
+def test_a_line_is_json_that_gives_the_command_back_with_its_expiry() -> None:
+    control = held()
+    for command in (step(control), step(control, **RISKY), step(control, **UNKNOWN)):
+        line = to_line(command)
+        values = json.loads(line)
+        assert "\n" not in line
+        assert values.pop("expires_ms") == EXPIRES_MS
+        again = GripCommand(**values)
+        assert again.mode in MODES
+        assert again.target_n == pytest.approx(command.target_n, abs=1e-4)
+        assert again.reason == command.reason
+
+
+def test_the_last_line_of_a_run_is_a_hold() -> None:
+    values = json.loads(last_line(9, 5, "stopped"))
+    assert (values["mode"], values["target_n"], values["slew_n_s"]) == ("hold", None, 0.0)
+    assert (values["sequence"], values["t_ns"], values["reason"]) == (9, 5, "stopped")
+    assert values["expires_ms"] == EXPIRES_MS

@@ -1,0 +1,227 @@
+"""Every state that the supervisor of the grip can reach, and every input in each of them.
+
+docs/safety.md has the same invariants as a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from typing import NamedTuple
+
+import pytest
+from grip_senses import RATE_HZ, sense
+from hazard_marks import SUPERVISOR_INVARIANTS
+
+from edge_runtime.grip import NoController
+from edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
+from edge_runtime.grip_control import GripLoop
+from edge_runtime.lanes import ONE_LANE
+from edge_runtime.supervisor import Limits, Supervisor, Wish
+
+PERIOD_S = 0.25
+RISE, MOST_RISE, GIVE_BACK = 2, 3, 4
+"""Times in samples."""
+CEILING_N = 3.0
+MANY_STATES = 2000
+LIMITS = Limits(
+    ceiling_n=CEILING_N,
+    rise_s=RISE * PERIOD_S,
+    most_rise_s=MOST_RISE * PERIOD_S,
+    give_back_s=GIVE_BACK * PERIOD_S,
+    give_back_n_s=1.0 / PERIOD_S,
+)
+FLAGS = (False, True)
+INPUTS = [
+    Wish(*one)
+    for one in product((0.0, 1.0, 2.5, 3.0, 9.0), FLAGS, (0.0, 0.25, 2.0), *([FLAGS] * 4))
+]
+"""Every wanted grip, freshness, needed grip, known, empty, opening, overridden."""
+
+
+class State(NamedTuple):
+    """What the supervisor remembers: target, N; times in samples."""
+
+    given_n: float
+    since: float
+    risen: float
+
+
+class Step(NamedTuple):
+    """From one reachable state by one input to the next."""
+
+    before: State
+    wish: Wish
+    after: State
+    mode: int
+
+    @property
+    def ends(self) -> bool:
+        """The wearer takes over, or the hand is empty."""
+        wish = self.wish
+        return wish.opening or wish.overridden or (wish.known and wish.empty)
+
+    @property
+    def goes_on(self) -> bool:
+        """The state is known, and nothing ends the target."""
+        return self.wish.known and not self.ends
+
+
+def state_of(one: Supervisor) -> State:
+    return State(one.given_n, one.since_s / PERIOD_S, one.risen_s / PERIOD_S)
+
+
+def supervisor_in(state: State) -> Supervisor:
+    one = Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS)
+    one.given_n, one.since_s, one.risen_s = (
+        state.given_n,
+        state.since * PERIOD_S,
+        state.risen * PERIOD_S,
+    )
+    return one
+
+
+def stepped(before: State, wish: Wish) -> Step:
+    one = supervisor_in(before)
+    target_n = one.step(wish)
+    assert target_n == one.given_n
+    return Step(before, wish, state_of(one), int(one.mode))
+
+
+def search(first: State) -> Iterator[Step]:
+    """Every step from every state that can be reached."""
+    seen, ahead = {first}, [first]
+    while ahead and len(seen) < MANY_STATES:
+        before = ahead.pop()
+        for wish in INPUTS:
+            step = stepped(before, wish)
+            yield step
+            if step.after not in seen:
+                seen.add(step.after)
+                ahead.append(step.after)
+
+
+@pytest.fixture(scope="module")
+def steps() -> list[Step]:
+    return list(search(state_of(Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS))))
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_the_search_of_the_supervisor_ends_and_is_of_some_size(
+    steps: list[Step], record_property
+) -> None:
+    record_property("steps searched", len(steps))
+    assert 10_000 < len(steps) < MANY_STATES * len(INPUTS)
+    assert {step.mode for step in steps} == {IDLE, HOLD, TIGHTEN, RELAX, YIELD}
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_an_override_or_an_opening_ends_every_target_at_once(steps: list[Step]) -> None:
+    for step in steps:
+        if step.wish.opening or step.wish.overridden:
+            assert step.after.given_n == 0.0
+            assert step.mode == (YIELD if step.before.given_n > 0.0 else IDLE)
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_an_empty_hand_ends_every_target(steps: list[Step]) -> None:
+    assert not any(step.after.given_n for step in steps if step.wish.known and step.wish.empty)
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_an_unknown_state_holds_the_target_and_no_time_passes(steps: list[Step]) -> None:
+    for step in steps:
+        if not step.wish.known and not step.ends:
+            assert step.after == step.before
+            assert step.mode == HOLD
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_no_target_is_above_the_ceiling_or_below_zero(steps: list[Step]) -> None:
+    assert all(0.0 <= step.after.given_n <= CEILING_N for step in steps)
+    assert any(step.after.given_n == CEILING_N for step in steps)
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_no_target_rises_above_what_the_controller_wants(steps: list[Step]) -> None:
+    for step in steps:
+        if step.after.given_n > step.before.given_n:
+            assert step.after.given_n == min(step.wish.wanted_n, CEILING_N)
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_no_target_rises_without_evidence_at_this_sample_or_just_before(steps: list[Step]) -> None:
+    for step in steps:
+        if step.after.given_n > step.before.given_n:
+            assert step.wish.fresh or step.before.since + 1 < RISE
+        if step.goes_on and step.wish.fresh:
+            assert step.after.since == 0
+        elif step.goes_on:
+            assert step.after.since == min(step.before.since + 1, GIVE_BACK)
+
+
+def test_no_target_rises_before_the_first_evidence() -> None:
+    one = Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS)
+    for _ in range(2 * GIVE_BACK):
+        assert one.step(Wish(3.0, False, 2.0, True, False, False, False)) == 0.0
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_a_target_rises_for_a_bounded_time_in_all(steps: list[Step]) -> None:
+    for step in steps:
+        rises = step.after.given_n > step.before.given_n
+        assert not rises or step.before.risen < MOST_RISE
+        assert step.after.risen <= MOST_RISE
+        if step.after.given_n > 0.0:
+            assert step.after.risen == step.before.risen + rises
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_without_evidence_a_target_is_given_back_to_what_friction_needs(steps: list[Step]) -> None:
+    for step in steps:
+        if step.goes_on and step.after.since == GIVE_BACK:
+            highest_n = min(step.wish.wanted_n, step.before.given_n)
+            floor_n = min(step.wish.needed_n, highest_n)
+            assert step.after.given_n == max(highest_n - 1.0, floor_n, 0.0)
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_a_target_falls_only_where_the_controller_or_the_time_wants_it(steps: list[Step]) -> None:
+    for step in steps:
+        if step.goes_on and step.after.since < GIVE_BACK:
+            assert step.after.given_n >= min(step.wish.wanted_n, step.before.given_n)
+
+
+@SUPERVISOR_INVARIANTS.mark
+def test_the_mode_of_a_grip_says_what_happens_to_the_target(steps: list[Step]) -> None:
+    for step in steps:
+        before_n, after_n = step.before.given_n, step.after.given_n
+        assert (step.mode == TIGHTEN) == (after_n > before_n)
+        assert (step.mode == RELAX) == (0.0 < after_n < before_n)
+        assert (step.mode == YIELD) == (after_n == 0.0 < before_n)
+        if step.mode == IDLE:
+            assert before_n == after_n == 0.0
+        if step.mode == HOLD:
+            assert before_n == after_n
+            assert after_n > 0.0 or not step.wish.known
+
+
+def test_before_its_first_sample_the_supervisor_holds_and_gives_no_target() -> None:
+    one = Supervisor(ONE_LANE, RATE_HZ)
+    assert (one.given_n, one.mode) == (0.0, HOLD)
+
+
+def test_an_answer_that_the_wearer_ended_begins_again_with_fresh_evidence() -> None:
+    one = supervisor_in(State(3.0, 0, MOST_RISE))
+    stop = Wish(3.0, True, 0.0, True, False, False, True)
+    assert one.step(stop) == 0.0
+    assert one.step(Wish(3.0, True, 0.0, True, False, False, False)) == 3.0
+
+
+def test_a_loop_gives_its_supervisor_what_the_wearer_commands() -> None:
+    loop = GripLoop(ONE_LANE, RATE_HZ, NoController(ONE_LANE, RATE_HZ, 0.0))
+    for command in ({"opening": True}, {"overridden": True}, {"empty": True}):
+        loop.supervisor.given_n = 9.0
+        assert loop.step(sense(**command)) == 0.0
+    loop.supervisor.given_n = 9.0
+    assert loop.step(sense(known=False)) == 9.0

@@ -1,0 +1,80 @@
+"""What a hand senses, made by hand or at random, for grip controllers, margin and supervisor."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.grip import GripSense
+from edge_runtime.grip_control import GripLoop, controller_of
+from edge_runtime.lanes import Lanes
+from edge_runtime.supervisor import Limits
+
+RATE_HZ = 150.0
+QUICK = Limits(ceiling_n=20.0, rise_s=0.05, most_rise_s=0.4, give_back_s=0.2, give_back_n_s=30.0)
+"""Limits that a short stream reaches."""
+
+
+def sense(**changes: Any) -> GripSense:
+    """A quiet hold: 3 N a side, 0.5 N along the skin, nothing likely; changes: other fields."""
+    quiet: dict[str, Any] = dict.fromkeys(("p_risky", "p_safe"), 0.0)
+    quiet |= dict.fromkeys(("slip", "empty", "opening", "overridden"), False)
+    return GripSense(**(quiet | {"grip_n": 3.0, "load_n": 0.5, "known": True} | changes))
+
+
+def random_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
+    """Streams of B hands, one a sample; forces from 0 to the largest that a model can answer."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([0.0, 1e-300, 0.3, 1.0, 5.0, 5.0, 5.0, 3e38])
+
+    def forces() -> Any:
+        steady = 5.0 * rng.random(hands)
+        return np.where(rng.random(hands) < 0.7, steady, rng.choice(sizes, hands))
+
+    def often(share: float) -> Any:
+        return rng.random(hands) < share
+
+    return [
+        GripSense(
+            grip_n=forces(),
+            load_n=forces(),
+            p_risky=rng.random(hands),
+            p_safe=rng.random(hands),
+            slip=often(0.3),
+            known=often(0.9),
+            empty=often(0.05),
+            opening=often(0.02),
+            overridden=often(0.02),
+        )
+        for _ in range(samples)
+    ]
+
+
+def of_hand(senses: GripSense, hand: int) -> GripSense:
+    """One hand's part, in Python's own floats and bools."""
+    return GripSense(**{f.name: getattr(senses, f.name)[hand].item() for f in fields(GripSense)})
+
+
+def of_hands(senses: GripSense, hands: slice) -> GripSense:
+    """Some hands' part."""
+    return GripSense(**{f.name: getattr(senses, f.name)[hands] for f in fields(GripSense)})
+
+
+def loop_of(lanes: Lanes, name: str, gain: float = 1.0) -> GripLoop:
+    """A named controller with margin and supervisor, under quick limits."""
+    return GripLoop(lanes, RATE_HZ, controller_of(name, lanes, RATE_HZ), QUICK, gain)
+
+
+def numbers_of(loop: GripLoop) -> list[Any]:
+    """All that a loop says after a sample."""
+    supervisor, margin = loop.supervisor, loop.margin
+    numbers = [supervisor.given_n, supervisor.mode, supervisor.since_s, supervisor.risen_s]
+    return [*numbers, margin.mu_hat, margin.margin, margin.needed_n, margin.held]
+
+
+def bits(numbers: list[Any], hand: int | None = None) -> bytes:
+    """The bytes of some numbers, or of one hand's."""
+    return struct.pack(f"{len(numbers)}d", *(n if hand is None else n[hand] for n in numbers))
