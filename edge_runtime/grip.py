@@ -198,12 +198,14 @@ class Holdfast:
 
     evidence = (p_risky - from_p) / (full_p - from_p), within 0 and 1. The drive's speed grows with
     the lead of the wanted grip over the measured one N, so the answer is as fast as the evidence is
-    strong. Without evidence the grip stays where it is, or where the friction margin wants it,
-    until the evidence says hand-over. setting: the largest lead, N.
+    strong. When the evidence ends the drive is braked, and the grip stays where it is, or where the
+    friction margin wants it, until the evidence says hand-over. setting: the largest lead, N.
     """
 
-    SETTING = 15.0
+    SETTING = 22.0
     RATE_S = 0.03
+    BRAKE_S = 0.02
+    """So long after the evidence the drive is told to go back, because it coasts."""
 
     def __init__(
         self, lanes: Lanes, rate_hz: float, setting: float, rules: AnswerRules | None = None
@@ -211,8 +213,9 @@ class Holdfast:
         self._lanes, self._lead_n, self.rules = lanes, setting, rules or AnswerRules()
         self._own = OwnGrip(lanes, rate_hz)
         self._rate_hz, self._share = rate_hz, 1.0 / (1.0 + self.RATE_S * rate_hz)
+        self._period_s = 1.0 / rate_hz
         self._load_n, self._change_n_s, self._safe_run = (lanes.zero() for _ in range(3))
-        self._rises, self.fresh = lanes.false(), lanes.false()
+        self._quiet_s, self.fresh = lanes.zero(), lanes.false()
 
     def want(self, sense: GripSense, given_n: Number, needed_n: Number) -> Number:
         """The wanted grip, N a side; 0 for none. needed_n: by the friction margin, 0 if unknown."""
@@ -222,9 +225,11 @@ class Holdfast:
         rises = (evidence > 0.0) & sense.known & lanes.no(sense.empty)
         ahead_n = lanes.most(sense.grip_n, own_n) + self._lead_n * evidence
         kept_n = self._kept_n(sense, own_n, given_n, needed_n)
-        wanted_n = lanes.choose(rises, lanes.most(given_n, ahead_n), kept_n)
+        wanted_n = lanes.choose(rises, ahead_n, kept_n)
         ends = self._handed_over(sense) & lanes.no(rises)
-        self._rises, self.fresh = rises, rises | (wanted_n > given_n)
+        later_s = lanes.least(self._quiet_s + self._period_s, 1.0)
+        self._quiet_s = lanes.choose(rises, 0.0, later_s)
+        self.fresh = rises | (wanted_n > given_n)
         return lanes.choose(ends, 0.0, wanted_n)
 
     def _evidence(self, sense: GripSense) -> Number:
@@ -236,13 +241,15 @@ class Holdfast:
         return lanes.within(0.0, share, 1.0)
 
     def _kept_n(self, sense: GripSense, own_n: Number, given_n: Number, needed_n: Number) -> Number:
-        """The grip to keep without evidence; it stops where it was when the evidence ended."""
+        """The grip to keep without evidence: brake first, then stay where the grip is."""
         lanes = self._lanes
-        stopped_n = lanes.most(lanes.least(given_n, sense.grip_n), own_n)
-        kept_n = lanes.choose(self._rises, stopped_n, given_n)
+        braking = self._quiet_s < self.BRAKE_S
+        stops = lanes.no(braking) & (self._quiet_s < self.BRAKE_S + self._period_s)
+        kept_n = lanes.choose(stops, lanes.most(sense.grip_n, own_n), given_n)
         if self.rules.margin:
             kept_n = lanes.most(kept_n, needed_n)
-        return lanes.choose((given_n > 0.0) & (kept_n > own_n), kept_n, 0.0)
+        kept_n = lanes.choose(braking, own_n, lanes.choose(kept_n > own_n, kept_n, 0.0))
+        return lanes.choose(given_n > 0.0, kept_n, 0.0)
 
     def _handed_over(self, sense: GripSense) -> Flag:
         """Whether the evidence says hand-over: safe slip, while the load changes."""

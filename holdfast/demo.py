@@ -15,6 +15,7 @@ from edge_runtime.errors import HoldfastError
 from edge_runtime.writing import require_writable
 from holdfast.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
 
+RELEASED = Path("models/holdfast-150hz.onnx")
 Await = Callable[[str], Path]
 """Name of a set -> its folder, once it is complete."""
 
@@ -33,6 +34,7 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     """All steps that need the libraries, which load while the trials are simulated."""
     from edge_runtime.monitor import Model
     from export.exporting import export_artifact
+    from holdfast.demo_grip import close_the_loop, section
     from holdfast.demo_watch import COLUMN_S, show, watch
     from studies.scenes.report import demo_report
     from training.datasets.thesis import load
@@ -51,10 +53,15 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     print(f"\none character = {COLUMN_S} s; {letters}")
     unseen, model = ready(UNSEEN), Model(path)
     pictures = [watch(model, unseen, one) for one in load(unseen, windows="natural").recordings]
-    for picture in pictures:
-        show(picture)
+    for one in pictures:
+        show(one)
+    hands = close_the_loop(Model(RELEASED))
+    print(f"\nthe loop closed, with {RELEASED} (two trials chosen to show it):")
+    print("\n".join(f"  {one.sentence}" for one in hands))
     about = {"seed": 0, "versions": versions(), "command": "make demo"}
-    print(f"\nreport: {demo_report(out / 'report.html', data, trained.held_out, about, pictures)}")
+    loop, held_out = section(hands), trained.held_out
+    report = demo_report(out / "report.html", data, held_out, about, pictures, loop)
+    print(f"\nreport: {report}")
 
 
 @contextmanager

@@ -14,12 +14,16 @@ from training.recording import DataSet
 
 @dataclass(frozen=True)
 class SceneEvidence:
-    """Everything the report shows: figures as in scenes.json, and the headline rate's data."""
+    """Everything the report shows: figures as in scenes.json, and the headline rate's data.
+
+    closed_loop: HTML of a further section; the demo shows its closed loop there.
+    """
 
     figures: dict[str, Any]
     data: DataSet
     held_out: HeldOut
     streams: list[StreamPicture]
+    closed_loop: str = ""
 
     @property
     def headline(self) -> dict[str, Any]:

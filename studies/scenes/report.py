@@ -49,6 +49,7 @@ def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:
         curve_section(evidence),
         rates_section(evidence),
         _streams(evidence),
+        evidence.closed_loop,
         _made(evidence),
     ]
     return write_page(path, "Holdfast, scenes", [section for section in sections if section])
@@ -60,11 +61,12 @@ def demo_report(
     held_out: HeldOut,
     figures: dict[str, Any],
     streams: list[StreamPicture],
+    closed_loop: str = "",
 ) -> Path:
     """The same page from one set, with our forest alone and without objects and rates.
 
     data, held_out: with the task "classes". figures: seed, seconds, versions, command, whichever
-    are known. streams: of `held_out_streams`. Raises OutputError.
+    are known. streams: of `held_out_streams`. closed_loop: HTML. Raises OutputError.
     """
     votes: IntArray = held_out.votes["classes"]
     matrix, seed = confusion(data.tasks["classes"].label, votes), int(figures.get("seed", 0))
@@ -82,7 +84,8 @@ def demo_report(
         "headline_hz": name,
         "rates": {name: rate},
     }
-    return write_scene_report(path, SceneEvidence(shown_figures, data, held_out, streams))
+    evidence = SceneEvidence(shown_figures, data, held_out, streams, closed_loop)
+    return write_scene_report(path, evidence)
 
 
 def _summary(evidence: SceneEvidence) -> str:
