@@ -10,6 +10,7 @@ off (a full buffer, a program that died) is ended by the next line feed: a reade
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import socket
@@ -23,15 +24,21 @@ from edge_runtime.serial_port import forget_unsent, open_port, opening_error, un
 DEFAULT_BAUD = 115200
 MOST_UNSENT = 96
 """A serial port that still has more bytes to send gets no further line."""
+BITS_A_COMMAND = 1900
+"""About 190 bytes, ten bits each."""
 LAST_LINE_MS = 200
 """The last line waits this long for room in a serial port."""
 ADDRESSES = "udp://127.0.0.1:9000 or serial:///dev/ttyUSB0?baud=115200"
 
 
 class UdpLink:
-    """A connected socket, so that a port without a receiver is an error and not silence."""
+    """A connected socket, so that a port without a receiver is an error and not silence.
+
+    most_hz: commands a second that it carries.
+    """
 
     is_serial = False
+    most_hz = math.inf
 
     def __init__(self, sender: socket.socket, name: str) -> None:
         self.name, self._sender = name, sender
@@ -66,12 +73,13 @@ class UdpLink:
 
 
 class SerialLink:
-    """A serial port that may be unplugged and comes back."""
+    """A serial port that may be unplugged and comes back. most_hz: commands a second."""
 
     is_serial = True
 
     def __init__(self, path: str, baud: int, name: str) -> None:
         self.name, self._path, self._baud = name, path, baud
+        self.most_hz = baud / BITS_A_COMMAND
         self.handle = -1
         self._rest = b""
         self._opening: Thread | None = None

@@ -27,7 +27,10 @@ LastLine = Callable[[int, int, str], str]
 
 
 class LineSink:
-    """One wire with its retries and its guardian. dropped: lines that did not leave."""
+    """One wire with its retries and its guardian. dropped: lines that did not leave.
+
+    most_hz: commands a second that the wire carries.
+    """
 
     def __init__(
         self,
@@ -41,6 +44,7 @@ class LineSink:
         self._guardian = guardian
         guardian.hold(link.handle)
         self.name, self.dropped, self._guarded = link.name, 0, True
+        self.most_hz = link.most_hz
         self._sequence = -1
         self._works, self._trials, self._done = True, 0, False
         self._failed_ns = self._retry_ns = 0

@@ -143,10 +143,17 @@ def grip_output(
             scene = _scene(args)
         else:
             wire = stack.enter_context(line_sink(args.grip, "--grip", last_line, say, clock.now_ns))
+            _report_slow_wire(wire, card.rate_hz, say)
         if args.feedback:
             port = line_sink(args.feedback, "--feedback", last_feedback, say, clock.now_ns)
             cue = Cue(stack.enter_context(port))
         yield GripOutput(control, clock, 1e9 / card.rate_hz, say, wire=wire, scene=scene, cue=cue)
+
+
+def _report_slow_wire(wire: LineSink, rate_hz: float, say: Say) -> None:
+    if wire.most_hz < rate_hz:
+        carried = f"carries about {wire.most_hz:.0f} of {rate_hz:.0f} commands a second"
+        say(f"{wire.name}: {carried}; the others are left out (baud=460800 carries them)")
 
 
 def _scene(args: argparse.Namespace) -> LiveScene:

@@ -1,10 +1,14 @@
-"""An hour of falls in real time: no drop that the simulation saves with two samples to spare.
+"""An hour of falls in real time: no more drops than in simulation, beyond chance.
 
-HOLDFAST_SOAK_S=60 makes it a minute. A trial in which this machine lost samples counts for nothing.
+The trials are those that the simulation keeps with two samples to spare. What the chips' noise adds
+depends on when they are read, so real time and a second simulation, read at other moments, may both
+lose one now and then. HOLDFAST_SOAK_S=60 makes it a minute. A trial in which this machine lost
+samples, or answered one late, counts for nothing.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections import deque
 from collections.abc import Iterator
@@ -28,10 +32,15 @@ SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SPARE_SAMPLES = 2
 """A real machine answers by up to this much later than a simulated one, which takes no time."""
 PLAYED_S = 4.5
+OTHER_MOMENT_NS = 3_300_000
+CHANCE = 3.0
+"""Standard deviations of the difference of two counts."""
 
 
-def kept(url: str, model: Model, clock: Any, spare_samples: int) -> tuple[bool, int]:
-    """(whether the object is in the hand at the end, overruns)."""
+def kept(
+    url: str, model: Model, clock: Any, spare_samples: int = 0, later_ns: int = 0
+) -> tuple[bool, int]:
+    """(whether the object is in the hand at the end, samples that were lost or answered late)."""
     scene = live_scene(url, drive_of("virtual"))
     obey, late = scene.obey, deque[GripCommand]()
 
@@ -43,11 +52,12 @@ def kept(url: str, model: Model, clock: Any, spare_samples: int) -> tuple[bool, 
     control = controller_for("holdfast", model.card, print)
     grip = GripOutput(control, clock, 1e9 / model.card.rate_hz, lambda line: None, scene=scene)
     source = open_live(url, clock=clock, say=lambda line: None, field=scene)
+    clock.spend(later_ns)
     end_ns = clock.now_ns() + round(1e9 * PLAYED_S)
     with grip.running(source):
         emit = grip.before(lambda *one: 0)
         summary = answer(source, model, clock, emit, lambda: clock.now_ns() >= end_ns)
-    return scene.outcome().kept, summary.overruns
+    return scene.outcome().kept, summary.overruns + sum(summary.lost().values())
 
 
 def seeds(clock: RunClock) -> Iterator[int]:
@@ -60,18 +70,21 @@ def seeds(clock: RunClock) -> Iterator[int]:
 
 
 @pytest.mark.soak
-def test_an_hour_in_real_time_loses_no_object_that_the_simulation_keeps(tmp_path):
+def test_an_hour_in_real_time_loses_no_more_objects_than_the_simulation(tmp_path):
     card = FALL.replace("hold_s = 2.0", "hold_s = 2.0\nvanish_s = 0.2")
     (tmp_path / "fall.toml").write_text(card, encoding="utf-8")
-    model, clock, lost, tried = Model(DEFAULT), RunClock(), [], 0
+    model, clock = Model(DEFAULT), RunClock()
+    tried = lost_live = lost_again = 0
     for seed in seeds(clock):
         url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed={seed}"
         if not kept(url, model, VirtualClock(), SPARE_SAMPLES)[0]:
             continue
         with first_in_line(lambda line: None):
-            in_the_hand, overruns = kept(url, model, clock, 0)
-        tried += not overruns
-        if not in_the_hand and not overruns:
-            lost.append(seed)
+            live, lost_samples = kept(url, model, clock)
+        if lost_samples:
+            continue
+        again = kept(url, model, VirtualClock(), later_ns=OTHER_MOMENT_NS)[0]
+        tried, lost_live, lost_again = tried + 1, lost_live + (not live), lost_again + (not again)
     assert tried, "this machine is too slow for a hand in real time"
-    assert lost == [], f"of {tried}"
+    chance = CHANCE * math.sqrt(lost_live + lost_again + 1)
+    assert lost_live - lost_again <= chance, f"{lost_live} and {lost_again} lost of {tried}"

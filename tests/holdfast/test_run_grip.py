@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from grip_bench import UdpReceiver, wait_for_the_end_of
+from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from live_bench import DEFAULT, ROOT, RUN
 
 from drivers.virtual.clock import VirtualClock
@@ -265,6 +265,26 @@ def test_the_help_names_every_controller():
     done = subprocess.run([*RUN[:4], "--help"], cwd=ROOT, capture_output=True, text=True)
     text = " ".join(done.stdout.split())
     assert [name for name in CONTROLLERS if name not in text] == []
+
+
+def test_a_run_that_moves_a_real_hand_loads_no_simulation():
+    code = "import sys, holdfast.live_grip; print(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([RUN[0], "-c", code], cwd=ROOT, capture_output=True, text=True)
+    loaded = set(done.stdout.split())
+    assert "edge_runtime" in loaded
+    assert loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"} == set()
+
+
+def test_a_port_too_slow_for_every_command_is_reported(model):
+    tty = TtyReceiver()
+    said: list[str] = []
+    for baud in (115200, 460800):
+        asked = options(f"{tty.url}?baud={baud}")
+        with grip_output(asked, model.card, VirtualClock(), said.append):
+            pass
+    assert len(said) == 1
+    assert "about 61 of 150 commands" in said[0]
+    tty.close()
 
 
 # -- the wearer's cue

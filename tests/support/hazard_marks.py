@@ -204,3 +204,17 @@ MISTAKEN_ARGUMENT = Hazard(
     "The error says what was meant and what to write",
     "Nothing",
 )
+RUN_DIES = Hazard(
+    LIVE,
+    "The run dies while the hand grips an object",
+    "However a run ends, its last grip command is `hold`; a guardian process sends it where the "
+    "run was killed",
+    "The hand's own controller holds where no command comes for 300 ms",
+)
+WIRE_FAILS = Hazard(
+    LIVE,
+    "The wire to the hand fails, or its reader stalls",
+    "The loop never waits for it; the failure is reported, the wire is tried again, and its first "
+    "commands are `hold`",
+    "The hand's own controller holds where no command comes for 300 ms",
+)
