@@ -133,6 +133,7 @@ class LoopRuns:
         self, wanted: Sequence[tuple[LoopSet, LoopRequest]], from_share: float, to_share: float
     ) -> None:
         new = [pair for pair in dict.fromkeys(wanted) if pair not in self._kept]
+        self._kept |= {pair: [] for pair in new}
         parts = [
             (one, request, start)
             for one, request in new
@@ -144,7 +145,7 @@ class LoopRuns:
         )
         results = Parallel(n_jobs=self.n_jobs, return_as="generator")(jobs)
         for number, ((one, request, _), outcomes) in enumerate(zip(parts, results, strict=True), 1):
-            self._kept.setdefault((one, request), []).extend(outcomes)
+            self._kept[one, request].extend(outcomes)
             self.done(from_share + (to_share - from_share) * number / len(parts))
 
     def _onsets(self, one: LoopSet, request: LoopRequest) -> dict[int, float]:

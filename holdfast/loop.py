@@ -39,8 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
     from training.progress import counted
 
-    if args.json is not None:
-        require_writable(args.json.parent)
+    _require_runnable(args)
     with counted(f"running {', '.join(args.cards)} in a closed loop (simulated)", 1) as done:
         sets = _figures(args, done)
     for card, rows in sets.items():
@@ -51,22 +50,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _figures(
-    args: argparse.Namespace, done: Callable[[float], None]
-) -> dict[str, dict[str, LoopFigures]]:
-    from evaluation.loop_runs import (
-        CHOICES,
-        LoopRequest,
-        LoopRuns,
-        LoopSet,
-        opened,
-        require_runnable,
-    )
+def _require_runnable(args: argparse.Namespace) -> None:
+    """Raise what would stop a run, before it is announced."""
+    from evaluation.loop_runs import CHOICES, opened, require_runnable
 
+    if args.json is not None:
+        require_writable(args.json.parent)
     require_known(args.controller, CHOICES)
     model = opened(str(args.model))
     for card in args.cards:
         require_runnable(model, card)
+
+
+def _figures(
+    args: argparse.Namespace, done: Callable[[float], None]
+) -> dict[str, dict[str, LoopFigures]]:
+    from evaluation.loop_runs import LoopRequest, LoopRuns, LoopSet
+
     sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
     asked = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
     runs = LoopRuns(args.model, args.jobs, done)

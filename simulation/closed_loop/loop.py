@@ -81,6 +81,8 @@ def run_loops(
     outcomes: dict[int, LoopOutcome] = {}
     for start in range(0, len(order), size):
         batch = order[start : start + size]
+        if len(batch) == 1:  # numpy would sum a single lane in another order
+            batch = batch * 2
         loop = ClosedLoop(scene, [trials[k] for k in batch], model, make, settings)
         outcomes |= zip(batch, loop.run(), strict=True)
         done(min(start + size, len(order)))
@@ -102,7 +104,7 @@ def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
 
 
 class ClosedLoop:
-    """One batch of trials with an object, ready to run."""
+    """One batch of two trials or more with an object, ready to run."""
 
     def __init__(
         self,

@@ -164,7 +164,7 @@ def test_an_invalid_sensor_counts_as_no_force_whatever_it_reads() -> None:
     valid = ALL.copy()
     valid[2] = False
     commands = []
-    for value in (*AWKWARD, 0.0):
+    for value in (*AWKWARD, 2.0, 0.0):
         forces = HELD.copy()
         forces[6:9] = value
         control = held()

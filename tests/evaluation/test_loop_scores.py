@@ -1,0 +1,208 @@
+"""Figures of a grip controller, from outcomes made by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
+from simulation.card import read_card
+from simulation.closed_loop.oracle import needed_grip_n
+from simulation.closed_loop.outcome import LoopOutcome
+from simulation.protocol import PlannedTrial
+from simulation.scene import Scene
+from simulation.script import Times
+
+RATE_HZ = 100.0
+TRIALS = {t.action: t for t in Scene(read_card("thesis"), 0).trials(40)}
+NUMBERS: Iterator[int] = count()
+
+
+def trial_of(action: str, crush_n: float = 0.0) -> PlannedTrial:
+    one = TRIALS[action]
+    return replace(one, number=next(NUMBERS), thing=replace(one.thing, crush_n=crush_n))
+
+
+def outcome(trial: PlannedTrial, **changes: Any) -> LoopOutcome:
+    """The object stays in a hand that does nothing until its wearer opens it."""
+    times = Times.of(trial)
+    end_s = min(times.end, times.open)
+    kept: dict[str, Any] = {
+        "lost_s": np.inf if end_s == times.end else times.open + 0.2,
+        "onset_s": times.act + 0.02,
+        "slip_mm": 0.0,
+        "peak_n": 5.0,
+        "overrode_s": np.inf,
+        "begin_s": 0.0,
+        "rate_hz": RATE_HZ,
+        "mu_hat": np.nan,
+        "grip_n": np.full(round(end_s * RATE_HZ), trial.grip_n, dtype=np.float32),
+    }
+    return LoopOutcome(trial=trial, **(kept | changes))
+
+
+def drop(trial: PlannedTrial) -> dict[str, float]:
+    return {"lost_s": Times.of(trial).act + 0.1}
+
+
+def three(trial: PlannedTrial, bare: Any = None, best: Any = None, held: Any = None) -> ThreeRuns:
+    return ThreeRuns(*(outcome(trial, **(changes or {})) for changes in (bare, best, held)))
+
+
+def risky(held_drops: bool = True, oracle_drops: bool = False, **held: Any) -> ThreeRuns:
+    """A pull that the bare hand loses."""
+    trial = trial_of("pull")
+    lost = drop(trial)
+    return three(trial, lost, lost if oracle_drops else {}, (lost if held_drops else {}) | held)
+
+
+def handed(action: str = "pass", **held: Any) -> ThreeRuns:
+    return three(trial_of(action), held=held)
+
+
+def later(trial: PlannedTrial, extra_s: float) -> dict[str, float]:
+    return {"lost_s": Times.of(trial).open + 0.2 + extra_s}
+
+
+def figures(*runs: ThreeRuns) -> LoopFigures:
+    return loop_figures(runs)
+
+
+# drops
+
+
+def test_a_drop_is_preventable_where_the_oracle_keeps_what_the_bare_hand_loses() -> None:
+    assert risky().preventable
+    assert not risky(oracle_drops=True).preventable
+    assert not three(trial_of("pull")).preventable
+    clumsy = trial_of("pass")
+    assert not three(clumsy, bare=drop(clumsy)).preventable
+
+
+def test_a_drop_before_the_action_is_not_preventable() -> None:
+    trial = trial_of("fall")
+    early = {"lost_s": Times.of(trial).act - 0.1}
+    assert three(trial, bare=drop(trial)).preventable
+    assert not three(trial, bare=early).preventable
+
+
+def test_saved_is_what_the_controller_keeps_of_the_preventable_drops() -> None:
+    kept = [risky(held_drops=False, slip_mm=mm) for mm in (1.0, 3.0, 8.0)]
+    made = figures(*kept, risky(), risky(oracle_drops=True), handed())
+    assert (made.trials, made.drops, made.preventable, made.saved) == (6, 5, 4, 3)
+    assert made.saved_share == 0.75
+    assert made.saved_share_ci == pytest.approx((0.1941, 0.9937), abs=1e-4)  # Clopper and Pearson
+    assert made.slip_mm_p50 == 3.0
+
+
+def test_a_drop_by_the_controller_alone_is_a_new_drop() -> None:
+    trial = trial_of("pull")
+    assert figures(three(trial, held=drop(trial)), risky()).new_drops == 1
+
+
+# hand-overs
+
+
+def test_a_hand_over_is_blocked_by_force_by_delay_or_by_an_override() -> None:
+    assert not handed(peak_n=9.9).blocked
+    assert handed(peak_n=10.1).blocked
+    trial = trial_of("pass")
+    assert not three(trial, held=later(trial, 0.29)).blocked
+    assert three(trial, held=later(trial, 0.31)).blocked
+    assert three(trial, held={"lost_s": np.inf}).blocked
+    assert handed(overrode_s=4.0).blocked
+
+
+def test_figures_count_hand_overs_and_put_downs_apart() -> None:
+    passes = [handed(peak_n=5.0 + extra) for extra in (0.0, 1.0, 6.0)]
+    made = figures(*passes, handed("put-down"), handed("put-down", overrode_s=1.0), risky())
+    assert (made.handovers, made.blocked, made.put_downs) == (3, 1, 2)
+    assert made.blocked_share == pytest.approx(1 / 3)
+    assert made.disturbed_share == 0.5
+    assert made.extra_force_n_p50 == pytest.approx(1.0)
+
+
+def test_extra_delays_are_in_ms_and_one_that_never_ends_is_huge_and_finite() -> None:
+    trials = [trial_of("pass") for _ in range(3)]
+    late = [three(t, held=later(t, s)) for t, s in zip(trials, (0.0, 0.1, 0.2), strict=True)]
+    assert figures(*late).extra_delay_ms_p50 == pytest.approx(100.0)
+    stuck = figures(three(trials[0], held={"lost_s": np.inf}))
+    assert stuck.extra_delay_ms_p95 == 1e6
+
+
+def test_a_hand_over_that_fails_in_the_bare_hand_is_none() -> None:
+    early, never = trial_of("pass"), trial_of("pass")
+    fails = [
+        three(early, bare={"lost_s": Times.of(early).act - 0.2}),
+        three(never, bare={"lost_s": np.inf}),
+    ]
+    assert figures(*fails).handovers == 0
+
+
+# cost
+
+
+def test_grip_beyond_need_is_an_integral_over_time_until_the_object_has_left() -> None:
+    trial = trial_of("pass")
+    grip_n = np.full(100, trial.grip_n, dtype=np.float32)
+    grip_n[50:] += 2.0
+    one = three(trial, held={"grip_n": grip_n, "lost_s": 0.75})
+    assert one.excess_n_s == pytest.approx(2.0 * 0.25, rel=1e-5)
+    assert figures(one, handed()).grip_excess == pytest.approx(0.25, rel=1e-5)
+
+
+def test_the_grip_that_a_pull_needs_is_no_excess_after_its_onset() -> None:
+    trial = trial_of("pull")
+    needed_n = needed_grip_n(trial)
+    assert needed_n > trial.grip_n
+    for onset_s, expected in ((0.0, 1.0), (2.0, needed_n + 1.0 - trial.grip_n)):
+        held = {"grip_n": np.full(100, needed_n + 1.0), "onset_s": onset_s}
+        assert three(trial, held=held).excess_n_s == pytest.approx(expected)
+
+
+def test_a_fragile_object_is_crushed_by_more_than_it_bears() -> None:
+    fragile = [trial_of("pass", crush_n=20.0) for _ in range(2)]
+    grips = [np.full(50, n, dtype=np.float32) for n in (19.0, 21.0)]
+    runs = [three(t, held={"grip_n": g}) for t, g in zip(fragile, grips, strict=True)]
+    made = figures(*runs, handed(grip_n=np.full(50, 90.0)))
+    assert (made.fragile, made.crushed_share) == (2, 0.5)
+    low, high = made.crushed_share_ci or (1.0, 0.0)
+    assert low < 0.5 < high
+
+
+def test_a_tightening_is_a_rise_by_a_newton_before_the_action() -> None:
+    trial = trial_of("pass")
+    act = round(Times.of(trial).act * RATE_HZ)
+    grip_n = np.full(act + 100, trial.grip_n, dtype=np.float32)
+    grip_n[20:40] += 2.0
+    grip_n[60:80] += 0.5
+    grip_n[100:120] += 2.0
+    grip_n[act + 10 :] += 9.0
+    made = figures(three(trial, held={"grip_n": grip_n}))
+    assert made.tightenings_per_min == pytest.approx(60.0 * 2 / (act / RATE_HZ), rel=0.01)
+
+
+def test_the_error_of_the_friction_is_over_observed_values_only() -> None:
+    trial = trial_of("pull")
+    true = trial.thing.friction * trial.drawn["friction_factor"] * trial.thing.kinetic_share
+    runs = [
+        three(trial, drop(trial), {}, {"mu_hat": value})
+        for value in (1.1 * true, 0.7 * true, 1.2 * true, np.nan)
+    ]
+    made = figures(*runs)
+    assert made.mu_observed == 3
+    assert made.mu_error_p50 == pytest.approx(0.2)
+
+
+def test_figures_of_nothing_are_null_and_every_figure_is_json() -> None:
+    empty, whole = figures().to_json(), figures(risky(held_drops=False), handed()).to_json()
+    for name in ("saved_share", "saved_share_ci", "blocked_share", "slip_mm_p50", "mu_error_p50"):
+        assert empty[name] is None
+    for one in (empty, whole):
+        assert "NaN" not in json.dumps(one, allow_nan=False)

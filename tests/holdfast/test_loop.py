@@ -1,0 +1,113 @@
+"""`holdfast loop`: figures of controllers on a card, and bad input that is one clear line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import Run, fails
+from loop_bench import MODEL, card_text, row
+
+CARD = card_text(
+    row("pass", "count = 2\n"),
+    row("fall", "weak_grip = 0.5\n", "hard-ball"),
+    '[[trials]]\naction = "nothing"\nlasts_s = 1\n',
+)
+KEYS = (
+    "preventable",
+    "saved_share",
+    "handovers",
+    "blocked_share",
+    "slip_mm_p50",
+    "extra_force_n_p50",
+    "extra_delay_ms_p95",
+    "crushed_share",
+    "grip_excess",
+)
+
+
+def written(folder: Path, text: str, name: str = "mine") -> Path:
+    path = folder / f"{name}.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def looped(run: Run, folder: Path, text: str, *words: object) -> tuple[str, dict[str, Any]]:
+    """(what was printed, the JSON) of a run on a card."""
+    out = folder / "loop.json"
+    options = ("--model", MODEL, "--jobs", 1, "--json", out, *words)
+    code, said, err = run("loop", written(folder, text), *options)
+    assert code == 0, err
+    assert "Traceback" not in err
+    return said, json.loads(out.read_text("utf-8"), parse_constant=pytest.fail)
+
+
+def test_the_figures_of_every_controller_are_written_and_said(run: Run, tmp_path: Path) -> None:
+    words = ("--controller", "holdfast", "oracle", "--lag-ms", 20, "--seed", 3)
+    said, written_json = looped(run, tmp_path, CARD, *words)
+    assert (written_json["kind"], written_json["lag_ms"], written_json["seed"]) == (
+        "simulated",
+        20.0,
+        3,
+    )
+    rows = written_json["sets"]["mine"]
+    assert set(rows) == {"holdfast", "oracle"}
+    for name, figures in rows.items():
+        assert set(KEYS) <= set(figures)
+        assert {f"{key}_ci" for key in KEYS if key.endswith("share")} <= set(figures)
+        assert (figures["trials"], figures["handovers"], figures["preventable"]) == (3, 2, 1)
+        assert figures["crushed_share"] is figures["crushed_share_ci"] is None
+        assert f"  {name}" in said
+    assert rows["oracle"]["saved_share"] == 1.0
+    assert "of 2 hand-overs blocked" in said
+    assert "(simulated)" in said
+
+
+def test_what_no_hand_can_hold_is_an_outcome(run: Run, tmp_path: Path) -> None:
+    slippery = '[objects."soap"]\nmass_g = 2000\nfriction = 0.05\nhalf_length_mm = 80\n'
+    beyond = row("pull", "cap_n = 400\narm_n_per_m = 100000\ndistance_m = 1\n")
+    text = card_text(row("fall", "", "soap"), beyond, effects=slippery)
+    _, made = looped(run, tmp_path, text, "--controller", "holdfast")
+    figures = made["sets"]["mine"]["holdfast"]
+    assert (figures["drops"], figures["preventable"], figures["saved_share"]) == (2, 0, None)
+
+
+def test_one_trial_and_an_empty_hand_have_figures_too(run: Run, tmp_path: Path) -> None:
+    one, empty = tmp_path / "one", tmp_path / "empty"
+    one.mkdir()
+    empty.mkdir()
+    _, made = looped(run, one, card_text(row("fall")), "--controller", "none")
+    assert made["sets"]["mine"]["none"]["drops"] == 1
+    nothing = card_text('[[trials]]\naction = "nothing"\nlasts_s = 1\n')
+    _, made = looped(run, empty, nothing, "--controller", "none")
+    assert made["sets"]["mine"]["none"]["trials"] == 0
+
+
+@pytest.mark.parametrize(
+    ("code", "kind", "words", "says"),
+    [
+        (2, "UsageError", ["thesis", "--controller", "pid"], "'pid' does not exist"),
+        (3, "CardError", ["no-such-card"], "no card 'no-such-card'"),
+        (3, "ChannelError", ["twenty-sensors"], "the model needs 18"),
+    ],
+)
+def test_bad_input_is_one_line(run: Run, code: int, kind: str, words: list[str], says: str) -> None:
+    fails(run, code, kind, "loop", *words, "--model", MODEL, "--jobs", 1, says=says)
+
+
+def test_a_card_in_another_unit_or_at_another_rate_is_refused(run: Run, tmp_path: Path) -> None:
+    magnet = card_text(row("pull"), effects="[effects.dipole]\n")
+    fields = written(tmp_path, magnet.replace("150\n", '150\nunit = "uT"\n', 1), "fields")
+    slow = written(tmp_path, CARD.replace("rate_hz = 150", "rate_hz = 100"), "slow")
+    fails(run, 3, "UnitError", "loop", fields, "--model", MODEL, says="the model needs N")
+    fails(run, 3, "RateError", "loop", slow, "--model", MODEL, says="the model needs 150 Hz")
+
+
+@pytest.mark.parametrize("lag", ["-1", "nan", "inf", "1001", "soon"])
+def test_a_lag_that_is_none_is_refused(run: Run, lag: str) -> None:
+    code, _, err = run("loop", "thesis", "--lag-ms", lag)
+    assert code == 2
+    assert "is not a lag from 0 to 1000 ms" in err
+    assert "Traceback" not in err

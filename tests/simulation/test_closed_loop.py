@@ -1,0 +1,300 @@
+"""Hands in a closed loop: the open loop where they do nothing, and what people and objects do where
+they act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loop_bench import (
+    ACTIONS,
+    WHOLE_BRUSH,
+    Firm,
+    card_text,
+    forces_in,
+    model,
+    row,
+    scene_of,
+)
+
+from simulation.closed_loop.controllers import managed, oracle
+from simulation.closed_loop.loop import ClosedLoop, LoopSettings, run_loops
+from simulation.closed_loop.outcome import LoopOutcome
+from simulation.closed_loop.people import Habits, Wearer, held_n
+from simulation.protocol import PlannedTrial
+from simulation.scene import Scene
+from simulation.script import Times
+
+ONE_OF_EACH = [row(action) for action in ACTIONS]
+PATIENT = "wait_s = 0.1\nmove_s = 0.3\ndistance_m = 0.25\narm_n_per_m = 600\n"
+"""A receiver who pulls at once, and as hard as the cap allows."""
+
+
+def settings_of(**habits: float) -> LoopSettings:
+    return LoopSettings(habits=Habits(missed_share=0.0, **habits))
+
+
+def firm_loop(
+    scene: Scene, grip_n: float = 45.0, settings: LoopSettings | None = None
+) -> tuple[ClosedLoop, Firm]:
+    """All trials of a scene in hands that hold on firmly."""
+    made: list[Firm] = []
+
+    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Firm:
+        made.append(Firm(trials, grip_n))
+        return made[0]
+
+    return ClosedLoop(scene, scene.trials(), model(), make, settings), made[0]
+
+
+# a hand that does nothing
+
+
+@pytest.fixture(scope="module", params=["", WHOLE_BRUSH], ids=["core", "brush and averaging"])
+def idle(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Scene, ClosedLoop, np.ndarray]:
+    """One trial of each action with controller none; forces at every sample."""
+    text = card_text(*ONE_OF_EACH, effects=request.param)
+    scene = scene_of(tmp_path_factory.mktemp("idle"), text)
+    loop = ClosedLoop(scene, scene.trials(), model(), managed(scene, "none"))
+    return scene, loop, forces_in(loop)
+
+
+def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
+    idle: tuple[Scene, ClosedLoop, np.ndarray],
+) -> None:
+    scene, loop, forces_n = idle
+    for lane, whole in enumerate(scene.run_together(scene.trials())):
+        looped = loop.world.motion(lane, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+        steps = len(looped.at_s)
+        assert steps > 300
+        for name in ("at_s", "agents_n", "gripped", "slips", "slides", "slip_m"):
+            open_loop = getattr(whole.motion, name)[:steps]
+            assert getattr(looped, name).tobytes() == open_loop.tobytes(), name
+        begins, ends = int(loop.spans.begins[lane]), int(loop.spans.ends[lane])
+        sampled = whole.motion.forces_n[begins + 1 : ends + 1]
+        assert forces_n[: ends - begins, lane].tobytes() == sampled.tobytes()
+        assert sampled.any()
+
+
+def test_a_loop_begins_before_the_hand_closes_and_ends_after_the_decision(
+    idle: tuple[Scene, ClosedLoop, np.ndarray],
+) -> None:
+    _, loop, _ = idle
+    for lane, trial in enumerate(loop.trials):
+        times = Times.of(trial)
+        assert loop.spans.begins[lane] / 150.0 < times.close - 0.1
+        decided_s = times.act + 0.6 if trial.action in ("pull", "fall") else times.open + 0.3
+        assert loop.spans.ends[lane] / 150.0 > decided_s
+
+
+# a batch
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, list[LoopOutcome]]:
+    """A pull and a fall by the holdfast controller."""
+    scene = scene_of(tmp_path_factory.mktemp("two"), card_text(row("pull"), row("fall")))
+    return scene, run_loops(scene, scene.trials(), model(), managed(scene, "holdfast"))
+
+
+def same(one: LoopOutcome, other: LoopOutcome) -> bool:
+    values = ("lost_s", "onset_s", "slip_mm", "peak_n", "overrode_s", "begin_s")
+    equal = all(getattr(one, name) == getattr(other, name) for name in values)
+    return equal and one.grip_n.tobytes() == other.grip_n.tobytes()
+
+
+def test_a_trial_does_not_depend_on_its_batch_even_alone(
+    two: tuple[Scene, list[LoopOutcome]],
+) -> None:
+    scene, outcomes = two
+    trials = scene.trials()
+    make = managed(scene, "holdfast")
+    (alone,) = run_loops(scene, trials[:1], model(), make)
+    assert same(alone, outcomes[0])
+    swapped = run_loops(scene, [trials[1], trials[0], trials[1]], model(), make)
+    for one, other in zip(swapped, (outcomes[1], outcomes[0], outcomes[1]), strict=True):
+        assert same(one, other)
+
+
+def test_the_holdfast_controller_answers_and_stays_under_the_ceiling(
+    two: tuple[Scene, list[LoopOutcome]],
+) -> None:
+    for one in two[1]:
+        assert one.peak_grip_n > one.trial.grip_n + 1.0
+        assert one.peak_grip_n <= 70.0
+
+
+# what becomes of objects
+
+
+@pytest.fixture(scope="module")
+def falls(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[LoopOutcome]]:
+    """A fall and a pull beyond any hand: bare and by the oracle. The falling object is fragile."""
+    egg = '[objects."egg"]\nmass_g = 60\nhalf_length_mm = 60\nfriction = 0.7\ncrush_n = 20\n'
+    beyond = row("pull", "cap_n = 400\narm_n_per_m = 100000\ndistance_m = 1\n")
+    text = card_text(row("fall", "weak_grip = 0.5\n", "egg"), beyond, effects=egg)
+    scene = scene_of(tmp_path_factory.mktemp("falls"), text)
+    bare = run_loops(scene, scene.trials(), model(), managed(scene, "none"))
+    onsets = {one.trial.number: one.onset_s for one in bare}
+    best = run_loops(scene, scene.trials(), model(), oracle(onsets, 70.0))
+    return {"bare": bare, "oracle": best}
+
+
+def test_the_oracle_keeps_a_fall_that_the_bare_hand_drops(
+    falls: dict[str, list[LoopOutcome]],
+) -> None:
+    bare, best = falls["bare"][0], falls["oracle"][0]
+    assert bare.dropped
+    assert bare.act_s < bare.onset_s < bare.lost_s < bare.act_s + 1.0
+    assert not best.dropped
+    assert best.lost_s == np.inf
+    assert best.peak_grip_n > 2.0 * bare.peak_grip_n
+    assert 0.0 < best.slip_mm < 50.0
+
+
+def test_a_puller_stronger_than_the_hand_gets_the_object_and_nothing_is_a_nan(
+    falls: dict[str, list[LoopOutcome]],
+) -> None:
+    one = falls["oracle"][1]
+    assert one.dropped
+    assert one.peak_n > 5.0
+    assert np.isfinite([one.lost_s, one.onset_s, one.slip_mm, one.peak_n]).all()
+
+
+def test_a_grip_above_what_an_object_bears_crushes_it(
+    falls: dict[str, list[LoopOutcome]],
+) -> None:
+    bare = falls["bare"][0]
+    assert not bare.crushed
+    for peak_n, crushed in ((19.9, False), (20.1, True)):
+        grip_n = np.array([1.0, peak_n, 1.0], dtype=np.float32)
+        assert replace(bare, grip_n=grip_n).crushed == crushed
+    sturdy = falls["bare"][1]
+    assert not replace(sturdy, grip_n=np.array([1e3], dtype=np.float32)).crushed
+
+
+def test_the_grip_of_a_drive_that_does_nothing_stays_whatever_is_done_to_the_object(
+    falls: dict[str, list[LoopOutcome]],
+) -> None:
+    for one in falls["bare"]:
+        assert (one.grip_n == np.float32(one.trial.grip_n)).all()
+
+
+# people
+
+
+@pytest.fixture(scope="module")
+def resisted(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[ClosedLoop, Firm, list[LoopOutcome]]:
+    """Hands that hold on: against a strong receiver, a weak one, and a puller."""
+    rows = [
+        row("pass", f"{PATIENT}cap_n = 15\nopen_after_s = 1.2\n"),
+        row("pass", f"{PATIENT}cap_n = 0.5\nopen_after_s = 1.2\n"),
+        row("pull", "cap_n = 12\nmove_s = 0.5\ntail_s = 1.5\n"),
+    ]
+    scene = scene_of(tmp_path_factory.mktemp("resisted"), card_text(*rows))
+    loop, firm = firm_loop(scene, settings=settings_of(pull_gives_up_s=0.5))
+    return loop, firm, loop.run()
+
+
+def test_a_wearer_overrides_a_hand_that_resists_for_a_third_of_a_second(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    strong, weak, pull = resisted[2]
+    assert strong.act_s + 0.3 <= strong.overrode_s < strong.opens_s
+    assert weak.overrode_s == pull.overrode_s == np.inf
+
+
+def test_an_override_lets_the_object_go_and_reaches_the_controller(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    _, firm, (strong, *_) = resisted
+    told = np.array([sense.overridden[0] for _, sense in firm.noted])
+    at_s = np.array([t_s[0] for t_s, _ in firm.noted])
+    assert (told == (at_s >= strong.overrode_s)).all()
+    assert strong.overrode_s < strong.lost_s < strong.overrode_s + 0.5
+
+
+def test_the_signal_to_open_comes_before_the_hand_opens(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    _, firm, outcomes = resisted
+    for lane, one in enumerate(outcomes[:2]):
+        at_s = np.array([t_s[lane] for t_s, _ in firm.noted])
+        first_s = at_s[[sense.opening[lane] for _, sense in firm.noted]].min()
+        assert 0.07 < one.opens_s - first_s < 0.15
+
+
+def test_a_pull_is_capped_but_for_the_damping_of_the_arm(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    strong, weak, pull = resisted[2]
+    weight_n = 9.81e-3 * weak.trial.thing.mass_g
+    assert weak.peak_n <= 1.6 * 0.5 + weight_n
+    assert 10.0 < strong.peak_n <= 1.6 * 15.0 + weight_n
+    assert 10.0 < pull.peak_n <= 1.6 * 12.0
+
+
+def test_a_puller_gives_up_and_the_object_stays(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    loop, _, (*_, pull) = resisted
+    motion = loop.world.motion(2, np.zeros((2, 1, 3)), np.zeros((2, 3)))
+    force_n = np.linalg.norm(motion.agents_n, axis=1)
+    gone = motion.at_s > pull.act_s + 0.5 + Habits().lets_go_s + 0.01
+    assert gone.sum() > 20
+    assert force_n[gone].max() < 0.01 * pull.peak_n
+    assert motion.gripped[gone].all()
+    assert not pull.dropped
+
+
+def test_signals_to_open_are_early_by_what_is_given_and_missed_by_what_is_given(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    trial = resisted[0].trials[0]
+    trials = [replace(trial, number=number) for number in range(1000)]
+    wearer = Wearer(trials, Habits(), seed=1)
+    opens_s = Times.of(trial).open
+    came = wearer.signal_s < opens_s
+    early_s = opens_s - wearer.signal_s[came]
+    assert 1.0 - came.mean() == pytest.approx(0.1, abs=0.03)
+    assert (wearer.signal_s[~came] > 1e6).all()
+    assert (early_s.min() >= 0.08) & (early_s.max() <= 0.15)
+    assert early_s.std() > 0.01
+
+
+def test_a_wearer_overrides_only_where_the_own_grip_would_have_let_go(
+    resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
+) -> None:
+    trial = resisted[0].trials[0]
+    holds_n = held_n(trial)
+    act_s = Times.of(trial).act
+
+    def overrides(extra_n: float, pulled_n: float, lasts_s: float, after_s: float = 0.1) -> bool:
+        wearer = Wearer([trial], Habits(), seed=0)
+        for k in range(round(lasts_s * 100)):
+            t_s = np.array([act_s + after_s + 0.01 * k])
+            wearer.resist(t_s, np.array([extra_n]), np.array([pulled_n]), 0.01)
+        return bool(np.isfinite(wearer.overrode_s[0]))
+
+    assert overrides(2.0, 1.1 * holds_n, 0.35)
+    assert not overrides(2.0, 1.1 * holds_n, 0.25)
+    assert not overrides(0.5, 1.1 * holds_n, 1.0)
+    assert not overrides(2.0, 0.9 * holds_n, 1.0)
+    assert not overrides(2.0, 1.1 * holds_n, 0.5, after_s=-1.0)
+
+
+def test_a_target_that_comes_later_is_followed_later(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, card_text(row("fall"), row("fall")))
+    first = []
+    for delay in (0, 6):
+        loop, _ = firm_loop(scene, settings=LoopSettings(delay_samples=delay))
+        grip_n = loop.run()[0].grip_n
+        first.append(np.flatnonzero(grip_n > grip_n[0])[0])
+    assert first[1] - first[0] == 6

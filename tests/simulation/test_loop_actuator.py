@@ -1,0 +1,96 @@
+"""The drive of a hand: its lag, speed, ceiling and backlash, and that nothing drives it back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edge_runtime.contract import FloatArray
+from simulation.card import read_card
+from simulation.closed_loop.actuator import Actuator, Drive
+from simulation.protocol import PlannedTrial
+from simulation.scene import Scene
+
+DT_S = 1e-3
+LIVELY = [t for t in Scene(read_card("thesis"), 0).trials(8) if t.action != "nothing"]
+
+
+def grips(actuator: Actuator, target_n: FloatArray | float, lasts_s: float = 1.0) -> FloatArray:
+    """[K, B] grips of a drive that is told one target."""
+    target = np.broadcast_to(np.asarray(target_n, dtype=np.float64), actuator.own_n.shape)
+    return np.array([actuator.step(target, DT_S).copy() for _ in range(round(lasts_s / DT_S))])
+
+
+def drive_of(trials: list[PlannedTrial] = LIVELY, **changes: float) -> Actuator:
+    return Actuator(Drive(**changes), trials)
+
+
+@settings(max_examples=30)
+@given(
+    lag_ms=st.sampled_from([0.0, 20.0, 50.0, 100.0]),
+    targets=st.lists(st.floats(0.0, 1e6), min_size=1, max_size=30),
+)
+def test_no_grip_is_above_the_ceiling_or_below_zero_or_faster_than_the_drive(
+    lag_ms: float, targets: list[float]
+) -> None:
+    actuator = drive_of(lag_ms=lag_ms, ceiling_n=30.0)
+    for target in targets:
+        made = np.vstack([actuator.grip_n, grips(actuator, target, 0.02)])
+        assert (made >= 0.0).all()
+        assert (made <= 30.0).all()
+        assert (np.abs(np.diff(made, axis=0)) <= actuator.fastest_n_s * DT_S + 1e-9).all()
+
+
+@pytest.mark.parametrize("lag_ms", [0.0, 20.0, 50.0, 100.0])
+def test_a_drive_that_is_told_its_own_grip_stands_still(lag_ms: float) -> None:
+    actuator = drive_of(lag_ms=lag_ms)
+    made = grips(actuator, actuator.own_n)
+    assert (made == actuator.own_n).all()
+    assert not actuator.moving(actuator.own_n).any()
+
+
+def test_without_lag_the_grip_rises_at_full_speed_and_stops_at_the_target() -> None:
+    actuator = drive_of(lag_ms=0.0, backlash_mm=0.0)
+    own, fastest = actuator.own_n.copy(), actuator.fastest_n_s
+    made = grips(actuator, 40.0, 0.3)
+    t_s = DT_S * np.arange(1, len(made) + 1)[:, None]
+    assert made == pytest.approx(np.minimum(own + fastest * t_s, 40.0))
+
+
+@pytest.mark.parametrize("lag_ms", [20.0, 50.0, 100.0])
+@pytest.mark.parametrize("step_n", [-1.0, 1.0])
+def test_a_small_step_is_critically_damped(lag_ms: float, step_n: float) -> None:
+    actuator = drive_of(lag_ms=lag_ms, backlash_mm=0.0)
+    lag_s = 1e-3 * lag_ms
+    target = actuator.own_n + step_n * np.minimum(1.0, 0.4 * actuator.own_n)
+    share = (grips(actuator, target, 12.0 * lag_s) - actuator.own_n) / (target - actuator.own_n)
+    t_s = DT_S * np.arange(1, len(share) + 1)[:, None]
+    expected = 1.0 - (1.0 + t_s / lag_s) * np.exp(-t_s / lag_s)
+    assert share.max() <= 1.02
+    assert share[-1] == pytest.approx(1.0, abs=0.01)
+    assert np.abs(share - expected).max() < 0.04
+
+
+def test_a_longer_lag_is_a_later_grip() -> None:
+    reached = [grips(drive_of(lag_ms=lag), 40.0, 0.1)[-1] for lag in (0.0, 20.0, 50.0, 100.0)]
+    assert (np.diff(reached, axis=0) < 0.0).all()
+
+
+def test_the_fingers_follow_a_change_of_direction_after_the_backlash() -> None:
+    actuator = drive_of(lag_ms=0.0, backlash_mm=0.5)
+    up = grips(actuator, actuator.own_n + 5.0, 0.5)[-1]
+    slack = actuator.backlash_n
+    assert (slack > 0.1).all()
+    assert (grips(actuator, up + 0.5 * slack, 0.1)[-1] == up).all()
+    down = grips(actuator, actuator.own_n, 0.5)[-1]
+    assert down == pytest.approx(actuator.own_n)
+    assert (grips(actuator, down + 0.9 * slack, 0.1)[-1] == down).all()
+    assert (grips(actuator, down + 1.5 * slack, 0.1)[-1] > down).all()
+
+
+def test_the_fastest_drive_closes_its_stroke_in_its_time_against_stiff_fingers() -> None:
+    slow, fast = drive_of(closing_s=0.74), drive_of(closing_s=0.37)
+    assert fast.fastest_n_s == pytest.approx(2.0 * slow.fastest_n_s)
+    assert (fast.fastest_n_s > 100.0).all()

@@ -1,0 +1,127 @@
+"""A sensor in the loop reports, sample by sample, what the recording of the trial has, to the
+bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from loop_bench import card_text, row, scene_of
+
+from edge_runtime.contract import FloatArray
+from simulation.closed_loop.sensing import LoopSensors
+from simulation.scene import Scene
+from simulation.sensor import SENSOR_EFFECTS
+
+COUNTS = np.array([75, 61, 40])
+"""Samples of the trials, which end one after another."""
+TEXTS = {
+    "dipole": "",
+    "cross_talk": "",
+    "gain_tilt": "",
+    "magnet_reversed": "sensors = [2, 5]",
+    "magnet_lost": "sensors = [3]\nat_s = 0.2",
+    "thermal_drift": "warming_degc = 10",
+    "hall_noise": "",
+    "saturation": "range = 0.25",
+    "quantisation": "",
+    "timing_jitter": "sd_ms = 1.5",
+    "dropped_samples": "share = 0.2",
+    "stale_sensor": "sensors = [1, 6]\nat_s = {uniform = [0, 0.2]}\nlasts_s = {uniform = [0.1, 1]}",
+}
+ON_FIELDS = [n for n in TEXTS if "dipole" in SENSOR_EFFECTS[n].needs] + ["dipole"]
+ON_ANY = [n for n in TEXTS if n not in ON_FIELDS]
+
+
+def scene_with(names: list[str], folder: Path, seed: int = 0, unit: str = "N") -> Scene:
+    effects = "".join(f"[effects.{name}]\n{TEXTS[name]}\n" for name in names)
+    text = card_text(row("pull", "count = 3"), effects=effects)
+    return scene_of(folder, text.replace("150\n", f'150\nunit = "{unit}"\n', 1), seed)
+
+
+def touched(seed: int) -> FloatArray:
+    """[T, 3, 6, 3] forces of three trials: they wander, and some channels rest."""
+    rng = np.random.default_rng(seed)
+    steps = rng.normal(size=(COUNTS.max(), 3, 6, 3)) * rng.choice([0.0, 0.05, 0.5], (1, 3, 6, 3))
+    forces: FloatArray = steps.cumsum(axis=0)
+    forces[..., 2] = np.abs(forces[..., 2])
+    return forces
+
+
+def in_the_loop(scene: Scene, forces_n: FloatArray) -> list[list[tuple[bytes, bytes] | None]]:
+    """By trial, by call: the bytes of values and validity, None for a lost sample."""
+    sensors = LoopSensors(scene, scene.trials(), COUNTS)
+    reported: list[list[tuple[bytes, bytes] | None]] = [[], [], []]
+    for k in range(len(forces_n)):
+        rows = np.minimum(k, COUNTS - 1)
+        now, lost = sensors.read(rows, forces_n[rows, np.arange(3)])
+        for lane in range(3):
+            one = now.values[lane].tobytes(), now.valid[lane].tobytes()
+            reported[lane].append(None if lost[lane] else one)
+    return reported
+
+
+def as_recorded(scene: Scene, forces_n: FloatArray, lane: int) -> list[tuple[bytes, bytes]]:
+    """What the whole trial's signal has, a row a sample that came."""
+    n = COUNTS[lane]
+    signal, _ = scene.sense(scene.trials()[lane], np.arange(n) / 150.0, forces_n[:n, lane])
+    return [
+        (v.tobytes(), good.tobytes()) for v, good in zip(signal.values, signal.valid, strict=True)
+    ]
+
+
+def require_same(scene: Scene, seed: int) -> None:
+    """The loop reports what the recording has; one sample late where the clock jitters."""
+    forces_n = touched(seed)
+    late = int("timing_jitter" in scene.sensor_effects)
+    for lane, calls in enumerate(in_the_loop(scene, forces_n)):
+        recorded = as_recorded(scene, forces_n, lane)
+        came = [one for one in calls[late : COUNTS[lane]] if one is not None]
+        assert came == (recorded[:-1] if late else recorded)
+
+
+def test_every_effect_of_the_sensor_is_tried() -> None:
+    assert set(TEXTS) == set(SENSOR_EFFECTS)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_an_effect_row_by_row_is_the_effect_of_the_whole_trial(name: str, tmp_path: Path) -> None:
+    before = ["dipole"] if name in ON_FIELDS and name != "dipole" else []
+    scene = scene_with([*before, name], tmp_path)
+    assert LoopSensors(scene, scene.trials(), COUNTS).latency == (name == "timing_jitter")
+    require_same(scene, 1)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    fields=st.lists(st.sampled_from(ON_FIELDS), unique=True),
+    others=st.lists(st.sampled_from(ON_ANY), unique=True),
+    unit=st.sampled_from(["N", "uT"]),
+    seed=st.integers(0, 1000),
+)
+def test_any_effects_together_row_by_row_are_those_of_the_whole_trial(
+    fields: list[str], others: list[str], unit: str, seed: int, tmp_path: Path
+) -> None:
+    names = [*({"dipole", *fields} if fields or unit == "uT" else ()), *others]
+    require_same(scene_with(sorted(names), tmp_path, seed, unit), seed)
+
+
+def test_a_stuck_sensor_repeats_its_value_and_is_found_out_after_20_ms(tmp_path: Path) -> None:
+    stuck = card_text(
+        row("pull", "count = 3"),
+        effects="[effects.stale_sensor]\nsensors = [2]\nat_s = 0.1\nlasts_s = 0.1\n",
+    )
+    scene, forces_n = scene_of(tmp_path, stuck), touched(4)
+    sensors = LoopSensors(scene, scene.trials(), COUNTS)
+    seen: list[Any] = [sensors.read(np.array([k] * 3), forces_n[k])[0] for k in range(40)]
+    values = np.array([one.values[:, 1] for one in seen])
+    valid = np.array([one.valid for one in seen])
+    assert (values[15:30] == values[14]).all()
+    assert (values[30] == forces_n[30, :, 1]).all()
+    assert not valid[19:30, :, 1].any()
+    assert valid[:18].all()
+    assert np.delete(valid, 1, axis=2).all()
