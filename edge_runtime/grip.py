@@ -205,7 +205,7 @@ class Holdfast:
     SETTING = 22.0
     RATE_S = 0.03
     BRAKE_S = 0.02
-    """So long after the evidence the drive is told to go back, because it coasts."""
+    """So long after the evidence, in a known state, the drive is told to go back: it coasts."""
 
     def __init__(
         self, lanes: Lanes, rate_hz: float, setting: float, rules: AnswerRules | None = None
@@ -228,7 +228,8 @@ class Holdfast:
         wanted_n = lanes.choose(rises, ahead_n, kept_n)
         ends = self._handed_over(sense) & lanes.no(rises)
         later_s = lanes.least(self._quiet_s + self._period_s, 1.0)
-        self._quiet_s = lanes.choose(rises, 0.0, later_s)
+        quiet_s = lanes.choose(rises, 0.0, later_s)
+        self._quiet_s = lanes.choose(sense.known, quiet_s, self._quiet_s)
         self.fresh = rises | (wanted_n > given_n)
         return lanes.choose(ends, 0.0, wanted_n)
 

@@ -28,9 +28,13 @@ SAMPLES, HANDS = 80, 3
 EVERY = sorted(CONTROLLERS)
 
 
-def after_a_hold(name: str, setting: float | None = None) -> Controller:
+def after_a_hold(
+    name: str, setting: float | None = None, rules: AnswerRules | None = None
+) -> Controller:
     """A controller after two seconds of a quiet hold at 3 N; its own grip is 3 N."""
     controller = controller_of(name, ONE_LANE, RATE_HZ, setting)
+    if rules is not None:
+        controller = Holdfast(ONE_LANE, RATE_HZ, setting or Holdfast.SETTING, rules)
     for _ in range(int(2 * RATE_HZ)):
         controller.want(sense(), 0.0, 0.0)
     return controller
@@ -144,15 +148,30 @@ def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -
 
 
 def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
-    controller = Holdfast(ONE_LANE, RATE_HZ, 8.0, AnswerRules(graded=False))
+    controller = after_a_hold("holdfast", 8.0, AnswerRules(graded=False))
     wanted = [controller.want(sense(p_risky=p), 0.0, 0.0) for p in (0.74, 0.76)]
     assert wanted == pytest.approx([0.0, 11.0])
 
 
-def test_holdfast_stops_where_the_grip_was_when_the_evidence_ends() -> None:
-    rising = {"grip_n": 5.0, "p_risky": 0.9}
-    wanted = answers_of(after_a_hold("holdfast"), rising, {"grip_n": 6.0}, {"grip_n": 6.5}, {})
-    assert wanted == pytest.approx([20.0, 6.0, 6.0, 6.0])
+BRAKED_N = 3.0 + 2.0 / 16.0
+"""The own grip after the sample at 5 N below."""
+RISING = {"grip_n": 5.0, "p_risky": 0.9}
+
+
+def test_holdfast_brakes_when_the_evidence_ends_and_stays_where_the_grip_is_then() -> None:
+    quiet = [{"grip_n": n} for n in (6.0, 7.0, 7.5, 7.2, 7.1)]
+    wanted = answers_of(after_a_hold("holdfast", 8.0), RISING, *quiet)
+    assert wanted == pytest.approx([13.0, BRAKED_N, BRAKED_N, BRAKED_N, 7.2, 7.2])
+
+
+def test_holdfast_brakes_after_an_unknown_state_too() -> None:
+    controller = after_a_hold("holdfast", 8.0)
+    given_n = controller.want(sense(**RISING), 0.0, 0.0)
+    for _ in range(30):
+        controller.want(sense(known=False), given_n, 0.0)
+    quiet = [{"grip_n": 7.0}] * 5
+    wanted = answers_of(controller, *quiet, given_n=given_n)
+    assert wanted == pytest.approx([BRAKED_N] * 3 + [7.0, 7.0])
 
 
 def test_holdfast_does_not_answer_an_unknown_state_or_an_empty_hand() -> None:
@@ -183,13 +202,13 @@ def test_holdfast_keeps_the_grip_in_a_static_hold_and_without_a_safe_slip(
 
 
 def test_holdfast_that_cannot_revoke_keeps_its_grip_in_a_hand_over() -> None:
-    controller = Holdfast(ONE_LANE, RATE_HZ, 8.0, AnswerRules(revocable=False))
+    controller = after_a_hold("holdfast", 8.0, AnswerRules(revocable=False))
     assert answers_of(controller, *handing_over(0.9, 0.06), given_n=8.0)[-1] == 8.0
 
 
 def test_holdfast_raises_to_what_friction_needs_only_where_it_has_answered() -> None:
     for margin, expected in ((True, 9.0), (False, 7.0)):
-        controller = Holdfast(ONE_LANE, RATE_HZ, 8.0, AnswerRules(margin=margin))
+        controller = after_a_hold("holdfast", 8.0, AnswerRules(margin=margin))
         assert controller.want(sense(), 7.0, 9.0) == expected
         assert controller.want(sense(), 0.0, 9.0) == 0.0
 

@@ -10,6 +10,7 @@ import pytest
 
 from edge_runtime.contract import BoolArray, FloatArray, Prediction
 from edge_runtime.errors import UsageError
+from edge_runtime.grip import Holdfast
 from edge_runtime.grip_command import EXPIRES_MS, MODES, GripCommand, last_line, to_line
 from edge_runtime.grip_control import GripControl
 from edge_runtime.supervisor import Limits
@@ -81,7 +82,7 @@ def test_a_quiet_hold_is_idle_and_has_no_target() -> None:
 def test_a_risky_slip_tightens_and_is_felt() -> None:
     command = step(held(), **RISKY)
     assert (command.mode, command.reason, command.feedback) == ("tighten", "risky slip", 0.9)
-    assert command.target_n == pytest.approx(18.0)
+    assert command.target_n == pytest.approx(3.0 + Holdfast.SETTING)
     assert command.slew_n_s == Limits().slew_n_s
     assert (command.sequence, command.t_ns) == (7, 10**9)
 
@@ -170,7 +171,7 @@ def test_an_invalid_sensor_counts_as_no_force_whatever_it_reads() -> None:
         control = held()
         commands.append(step(control, forces, valid, **RISKY))
     assert len(set(commands)) == 1
-    assert commands[0].target_n == pytest.approx(2.975 + 15.0, abs=0.06)
+    assert commands[0].target_n == pytest.approx(2.975 + Holdfast.SETTING, abs=0.06)
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -33,8 +33,8 @@ PATIENT = "wait_s = 0.1\nmove_s = 0.3\ndistance_m = 0.25\narm_n_per_m = 600\n"
 """A receiver who pulls at once, and as hard as the cap allows."""
 
 
-def settings_of(**habits: float) -> LoopSettings:
-    return LoopSettings(habits=Habits(missed_share=0.0, **habits))
+HEARD = LoopSettings(habits=Habits(missed_share=0.0, pull_gives_up_s=0.5))
+"""No signal is missed, and a puller gives up after half a second."""
 
 
 def firm_loop(
@@ -199,7 +199,7 @@ def resisted(
         row("pull", "cap_n = 12\nmove_s = 0.5\ntail_s = 1.5\n"),
     ]
     scene = scene_of(tmp_path_factory.mktemp("resisted"), card_text(*rows))
-    loop, firm = firm_loop(scene, settings=settings_of(pull_gives_up_s=0.5))
+    loop, firm = firm_loop(scene, settings=HEARD)
     return loop, firm, loop.run()
 
 
