@@ -15,7 +15,8 @@ from edge_runtime.errors import HoldfastError
 from edge_runtime.writing import require_writable
 from holdfast.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
 
-RELEASED = Path("models/holdfast-150hz.onnx")
+RELEASED = "models/holdfast-150hz.onnx"
+"""In the checkout."""
 Await = Callable[[str], Path]
 """Name of a set -> its folder, once it is complete."""
 
@@ -55,7 +56,7 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     pictures = [watch(model, unseen, one) for one in load(unseen, windows="natural").recordings]
     for one in pictures:
         show(one)
-    hands = close_the_loop(Model(RELEASED))
+    hands = close_the_loop(Model(Path(__file__).parents[1] / RELEASED))
     print(f"\nthe loop closed, with {RELEASED} (two trials chosen to show it):")
     print("\n".join(f"  {one.sentence}" for one in hands))
     about = {"seed": 0, "versions": versions(), "command": "make demo"}
