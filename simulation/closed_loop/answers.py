@@ -43,7 +43,7 @@ class HandModels:
             p_safe=out["p_situation"][:, SAFE_SLIP].astype(np.float64),
             slip=out["detectors"][:, 0] & (grip_n > 0.5),
             known=known.copy(),
-            empty=situation == NOTHING,
+            empty=known & (situation == NOTHING),
             opening=nothing,
             overridden=nothing,
         )
