@@ -249,7 +249,8 @@ class Holdfast:
         kept_n = lanes.choose(stops, lanes.most(sense.grip_n, own_n), given_n)
         if self.rules.margin:
             kept_n = lanes.most(kept_n, needed_n)
-        kept_n = lanes.choose(braking, own_n, lanes.choose(kept_n > own_n, kept_n, 0.0))
+        back_n = lanes.choose(own_n > 0.0, own_n, sense.grip_n)
+        kept_n = lanes.choose(braking, back_n, lanes.choose(kept_n > own_n, kept_n, 0.0))
         return lanes.choose(given_n > 0.0, kept_n, 0.0)
 
     def _handed_over(self, sense: GripSense) -> Flag:

@@ -4,7 +4,7 @@
     the state is unknown               hold: neither tighten nor relax, and no time passes
     the hand is empty                  idle
     a larger grip is wanted            tighten, up to the ceiling, while evidence is fresh (RISE_S)
-                                       and not for longer than MOST_RISE_S in all
+                                       and not for longer than MOST_RISE_S an answer
     a smaller grip is wanted           relax
     no evidence for GIVE_BACK_S        relax slowly to what the friction margin needs; to the
                                        wearer's own grip where no slip has shown the friction
@@ -74,7 +74,8 @@ class Supervisor:
         target_n = lanes.choose(ends, 0.0, target_n)
         rises = target_n > self.given_n
         self.risen_s = lanes.choose(rises, self.risen_s + self._period_s, self.risen_s)
-        self.risen_s = lanes.choose(target_n > 0.0, self.risen_s, 0.0)
+        over = (target_n <= 0.0) | (self.since_s >= self.limits.give_back_s)
+        self.risen_s = lanes.choose(over, 0.0, self.risen_s)
         self._choose_mode(target_n, unknown, ends)
         self.given_n = target_n
         return target_n

@@ -31,7 +31,8 @@ class HandModels:
             np.copyto(graph.sample, values * self._tare[0] - self._tare[1])
             np.copyto(graph.valid, valid)
         out = graph.step()
-        forces = graph.sample.reshape(len(values), -1, 3)
+        readings = graph.sample.reshape(len(values), -1, 3)
+        forces = np.where(graph.valid[..., None], readings, 0.0)
         situation, known = out["situation"], ~out["unknown"]
         grip_n = 0.5 * np.maximum(forces[..., 2], 0.0).sum(axis=1)
         load_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2).sum(axis=1)

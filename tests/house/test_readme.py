@@ -34,7 +34,7 @@ def test_the_readme_shows_the_real_output_of_the_demo(
     assert re.findall(r"<h3>(\S+/\S+)/trial_1 \(simulated\)", report) == re.findall(
         r"^\S+/\S+$", shown[1], re.M
     )
-    assert report.count("<svg") == 3 + len(demo_trials.SHOWN)
+    assert report.count("<svg") == 4 + len(demo_trials.SHOWN)
 
 
 def test_the_page_of_features_is_written_from_the_groups(tmp_path: Path) -> None:
