@@ -249,7 +249,7 @@ class Holdfast:
         kept_n = lanes.choose(stops, lanes.most(sense.grip_n, own_n), given_n)
         if self.rules.margin:
             kept_n = lanes.most(kept_n, needed_n)
-        back_n = lanes.choose(own_n > 0.0, own_n, sense.grip_n)
+        back_n = lanes.most(lanes.choose(own_n > 0.0, own_n, sense.grip_n), needed_n)
         kept_n = lanes.choose(braking, back_n, lanes.choose(kept_n > own_n, kept_n, 0.0))
         return lanes.choose(given_n > 0.0, kept_n, 0.0)
 

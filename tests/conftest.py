@@ -4,6 +4,7 @@ pipeline."""
 from __future__ import annotations
 
 import os
+import signal
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -38,6 +39,8 @@ pytest_plugins = [
 # fixed seeds, no clock: what passed passes again
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.load_profile("fixed")
+# under nohup a hangup is ignored, and so it would be in every process that a test starts
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session")

@@ -213,9 +213,18 @@ def people(card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def start(*words: object, stdin: Any = subprocess.DEVNULL, **options: Any) -> subprocess.Popen[str]:
+class Killed(subprocess.Popen[str]):
+    """A process that is killed where the test that waits for it fails."""
+
+    def __exit__(self, kind: Any, *rest: Any) -> None:
+        if kind is not None:
+            self.kill()
+        super().__exit__(kind, *rest)
+
+
+def start(*words: object, stdin: Any = subprocess.DEVNULL, **options: Any) -> Killed:
     command = [sys.executable, "-m", "holdfast", "record", *map(str, words)]
-    return subprocess.Popen(
+    return Killed(
         command,
         cwd=ROOT,
         stdin=stdin,
