@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.command import path_argument, run_script
+from edge_runtime.errors import UsageError
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.loop_runs import LoopRuns, opened
 from evaluation.provenance import host
@@ -29,13 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
     out = "folder of loop.json (default build/loop)"
     option("--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out)
+    option("--parts", nargs="+", metavar="PART", help="of table, curve, lag, delay, without")
+    option("--sets", nargs="+", metavar="SET", help="by their names in the tables")
+    option("--controllers", nargs="+", metavar="NAME", help="of the tables' first column")
     option("--page", action="store_true", help=f"fill the tables of {PAGE} and draw {FIGURE}")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the study, write its figures."""
     require_writable(args.out)
-    wanted = rows(args.trials)
+    wanted = _chosen(rows(args.trials), args)
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
         runs = LoopRuns(args.model, args.jobs, done)
         runs.run([(row.one, row.request) for row in wanted])
@@ -48,10 +52,28 @@ def run(args: argparse.Namespace) -> int:
     }
     path = write_whole(args.out / "loop.json", json.dumps(figures, indent=1) + "\n")
     if args.page:
-        write_whole(FIGURE, picture(figures) + "\n")
         fill_page(figures)
+    if args.page and any(row.part == "curve" for row in wanted):
+        write_whole(FIGURE, picture(figures) + "\n")
     sys.stdout.write(f"{path}\n")
     return 0
+
+
+def _chosen(wanted: list[Row], args: argparse.Namespace) -> list[Row]:
+    """The rows that the options leave. Raises UsageError where none is left."""
+    left = [
+        row
+        for row in wanted
+        if (not args.parts or row.part in args.parts)
+        and (not args.sets or row.set_name in args.sets)
+        and (not args.controllers or row.label in args.controllers)
+    ]
+    if not left:
+        raise UsageError(
+            "no row of the study is left by --parts, --sets and --controllers",
+            next_step="leave one of them out",
+        )
+    return left
 
 
 def _row(row: Row, runs: LoopRuns) -> dict[str, Any]:

@@ -50,30 +50,28 @@ Row = dict[str, Any]
 
 
 def fill_page(figures: dict[str, Any]) -> None:
-    """Write every table between its markers. Raises DataNotFound where the page has none."""
+    """Write each table that has rows between its markers. Raises DataNotFound without markers."""
     rows = figures["rows"]
-    write_tables(
-        PAGE,
-        {
-            "author": table([shown(r) for r in _of(rows, "table", ["author"])], CONTROLLER_HEADS),
-            "unseen": table([shown(r) for r in _pooled(rows)], CONTROLLER_HEADS),
-            "sets": table(
-                [shown(r) for r in rows if r["part"] == "table" and r["controller"] == OURS],
-                SET_HEADS,
-            ),
-            "parts": table([shown(r) for r in rows if r["part"] == "without"], PART_HEADS),
-            "milliseconds": table(
-                [shown(r) for r in rows if r["part"] in ("lag", "delay")], TIME_HEADS
-            ),
-        },
-    )
+    chosen = {
+        "author": (_of(rows, "table", ["author"]), CONTROLLER_HEADS),
+        "unseen": (_worst_of_unseen(rows), CONTROLLER_HEADS),
+        "sets": ([r for r in _part(rows, "table") if r["controller"] == OURS], SET_HEADS),
+        "parts": (_part(rows, "without"), PART_HEADS),
+        "milliseconds": ([*_part(rows, "lag"), *_part(rows, "delay")], TIME_HEADS),
+    }
+    made = {n: table([shown(r) for r in of], heads) for n, (of, heads) in chosen.items() if of}
+    write_tables(PAGE, made)
+
+
+def _part(rows: Sequence[Row], part: str) -> list[Row]:
+    return [row for row in rows if row["part"] == part]
 
 
 def _of(rows: Sequence[Row], part: str, sets: Sequence[str]) -> list[Row]:
     return [row for row in rows if row["part"] == part and row["set"] in sets]
 
 
-def _pooled(rows: Sequence[Row]) -> list[Row]:
+def _worst_of_unseen(rows: Sequence[Row]) -> list[Row]:
     """For each controller the unseen style on which it saves the least."""
     worst: dict[str, Row] = {}
     for row in _of(rows, "table", UNSEEN):
