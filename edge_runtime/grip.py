@@ -205,7 +205,7 @@ class Holdfast:
     SETTING = 22.0
     RATE_S = 0.03
     BRAKE_S = 0.02
-    """So long after the evidence, in a known state, the drive is told to go back: it coasts."""
+    """So long after the evidence, in a known state, the target goes back: the drive coasts."""
 
     def __init__(
         self, lanes: Lanes, rate_hz: float, setting: float, rules: AnswerRules | None = None

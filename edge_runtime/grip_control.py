@@ -8,18 +8,20 @@ from dataclasses import replace
 from edge_runtime.contract import BoolArray, FloatArray, Prediction, Unit
 from edge_runtime.errors import UsageError
 from edge_runtime.friction import FrictionMargin
-from edge_runtime.grip import CONTROLLERS, Controller, GripSense
+from edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, GripSense
 from edge_runtime.grip_command import HOLD, IDLE, MODES, YIELD, GripCommand
 from edge_runtime.lanes import ONE_LANE, Lanes, Number
 from edge_runtime.supervisor import Limits, Supervisor, Wish
 
 FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
 """Controllers whose parameters are in N: they need forces, not raw fields."""
+SLIP_DETECTOR = "band_pass"
+"""The slip signal of the published controllers."""
 HELD_N = 0.5
 """A slip event counts while the fingers press harder than this, N a side."""
 LARGEST = 1e9
 """No sensor reads more, N or uT; a larger number counts as no force."""
-CUE_P = 0.35
+CUE_P = AnswerRules.from_p
 """p(risky slip) from which the wearer's vibration cue begins; full at 1."""
 
 
@@ -139,7 +141,7 @@ def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> Gr
         load_n=load_n,
         p_risky=prediction.p_risky,
         p_safe=prediction.p_situation["safe_slip"],
-        slip=prediction.detectors.get("band_pass", False) and grip_n > HELD_N,
+        slip=prediction.detectors.get(SLIP_DETECTOR, False) and grip_n > HELD_N,
         known=prediction.state != "unknown",
         empty=prediction.state == "nothing",
         opening=prediction.opening,

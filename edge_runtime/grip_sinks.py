@@ -21,7 +21,7 @@ from edge_runtime.guardian import Guardian
 FIRST_RETRY_NS, LAST_RETRY_NS = 50_000_000, 2_000_000_000
 TRIALS = 3
 """A wire works again after this many lines; a socket reports an error only at the next line."""
-LOST, NOBODY = "link was lost", "nobody"
+LOST, DIED = "link was lost", "process died"
 LastLine = Callable[[int, int, str], str]
 """(sequence, t_ns, reason) -> the line that ends a run, or begins after a failure."""
 
@@ -130,7 +130,7 @@ def line_sink(
 ) -> Iterator[LineSink]:
     """An open wire that ends with its last line. Raises UsageError, DeviceError, OutputError."""
     link = open_link(url, option)
-    text = _template(last(-7, -8, NOBODY), is_serial=link.is_serial)
+    text = _template(last(-7, -8, DIED), is_serial=link.is_serial)
     sink = LineSink(link, last, say, now_ns, Guardian(text))
     try:
         yield sink

@@ -10,7 +10,7 @@
                                        wearer's own grip where no slip has shown the friction
     else                               hold
 
-A controller remembers nothing of what it wanted: it is told what was given.
+A controller remembers nothing of what it wanted: it receives what was given.
 
 How long an override lasts is the decision's business (edge_runtime/decision.py), which every
 prediction tells as `overridden`. The rules run on one hand or on many (edge_runtime/lanes.py).

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from joblib import Parallel, delayed
 
-from edge_runtime.contract import UNITS
 from edge_runtime.errors import UsageError
 from edge_runtime.fit import require_fit
 from edge_runtime.grip import CONTROLLERS, AnswerRules
@@ -78,7 +77,6 @@ def require_runnable(model: Model, card_name: str) -> None:
     """Raise what does not fit between a card and a model, and CardError."""
     card = read_card(card_name)
     contacts = 3 * card.hand.n_contacts
-    assert card.unit in UNITS
     require_fit(
         model.card, n_channels=contacts, unit=card.unit, rate_hz=card.rate_hz, where=card_name
     )

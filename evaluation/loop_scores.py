@@ -74,9 +74,7 @@ class ThreeRuns:
     @property
     def friction_error(self) -> float:
         """Relative error of the friction estimate against the kinetic friction; nan without one."""
-        trial = self.held.trial
-        true = trial.thing.friction * trial.drawn["friction_factor"] * trial.thing.kinetic_share
-        return abs(self.held.mu_hat / max(true, 1e-9) - 1.0)
+        return abs(self.held.mu_hat / max(self.held.trial.kinetic_friction, 1e-9) - 1.0)
 
 
 @dataclass(frozen=True)

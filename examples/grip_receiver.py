@@ -24,7 +24,7 @@ def main(port):
     while True:
         try:
             command = json.loads(receiver.recv(2048))
-        except TimeoutError:  # nobody has sent anything for expires_ms
+        except TimeoutError:  # no command for expires_ms
             if not silent:
                 move("hold", None, 0.0, "no command for 300 ms")
             newest_ns, silent = -1, True

@@ -129,7 +129,7 @@ class LiveScene:
         self._strongest_n = max(self._strongest_n, float(self._drive.grip_n[0]))
 
     def _next_target_n(self) -> float:
-        """The grip that the drive is told to go to at this row, N a side."""
+        """The target of the drive at this row, N a side."""
         command, row_s = self._command, self._row / ROWS_HZ
         if command is None:
             return self._own_n

@@ -175,6 +175,12 @@ class PlannedTrial:
     push: np.ndarray
     hand: HandLayout
 
+    @property
+    def kinetic_friction(self) -> float:
+        """Of the object in this trial, while it slides."""
+        thing = self.thing
+        return thing.friction * self.drawn["friction_factor"] * thing.kinetic_share
+
 
 def draw_trial(
     number: int,

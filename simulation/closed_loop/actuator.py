@@ -1,7 +1,7 @@
-"""The hand's drive: how far the grip follows what it is told, and how late.
+"""The hand's drive: how far the grip follows its target, and how late.
 
 The drive is a motor behind a gear that cannot be driven back, so the grip stays as it is wherever
-the object goes. It is told a grip in N a side and closes to where that grip would be:
+the object goes. Its target is a grip in N a side; it closes to where that grip would be:
 
     speed:   v' = (clip((target - x - lag v) / lag, -v_max, v_max) - v) / lag
     grip:    x' = v,    0 <= x <= ceiling,    and backlash between motor and fingers

@@ -141,7 +141,7 @@ class ClosedLoop:
         return [self._outcome(lane, grip_n[:, lane]) for lane in range(len(self.trials))]
 
     def decide(self, period: int) -> FloatArray:
-        """[B] what the drives are told at a sample: never less than the wearer's own grip."""
+        """[B] targets of the drives at a sample: never less than the wearer's own grip."""
         rows = np.minimum(self.spans.begins + period, self.spans.counts - 1)
         readings, lost = self.sensors.read(rows, self.world.forces_n)
         lanes = len(self.trials)

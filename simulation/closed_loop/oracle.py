@@ -43,5 +43,4 @@ def needed_grip_n(trial: PlannedTrial) -> float:
     """Grip of either side, N, that holds the weight and the largest pull by kinetic friction."""
     weight_n = trial.thing.mass_g * 1e-3 * GRAVITY_M_S2
     load_n = weight_n + (trial.drawn["cap_n"] if trial.action == "pull" else 0.0)
-    friction = trial.thing.friction * trial.drawn["friction_factor"] * trial.thing.kinetic_share
-    return SPARE * load_n / (2.0 * max(friction, 1e-3))
+    return SPARE * load_n / (2.0 * max(trial.kinetic_friction, 1e-3))

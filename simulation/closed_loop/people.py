@@ -18,8 +18,6 @@ from simulation.effect import stream
 from simulation.protocol import NEVER_S, PlannedTrial
 from simulation.script import Script, Times, smooth
 
-TAKING = ("pass", "pull")
-
 
 @dataclass(frozen=True)
 class Habits:
@@ -67,8 +65,7 @@ class LoopScript(Script):
 
 def held_n(trial: PlannedTrial) -> float:
     """Force along the skin, N, that the wearer's own grip holds by kinetic friction."""
-    friction = trial.thing.friction * trial.drawn.get("friction_factor", 1.0)
-    return 2.0 * friction * trial.thing.kinetic_share * trial.grip_n
+    return 2.0 * trial.kinetic_friction * trial.grip_n
 
 
 class Wearer:

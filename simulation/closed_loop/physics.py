@@ -103,7 +103,7 @@ class HandsAndObjects:
         self._parts: dict[bytes, Body] = {}
 
     def advance(self, period: int, target_n: FloatArray) -> None:
-        """One sample period of all lanes, the grip told to go to target_n [B]."""
+        """One sample period of all lanes; target_n [B]: of the drives."""
         at = self.spans.begins + period
         moves = (at >= self.spans.moves) & (at < self.spans.ends)
         fine = moves & (self.busy[period] | self.slid | self.actuator.moving(target_n))

@@ -55,10 +55,10 @@ def test_the_guardian_is_silent_after_a_goodbye():
 
 
 @RUN_DIES.mark
-def test_a_killed_run_leaves_a_hold_that_says_that_nobody_is_there(receiver):
+def test_a_killed_run_leaves_a_hold_that_says_that_the_process_died(receiver):
     with sender(receiver.url) as (process, _):
         process.send_signal(signal.SIGKILL)
-        last = receiver.until("nobody")
+        last = receiver.until("process died")
     assert (last["mode"], last["target_n"], last["sequence"]) == ("hold", None, 43)
     assert last["t_ns"] > 0
 
@@ -69,7 +69,7 @@ def test_the_guardian_outlives_the_signals_that_end_a_whole_service(receiver):
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGABRT):
             os.kill(guardian, number)
         process.kill()
-        assert receiver.until("nobody")["mode"] == "hold"
+        assert receiver.until("process died")["mode"] == "hold"
 
 
 def test_a_guardian_that_ends_is_reported_once(receiver):

@@ -44,8 +44,8 @@ def receiver() -> Iterator[UdpReceiver]:
 
 
 def options(grip: str, **more: Any) -> Namespace:
-    told = {"controller": None, "ceiling": None, "feedback": None, "source": REST}
-    return Namespace(grip=grip, **(told | more))
+    given = {"controller": None, "ceiling": None, "feedback": None, "source": REST}
+    return Namespace(grip=grip, **(given | more))
 
 
 @contextmanager
@@ -71,10 +71,10 @@ def test_a_run_that_is_stopped_ends_with_hold(receiver, how):
     assert (last["mode"], last["target_n"], last["reason"]) == ("hold", None, "stopped")
 
 
-def test_a_run_that_is_killed_ends_with_a_hold_that_says_that_nobody_is_there(receiver):
+def test_a_run_that_is_killed_ends_with_a_hold_that_says_that_the_process_died(receiver):
     with running(receiver) as run:
         run.kill()
-        assert receiver.until("nobody")["mode"] == "hold"
+        assert receiver.until("process died")["mode"] == "hold"
     assert receiver.waiting() == []
 
 

@@ -215,9 +215,9 @@ def test_an_override_lets_the_object_go_and_reaches_the_controller(
     resisted: tuple[ClosedLoop, Firm, list[LoopOutcome]],
 ) -> None:
     _, firm, (strong, *_) = resisted
-    told = np.array([sense.overridden[0] for _, sense in firm.noted])
+    lasts = np.array([sense.overridden[0] for _, sense in firm.noted])
     at_s = np.array([t_s[0] for t_s, _ in firm.noted])
-    assert (told == (at_s >= strong.overrode_s)).all()
+    assert (lasts == (at_s >= strong.overrode_s)).all()
     assert strong.overrode_s < strong.lost_s < strong.overrode_s + 0.5
 
 

@@ -18,7 +18,7 @@ LIVELY = [t for t in Scene(read_card("thesis"), 0).trials(8) if t.action != "not
 
 
 def grips(actuator: Actuator, target_n: FloatArray | float, lasts_s: float = 1.0) -> FloatArray:
-    """[K, B] grips of a drive that is told one target."""
+    """[K, B] grips of a drive with one target."""
     target = np.broadcast_to(np.asarray(target_n, dtype=np.float64), actuator.own_n.shape)
     return np.array([actuator.step(target, DT_S).copy() for _ in range(round(lasts_s / DT_S))])
 
