@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.contract import BoolArray, FloatArray, Sample
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import StepGraph
-from edge_runtime.monitor import Model
+from edge_runtime.grip_control import GripControl
+from edge_runtime.monitor import GripMonitor, Model
 
 
 def step_of(
@@ -29,6 +30,25 @@ def step_of(
         graph.step()
 
     return step
+
+
+def grip_of(model: Model, stream: tuple[FloatArray, BoolArray]) -> Callable[[], object]:
+    """The grip controller's command for each sample of a stream, its predictions made before."""
+    card, (values, valid) = model.card, stream
+    monitor, period_ns = GripMonitor(model, None), 1e9 / card.rate_hz
+    predictions = [
+        monitor.feed(Sample(round(k * period_ns), values[k], valid[k], k))
+        for k in range(len(values))
+    ]
+    fingers = card.n_channels // 3
+    control = GripControl("holdfast", card.rate_hz, unit=card.unit, n_fingers=fingers)
+    turn = cycle(range(len(values)))
+
+    def command() -> None:
+        index = next(turn)
+        control.step(predictions[index], values[index], valid[index])
+
+    return command
 
 
 def forests_of(

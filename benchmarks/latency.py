@@ -9,6 +9,7 @@ checked while it is timed. Peers, on the same windows:
     bare forest             the same trees in onnxruntime, io-bound, nothing else computed
     ours, bare forest       our own trees alone, on the rows that the step gives them
     ours, whole step        guard, bank, detectors, features, forest, votes: what runs on the hand
+    ours, grip command      friction margin, controller and supervisor, from the step's answer on
     a walk in C             the same 100 trees in a few lines of C (where there is a compiler)
     treelite                the same trees by its interpreter (in the environment of `make peers`)
     the thesis' way         ten band-pass filters a channel, one sample at a time in Python, then
@@ -30,7 +31,7 @@ import onnx
 import onnxruntime as ort
 from scipy.signal import butter
 
-from benchmarks.calls import forests_of, step_of
+from benchmarks.calls import forests_of, grip_of, step_of
 from benchmarks.forest_c import c_walk
 from edge_runtime.contract import CLASSES, BoolArray, FloatArray
 from edge_runtime.errors import LibraryMissing
@@ -55,8 +56,9 @@ from training.recording import DataSet
 BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
 PERCENTILES = (50, 99, 99.9)
 TRIALS, STREAMED = 400, 10
-STEP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
+STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
     "ours, whole step",
+    "ours, grip command",
     "ours, bare forest",
     "bare forest, 100 full-depth trees",
     "scikit-learn, the same trees",
@@ -85,6 +87,7 @@ def latency(path: Path, turns: int = TURNS) -> dict[str, Any]:
         own = forests_of(forests_alone(path), forest_rows(model, stream))
         quick = {
             STEP: step,
+            GRIP: grip_of(model, stream),
             OWN: own,
             BARE: forests_of(forests_alone(bare.path), rows),
             FLOOR: busy_wait(floor_us),
@@ -115,6 +118,7 @@ def ratios(us: dict[str, dict[str, float]]) -> dict[str, float]:
     return {
         "step_over_bare_full_depth_forest": us[STEP]["p50"] / us[BARE]["p50"],
         "step_over_own_forest": us[STEP]["p50"] / us[OWN]["p50"],
+        "grip_over_step": us[GRIP]["p50"] / us[STEP]["p50"],
         "step_p999_over_floor_p999": us[STEP]["p99.9"] / us[FLOOR]["p99.9"],
         "thesis_over_step": us[THESIS]["p50"] / us[STEP]["p50"],
     }

@@ -103,5 +103,6 @@ class FrictionMargin:
 
     def _forget(self, sense: GripSense) -> None:
         lanes, gone = self._lanes, sense.empty & sense.known
-        for name in ("_count", "_mean", "_variance", "_quiet", "held"):
-            setattr(self, name, lanes.choose(gone, 0.0, getattr(self, name)))
+        self._count = lanes.choose(gone, 0.0, self._count)
+        self._quiet = lanes.choose(gone, 0.0, self._quiet)
+        self.held = lanes.choose(gone, 0.0, self.held)

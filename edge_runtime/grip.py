@@ -14,8 +14,8 @@ target is given.
 
 pd-shear is the scheme of the SensorHand Speed as the thesis describes it (2.4, [46]); sliding-mode,
 smsp and ismsp are those of Engeberg and Meek, IEEE/ASME Trans. Mechatronics 18(1), 2013 ([47] of
-the thesis), with the file's band-pass detector as their slip signal. holdfast is ours
-(docs/shared-control.md).
+the thesis). Their slip signal here is the model's: p(risky slip) above SLIP_P in a firm grip, so
+that controllers differ in their answers only. holdfast is ours (docs/shared-control.md).
 """
 
 from __future__ import annotations
@@ -25,22 +25,25 @@ from typing import Protocol
 
 from edge_runtime.lanes import Flag, Lanes, Number
 
+SLIP_P = 0.5
+"""p(risky slip) above which the published controllers see a slip."""
+HELD_N = 0.5
+"""They see one while the fingers press harder than this, N a side."""
+
 
 @dataclass(slots=True)
 class GripSense:
     """What a controller knows at one sample.
 
     grip_n: normal force of either side (half of all fingers' sum). load_n: force along the skin,
-    all fingers' sum. p_risky, p_safe: probabilities of risky slip and safe slip. slip: the
-    band-pass detector fires while something is held. known: the state is not unknown. empty: the
-    state is "nothing". opening, overridden: what the wearer commands.
+    all fingers' sum. p_risky, p_safe: probabilities of risky slip and safe slip. known: the state
+    is not unknown. empty: the state is "nothing". opening, overridden: what the wearer commands.
     """
 
     grip_n: Number
     load_n: Number
     p_risky: Number
     p_safe: Number
-    slip: Flag
     known: Flag
     empty: Flag
     opening: Flag
@@ -133,6 +136,11 @@ class SlidingMode:
         return lanes.choose(self.fresh, lanes.most(pushed_n, 0.0), 0.0)
 
 
+def _slips(sense: GripSense) -> Flag:
+    """The slip signal of the published controllers."""
+    return (sense.p_risky > SLIP_P) & (sense.grip_n > HELD_N) & sense.known
+
+
 class SlipSteps:
     """own + one step for each slip event; setting: the step, N."""
 
@@ -147,8 +155,9 @@ class SlipSteps:
         """The wanted grip, N a side; 0 for none."""
         lanes = self._lanes
         own_n = self._own.step(sense, given_n)
-        self.fresh = sense.slip & lanes.no(self._slipped)
-        self._slipped = sense.slip
+        slips = _slips(sense)
+        self.fresh = slips & lanes.no(self._slipped)
+        self._slipped = slips
         raised_n = lanes.most(given_n, own_n) + self._step_n
         return lanes.choose(self.fresh, raised_n, given_n)
 
@@ -167,7 +176,7 @@ class SlipIntegral:
         """The wanted grip, N a side; 0 for none."""
         lanes = self._lanes
         own_n = self._own.step(sense, given_n)
-        self.fresh = sense.slip
+        self.fresh = _slips(sense)
         raised_n = lanes.most(given_n, own_n) + self._rise_n
         return lanes.choose(self.fresh, raised_n, given_n)
 

@@ -10,8 +10,7 @@ line for expires_ms holds its grip.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 Mode = Literal["idle", "hold", "tighten", "relax", "yield"]
 MODES: tuple[Mode, ...] = ("idle", "hold", "tighten", "relax", "yield")
@@ -19,8 +18,7 @@ IDLE, HOLD, TIGHTEN, RELAX, YIELD = range(5)
 EXPIRES_MS = 300
 
 
-@dataclass(frozen=True)
-class GripCommand:
+class GripCommand(NamedTuple):
     """What the hand should do now.
 
     mode: idle (nothing wanted: the wearer's own grip), hold (keep target_n), tighten, relax (give
@@ -43,10 +41,14 @@ class GripCommand:
     needed_n: float | None = None
 
 
+FIELDS = (*GripCommand._fields, "expires_ms")
+_to_json = json.JSONEncoder(separators=(",", ":")).encode
+
+
 def to_line(command: GripCommand) -> str:
     """One JSON line, without a line end."""
-    rounded = {k: round(v, 4) if isinstance(v, float) else v for k, v in asdict(command).items()}
-    return json.dumps(rounded | {"expires_ms": EXPIRES_MS}, separators=(",", ":"))
+    rounded = [round(value, 4) if isinstance(value, float) else value for value in command]
+    return _to_json(dict(zip(FIELDS, (*rounded, EXPIRES_MS), strict=True)))
 
 
 def last_line(sequence: int, t_ns: int, reason: str) -> str:

@@ -11,14 +11,10 @@ from edge_runtime.friction import FrictionMargin
 from edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, GripSense
 from edge_runtime.grip_command import HOLD, IDLE, MODES, YIELD, GripCommand
 from edge_runtime.lanes import ONE_LANE, Lanes, Number
-from edge_runtime.supervisor import Limits, Supervisor, Wish
+from edge_runtime.supervisor import Limits, Supervisor
 
 FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
 """Controllers whose parameters are in N: they need forces, not raw fields."""
-SLIP_DETECTOR = "band_pass"
-"""The slip signal of the published controllers."""
-HELD_N = 0.5
-"""A slip event counts while the fingers press harder than this, N a side."""
 LARGEST = 1e9
 """No sensor reads more, N or uT; a larger number counts as no force."""
 CUE_P = AnswerRules.from_p
@@ -57,17 +53,7 @@ class GripLoop:
         self.margin.step(sense)
         needed_n = self.margin.needed_n
         wanted_n = self.controller.want(sense, self.supervisor.given_n, needed_n)
-        return self.supervisor.step(
-            Wish(
-                wanted_n,
-                self.controller.fresh,
-                needed_n,
-                sense.known,
-                sense.empty,
-                sense.opening,
-                sense.overridden,
-            )
-        )
+        return self.supervisor.step(sense, wanted_n, self.controller.fresh, needed_n)
 
 
 class GripControl:
@@ -111,16 +97,16 @@ class GripControl:
 
     def _command(self, prediction: Prediction, target_n: float) -> GripCommand:
         supervisor, margin = self._loop.supervisor, self._loop.margin
-        mode = MODES[int(supervisor.mode)]
+        mode = int(supervisor.mode)
         observed = margin.mu_hat > 0.0
         return GripCommand(
             sequence=prediction.sequence,
             t_ns=prediction.t_acquired_ns,
-            mode=mode,
+            mode=MODES[mode],
             target_n=target_n if target_n > 0.0 and not self.reduced else None,
             slew_n_s=self.limits.slew_n_s,
             feedback=_cue(prediction),
-            reason=_reason(prediction, int(supervisor.mode), self.reduced),
+            reason=_reason(prediction, mode, self.reduced),
             mu_hat=margin.mu_hat if observed else None,
             margin=margin.margin if observed else None,
             needed_n=margin.needed_n if observed and not self.reduced else None,
@@ -130,8 +116,7 @@ class GripControl:
 def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> GripSense:
     """What a controller knows of one sample; no force where a sensor is not valid or not finite."""
     f, grip_n, load_n = forces.tolist(), 0.0, 0.0
-    for k, good in enumerate(valid.tolist()):
-        x, y, z = f[3 * k : 3 * k + 3]
+    for x, y, z, good in zip(f[::3], f[1::3], f[2::3], valid.tolist(), strict=True):
         if good and abs(x) + abs(y) + abs(z) < LARGEST:
             grip_n += z if z > 0.0 else 0.0
             load_n += math.sqrt(x * x + y * y)
@@ -141,7 +126,6 @@ def sense_of(prediction: Prediction, forces: FloatArray, valid: BoolArray) -> Gr
         load_n=load_n,
         p_risky=prediction.p_risky,
         p_safe=prediction.p_situation["safe_slip"],
-        slip=prediction.detectors.get(SLIP_DETECTOR, False) and grip_n > HELD_N,
         known=prediction.state != "unknown",
         empty=prediction.state == "nothing",
         opening=prediction.opening,

@@ -20,9 +20,13 @@ docs/safety.md has the invariants; tests/edge_runtime/test_supervisor.py searche
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
 from edge_runtime.lanes import Flag, Lanes, Number
+
+if TYPE_CHECKING:
+    from edge_runtime.grip import GripSense
 
 
 @dataclass(frozen=True)
@@ -37,23 +41,6 @@ class Limits:
     give_back_n_s: float = 10.0
 
 
-@dataclass(slots=True)
-class Wish:
-    """What a controller wants at one sample, and what the wearer does.
-
-    wanted_n: N a side, 0 for none. fresh: there is evidence at this sample. needed_n: by the
-    friction margin, 0 where unknown. known, empty, opening, overridden: as in GripSense.
-    """
-
-    wanted_n: Number
-    fresh: Flag
-    needed_n: Number
-    known: Flag
-    empty: Flag
-    opening: Flag
-    overridden: Flag
-
-
 class Supervisor:
     """given_n: the target that reaches the hand, N a side, 0 for none. mode: index of MODES."""
 
@@ -63,13 +50,17 @@ class Supervisor:
         self.since_s: Number = lanes.zero() + self.limits.give_back_s
         self.mode: Number = lanes.zero() + HOLD
 
-    def step(self, wish: Wish) -> Number:
-        """The target after one sample; sets `mode`."""
+    def step(self, sense: GripSense, wanted_n: Number, fresh: Flag, needed_n: Number) -> Number:
+        """The target after one sample; sets `mode`.
+
+        wanted_n: by the controller, N a side, 0 for none. fresh: it has evidence at this sample.
+        needed_n: by the friction margin, 0 where unknown.
+        """
         lanes = self._lanes
-        ends = wish.opening | wish.overridden | (wish.known & wish.empty)
-        unknown = lanes.no(wish.known)
-        self._pass_time(wish)
-        target_n = self._given_back(wish, self._followed(wish.wanted_n))
+        ends = sense.opening | sense.overridden | (sense.known & sense.empty)
+        unknown = lanes.no(sense.known)
+        self._pass_time(sense.known, fresh)
+        target_n = self._given_back(self._followed(wanted_n), needed_n)
         target_n = lanes.choose(unknown, self.given_n, target_n)
         target_n = lanes.choose(ends, 0.0, target_n)
         rises = target_n > self.given_n
@@ -80,12 +71,12 @@ class Supervisor:
         self.given_n = target_n
         return target_n
 
-    def _pass_time(self, wish: Wish) -> None:
+    def _pass_time(self, known: Flag, fresh: Flag) -> None:
         """Time since the last evidence; it stands still while the state is unknown."""
         lanes = self._lanes
         later_s = lanes.least(self.since_s + self._period_s, self.limits.give_back_s)
-        since_s = lanes.choose(wish.fresh, 0.0, later_s)
-        self.since_s = lanes.choose(wish.known, since_s, self.since_s)
+        since_s = lanes.choose(fresh, 0.0, later_s)
+        self.since_s = lanes.choose(known, since_s, self.since_s)
 
     def _followed(self, wanted_n: Number) -> Number:
         """The wanted grip, where the target may go there."""
@@ -94,12 +85,12 @@ class Supervisor:
         capped_n = lanes.least(wanted_n, limits.ceiling_n)
         return lanes.choose(may_rise, capped_n, lanes.least(capped_n, self.given_n))
 
-    def _given_back(self, wish: Wish, target_n: Number) -> Number:
+    def _given_back(self, target_n: Number, needed_n: Number) -> Number:
         """The target after slow relaxing to what friction needs."""
         lanes, limits = self._lanes, self.limits
         stale = self.since_s >= limits.give_back_s
         less_n = target_n - limits.give_back_n_s * self._period_s
-        floor_n = lanes.least(wish.needed_n, target_n)
+        floor_n = lanes.least(needed_n, target_n)
         return lanes.choose(stale, lanes.most(lanes.most(less_n, floor_n), 0.0), target_n)
 
     def _choose_mode(self, target_n: Number, unknown: Flag, ends: Flag) -> None:

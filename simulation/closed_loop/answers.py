@@ -7,10 +7,9 @@ import numpy as np
 from edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, FloatArray
 from edge_runtime.graph import StepGraph
 from edge_runtime.grip import GripSense
-from edge_runtime.grip_control import HELD_N, SLIP_DETECTOR
 from edge_runtime.model import Model
 
-OUTPUTS = ("p_situation", "situation", "unknown", "detectors")
+OUTPUTS = ("p_situation", "situation", "unknown")
 
 
 class HandModels:
@@ -19,7 +18,6 @@ class HandModels:
     def __init__(self, model: Model, lanes: int) -> None:
         self.card = model.card
         self.graph = StepGraph(model.session, lanes, OUTPUTS)
-        self._slip = model.card.detectors.index(SLIP_DETECTOR)
         self._rows: list[FloatArray] = []
         self._tare: tuple[FloatArray, FloatArray] | None = None
 
@@ -44,7 +42,6 @@ class HandModels:
             load_n=load_n,
             p_risky=out["p_situation"][:, RISKY_SLIP].astype(np.float64),
             p_safe=out["p_situation"][:, SAFE_SLIP].astype(np.float64),
-            slip=out["detectors"][:, self._slip] & (grip_n > HELD_N),
             known=known.copy(),
             empty=known & (situation == NOTHING),
             opening=nothing,

@@ -14,6 +14,7 @@ from benchmarks.latency import (
     BARE,
     BUDGET,
     FLOOR,
+    GRIP,
     OWN,
     SKLEARN,
     STEP,
@@ -42,7 +43,8 @@ def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):
     monkeypatch.setattr(bench, "RAW_BASELINE", replace(bench.RAW_BASELINE, situation=few))
     figures = latency(MODEL, turns=3)
     timed = {row["what"] for row in figures["rows"]}
-    assert timed - {WALK} == {STEP, OWN, BARE, SKLEARN, THESIS, FLOOR}  # the walk needs a compiler
+    # the walk needs a compiler
+    assert timed - {WALK} == {STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR}
     budget = tomllib.loads(BUDGET.read_text("utf-8"))
     limited = set(budget["at_most"]) | set(budget["at_least"])
     assert limited == {*figures["ratios"], "model_mib", "resident_mb"}
@@ -50,12 +52,14 @@ def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):
 
 
 def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
-    us = {name: {"p50": 10.0, "p99.9": 20.0} for name in (STEP, OWN, BARE, SKLEARN, THESIS, FLOOR)}
+    us = {name: {"p50": 10.0, "p99.9": 20.0} for name in (STEP, OWN, BARE, SKLEARN)}
+    us[GRIP] = {"p50": 2.0, "p99.9": 9.0}
     us[THESIS] = {"p50": 4000.0, "p99.9": 9000.0}
     us[FLOOR] = {"p50": 10.0, "p99.9": 10.0}
     assert ratios(us) == {
         "step_over_bare_full_depth_forest": 1.0,
         "step_over_own_forest": 1.0,
+        "grip_over_step": 0.2,
         "step_p999_over_floor_p999": 2.0,
         "thesis_over_step": 400.0,
     }
@@ -73,6 +77,7 @@ def test_a_broken_budget_is_named_with_its_limit(change, line):
     kept = {
         "step_over_bare_full_depth_forest": 1.0,
         "step_over_own_forest": 1.0,
+        "grip_over_step": 0.2,
         "step_p999_over_floor_p999": 1.0,
         "thesis_over_step": 1000.0,
     }
@@ -84,6 +89,7 @@ def test_a_model_or_a_process_too_big_is_over_budget():
     kept = {
         "step_over_bare_full_depth_forest": 1.0,
         "step_over_own_forest": 1.0,
+        "grip_over_step": 0.2,
         "step_p999_over_floor_p999": 1.0,
         "thesis_over_step": 1000.0,
     }

@@ -83,7 +83,7 @@ def test_a_hand_that_senses_one_number_for_ever_gets_a_finite_target(value: floa
     for name in EVERY:
         loop = loop_of(ONE_LANE, name)
         for p_risky in (0.0, 0.9) * 40:
-            loop.step(sense(grip_n=value, load_n=value, p_risky=p_risky, slip=True))
+            loop.step(sense(grip_n=value, load_n=value, p_risky=p_risky))
             assert all(np.isfinite(number) for number in numbers_of(loop))
 
 
@@ -92,7 +92,7 @@ def test_a_hand_that_senses_one_number_for_ever_gets_a_finite_target(value: floa
 
 def test_none_wants_nothing_whatever_happens() -> None:
     controller = after_a_hold("none")
-    assert answers_of(controller, {"p_risky": 1.0, "load_n": 9.0, "slip": True}) == [0.0]
+    assert answers_of(controller, {"p_risky": 1.0, "load_n": 9.0}) == [0.0]
     assert not controller.fresh
 
 
@@ -120,23 +120,33 @@ def test_sliding_mode_pushes_back_to_the_own_grip_and_saturates_beyond_its_bound
 def test_sliding_mode_knows_no_slip_and_waits_for_half_a_second_of_contact() -> None:
     controller = controller_of("sliding-mode", ONE_LANE, RATE_HZ)
     waits = int(0.5 * RATE_HZ) - 1
-    wanted = [controller.want(sense(slip=True, p_risky=1.0), 0.0, 0.0) for _ in range(waits)]
+    wanted = [controller.want(sense(p_risky=1.0), 0.0, 0.0) for _ in range(waits)]
     assert not any(wanted)
     controller.want(sense(), 0.0, 0.0)
     assert controller.want(sense(), 0.0, 0.0) > 0.0
 
 
 def test_smsp_adds_one_step_for_every_slip_event_however_long_it_lasts() -> None:
-    slips = [{"slip": slip} for slip in (True, True, True, False, True, True)]
+    slips = [{"p_risky": p} for p in (0.9, 0.6, 1.0, 0.4, 0.9, 0.9)]
     wanted = answers_of(after_a_hold("smsp", 3.0), *slips)
     assert wanted == pytest.approx([6.0, 6.0, 6.0, 6.0, 9.0, 9.0], abs=1e-6)
 
 
 def test_ismsp_integrates_the_slip_signal() -> None:
-    slips = [{"slip": slip} for slip in (True, True, False, False, True)]
+    slips = [{"p_risky": p} for p in (0.6, 0.9, 0.4, 0.0, 0.9)]
     step_n = 60.0 / RATE_HZ
     wanted = np.array(answers_of(after_a_hold("ismsp", 60.0), *slips)) - 3.0
     assert wanted / step_n == pytest.approx([1.0, 2.0, 2.0, 2.0, 3.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["smsp", "ismsp"])
+@pytest.mark.parametrize("other", [{"known": False}, {"grip_n": 0.4}])
+def test_the_published_controllers_see_no_slip_in_an_unknown_state_or_a_loose_grip(
+    name: str, other: dict[str, Any]
+) -> None:
+    controller = controller_of(name, ONE_LANE, RATE_HZ)
+    assert answers_of(controller, {"p_risky": 1.0} | other) == [0.0]
+    assert not controller.fresh
 
 
 @pytest.mark.parametrize(

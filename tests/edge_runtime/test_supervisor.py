@@ -17,7 +17,7 @@ from edge_runtime.grip import NoController
 from edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
 from edge_runtime.grip_control import GripLoop
 from edge_runtime.lanes import ONE_LANE
-from edge_runtime.supervisor import Limits, Supervisor, Wish
+from edge_runtime.supervisor import Limits, Supervisor
 
 PERIOD_S = 0.25
 RISE, MOST_RISE, GIVE_BACK = 2, 3, 4
@@ -31,6 +31,26 @@ LIMITS = Limits(
     give_back_s=GIVE_BACK * PERIOD_S,
     give_back_n_s=1.0 / PERIOD_S,
 )
+
+
+class Wish(NamedTuple):
+    """What a controller wants at one sample, and what the hand senses."""
+
+    wanted_n: float
+    fresh: bool
+    needed_n: float
+    known: bool = True
+    empty: bool = False
+    opening: bool = False
+    overridden: bool = False
+
+    def to(self, one: Supervisor) -> float:
+        """The target that a supervisor makes of it."""
+        flags = {name: getattr(self, name) for name in self._fields[3:]}
+        target_n: float = one.step(sense(**flags), self.wanted_n, self.fresh, self.needed_n)
+        return target_n
+
+
 FLAGS = (False, True)
 INPUTS = [
     Wish(*one)
@@ -83,7 +103,7 @@ def supervisor_in(state: State) -> Supervisor:
 
 def stepped(before: State, wish: Wish) -> Step:
     one = supervisor_in(before)
-    target_n = one.step(wish)
+    target_n = wish.to(one)
     assert target_n == one.given_n
     return Step(before, wish, state_of(one), int(one.mode))
 
@@ -163,7 +183,7 @@ def test_no_target_rises_without_evidence_at_this_sample_or_just_before(steps: l
 def test_no_target_rises_before_the_first_evidence() -> None:
     one = Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS)
     for _ in range(2 * GIVE_BACK):
-        assert one.step(Wish(3.0, False, 2.0, True, False, False, False)) == 0.0
+        assert Wish(3.0, fresh=False, needed_n=2.0).to(one) == 0.0
 
 
 @SUPERVISOR_INVARIANTS.mark
@@ -215,9 +235,9 @@ def test_before_its_first_sample_the_supervisor_holds_and_gives_no_target() -> N
 
 def test_an_answer_that_the_wearer_ended_begins_again_with_fresh_evidence() -> None:
     one = supervisor_in(State(3.0, 0, MOST_RISE))
-    stop = Wish(3.0, True, 0.0, True, False, False, True)
-    assert one.step(stop) == 0.0
-    assert one.step(Wish(3.0, True, 0.0, True, False, False, False)) == 3.0
+    wish = Wish(3.0, fresh=True, needed_n=0.0)
+    assert wish._replace(overridden=True).to(one) == 0.0
+    assert wish.to(one) == 3.0
 
 
 def test_a_loop_gives_its_supervisor_what_the_wearer_commands() -> None:

@@ -21,7 +21,7 @@ QUICK = Limits(ceiling_n=20.0, rise_s=0.05, most_rise_s=0.4, give_back_s=0.2, gi
 def sense(**changes: Any) -> GripSense:
     """A quiet hold: 3 N a side, 0.5 N along the skin, nothing likely; changes: other fields."""
     quiet: dict[str, Any] = dict.fromkeys(("p_risky", "p_safe"), 0.0)
-    quiet |= dict.fromkeys(("slip", "empty", "opening", "overridden"), False)
+    quiet |= dict.fromkeys(("empty", "opening", "overridden"), False)
     return GripSense(**(quiet | {"grip_n": 3.0, "load_n": 0.5, "known": True} | changes))
 
 
@@ -43,7 +43,6 @@ def random_senses(seed: int, samples: int, hands: int) -> list[GripSense]:
             load_n=forces(),
             p_risky=rng.random(hands),
             p_safe=rng.random(hands),
-            slip=often(0.3),
             known=often(0.9),
             empty=often(0.05),
             opening=often(0.02),
