@@ -2,10 +2,12 @@
 
 While the object slides the fingers bear no more than friction allows, so the ratio of the force
 along the skin to the normal force stands still at the friction coefficient (Coulomb), whatever the
-load is:
+load is. It is never larger, so the largest ratio that has stood still is the best one. (A ratio may stand
+still while load and grip both grow: that is no slide.)
 
-    sample       r = T / 2N    while a slip is likely and r stands still (STEADY)
-    mu_hat       mean of the samples minus their standard deviation: what can be relied on
+    ratio        r = T / 2N
+    mu_hat       the largest r that stood still for four samples, and the load with it, while a
+                 slip was likely
     needed_n     spare T / (2 mu_hat)             N: normal force of either side
     margin       1 - T / (2 mu_hat N)             0: about to slide
 
@@ -21,22 +23,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edge_runtime.lanes import Lanes, Number
+from edge_runtime.lanes import Flag, Lanes, Number
 
 if TYPE_CHECKING:
     from edge_runtime.grip import GripSense
 
 FIRM_N = 0.3
 """A ratio counts from this grip on, N a side."""
-STEADY = 0.08
-"""Largest change of the ratio from one sample to the next, over the ratio, while it slides."""
+STEADY = 0.1
+"""Four ratios whose spread over the largest is below this stand still."""
 SURE_P = 0.5
 """p(risky slip) from which a slip is likely."""
 QUIET_P = 0.2
-SAMPLES = 4
-"""So many samples make an estimate."""
-REMEMBERED = 20.0
-"""The estimate follows the last samples, about so many."""
 SPARE = 1.25
 """Grip over the least grip that friction needs."""
 LEAST_MU = 0.05
@@ -49,8 +47,8 @@ class FrictionMargin:
     def __init__(self, lanes: Lanes, rate_hz: float, shear_gain: float = 1.0) -> None:
         self._lanes, self._gain = lanes, shear_gain
         self._share = 1.0 / (1.0 + QUIET_S * rate_hz)
-        self._count, self._mean, self._variance = lanes.zero(), lanes.zero(), lanes.zero()
-        self._ratio, self._quiet = lanes.zero(), lanes.zero()
+        self._loads, self._ratios = [lanes.zero()] * 3, [lanes.zero()] * 3
+        self._slid, self._quiet = lanes.zero(), lanes.zero()
         self.held, self.mu_hat = lanes.zero(), lanes.zero()
         self.needed_n, self.margin = lanes.zero(), lanes.zero()
 
@@ -60,38 +58,37 @@ class FrictionMargin:
         load_n = self._gain * sense.load_n
         firm = (sense.grip_n > FIRM_N) & sense.known
         ratio = lanes.choose(firm, load_n / (2.0 * lanes.most(sense.grip_n, FIRM_N)), 0.0)
-        self._take(sense, ratio, firm)
+        self._take(sense, ratio, load_n)
         self._hold(sense, ratio, firm)
-        self._ratio = ratio
         self._forget(sense)
         self._conclude(sense, load_n, firm)
 
     def _conclude(self, sense: GripSense, load_n: Number, firm: Number) -> None:
         """mu_hat, margin and the needed grip after this sample."""
         lanes = self._lanes
-        sure = self._count >= SAMPLES
-        lower = lanes.most(self._mean - lanes.root(self._variance), LEAST_MU)
-        lower = lanes.most(lower, self.held)
+        sure = self._slid > 0.0
+        lower = lanes.most(lanes.most(self._slid, self.held), LEAST_MU)
         slides_n = load_n / (2.0 * lower)
         self.mu_hat = lanes.choose(sure, lower, 0.0)
         self.needed_n = lanes.choose(sure, SPARE * slides_n, 0.0)
         used = slides_n / lanes.most(sense.grip_n, FIRM_N)
         self.margin = lanes.choose(sure & firm, 1.0 - used, 0.0)
 
-    def _take(self, sense: GripSense, ratio: Number, firm: Number) -> None:
-        """A sample of friction, where there is one."""
-        lanes = self._lanes
-        change = ratio - self._ratio
-        steady = (change < STEADY * ratio) & (change > -STEADY * ratio)
-        slides = firm & steady & (sense.p_risky > SURE_P)
-        count = self._count + 1.0
-        share = 1.0 / lanes.choose(count < REMEMBERED, count, REMEMBERED)
-        off = ratio - self._mean
-        mean = self._mean + share * off
-        variance = (1.0 - share) * (self._variance + share * off * off)
-        self._count = lanes.choose(slides, count, self._count)
-        self._mean = lanes.choose(slides, mean, self._mean)
-        self._variance = lanes.choose(slides, variance, self._variance)
+    def _take(self, sense: GripSense, ratio: Number, load_n: Number) -> None:
+        """A sample of friction, where load and ratio stand still while a slip is likely."""
+        lanes, likely = self._lanes, sense.known & (sense.p_risky > SURE_P)
+        _, load_still = self._still(lanes.choose(likely, load_n, 0.0), self._loads)
+        low, still = self._still(lanes.choose(likely, ratio, 0.0), self._ratios)
+        slides = load_still & still
+        self._slid = lanes.choose(slides, lanes.most(self._slid, low), self._slid)
+
+    def _still(self, value: Number, last: list[Number]) -> tuple[Number, Flag]:
+        """(the least of four values, whether they stand still); `value` joins the last three."""
+        lanes, (one, two, three) = self._lanes, last
+        low = lanes.least(lanes.least(value, one), lanes.least(two, three))
+        high = lanes.most(lanes.most(value, one), lanes.most(two, three))
+        last[:] = value, one, two
+        return low, high - low < STEADY * high
 
     def _hold(self, sense: GripSense, ratio: Number, firm: Number) -> None:
         """The largest ratio that was held in quiet."""
@@ -103,6 +100,6 @@ class FrictionMargin:
 
     def _forget(self, sense: GripSense) -> None:
         lanes, gone = self._lanes, sense.empty & sense.known
-        self._count = lanes.choose(gone, 0.0, self._count)
+        self._slid = lanes.choose(gone, 0.0, self._slid)
         self._quiet = lanes.choose(gone, 0.0, self._quiet)
         self.held = lanes.choose(gone, 0.0, self.held)

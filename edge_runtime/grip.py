@@ -239,7 +239,7 @@ class Holdfast:
         later_s = lanes.least(self._quiet_s + self._period_s, 1.0)
         quiet_s = lanes.choose(rises, 0.0, later_s)
         self._quiet_s = lanes.choose(sense.known, quiet_s, self._quiet_s)
-        self.fresh = rises | (wanted_n > given_n)
+        self.fresh = rises
         return lanes.choose(ends, 0.0, wanted_n)
 
     def _evidence(self, sense: GripSense) -> Number:
