@@ -2,8 +2,9 @@
 
 While the object slides the fingers bear no more than friction allows, so the ratio of the force
 along the skin to the normal force stands still at the friction coefficient (Coulomb), whatever the
-load is. It is never larger, so the largest ratio that has stood still is the best one. (A ratio may stand
-still while load and grip both grow: that is no slide.)
+load is. It is never larger, so the largest ratio that has stood still is the best one. A ratio also
+stands still while load and grip grow together: that is no slide, so the load has to stand still,
+too.
 
     ratio        r = T / 2N
     mu_hat       the largest r that stood still for four samples, and the load with it, while a

@@ -18,7 +18,7 @@ from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
 from simulation.card import read_card
 from simulation.closed_loop.actuator import Drive
 from simulation.closed_loop.controllers import managed, oracle, vibration
-from simulation.closed_loop.loop import LoopSettings, Make, run_loops
+from simulation.closed_loop.loop import LoopSettings, Make, batches, run_batch
 from simulation.closed_loop.outcome import LoopOutcome
 from simulation.closed_loop.people import Habits
 from simulation.protocol import PlannedTrial
@@ -27,8 +27,6 @@ from simulation.scene import Scene
 ORACLE, VIBRATION = "oracle", "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
 BARE = "none"
-PART = 150
-"""Trials a process runs together."""
 
 
 @dataclass(frozen=True)
@@ -83,15 +81,15 @@ def require_runnable(model: Model, card_name: str) -> None:
 
 
 def run_part(
-    model: str, one: LoopSet, request: LoopRequest, start: int, onset_s: Mapping[int, float]
-) -> list[LoopOutcome]:
-    """Outcomes of PART trials of a set from `start` on."""
+    model: str, one: LoopSet, request: LoopRequest, batch: list[int], onset_s: Mapping[int, float]
+) -> dict[int, LoopOutcome]:
+    """Outcomes of some trials of a set, by their places in it."""
     scene, trials = scene_of(one)
     settings = LoopSettings(
         Drive(lag_ms=request.lag_ms), request.habits, delay_samples=request.delay_samples
     )
-    part = trials[start : start + PART]
-    return run_loops(scene, part, opened(model), _maker(scene, request, onset_s), settings)
+    make = _maker(scene, request, onset_s)
+    return run_batch(scene, trials, batch, opened(model), make, settings)
 
 
 def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:
@@ -116,7 +114,7 @@ class LoopRuns:
         done: Callable[[float], None] = lambda share: None,
     ) -> None:
         self.model, self.n_jobs, self.done = str(model), n_jobs, done
-        self._kept: dict[tuple[LoopSet, LoopRequest], list[LoopOutcome]] = {}
+        self._kept: dict[tuple[LoopSet, LoopRequest], dict[int, LoopOutcome]] = {}
 
     def run(self, wanted: Sequence[tuple[LoopSet, LoopRequest]]) -> None:
         """Run all of them, with the bare hands and oracles that their figures need."""
@@ -131,32 +129,31 @@ class LoopRuns:
         self, wanted: Sequence[tuple[LoopSet, LoopRequest]], from_share: float, to_share: float
     ) -> None:
         new = [pair for pair in dict.fromkeys(wanted) if pair not in self._kept]
-        self._kept |= {pair: [] for pair in new}
+        self._kept |= {pair: {} for pair in new}
         parts = [
-            (one, request, start)
-            for one, request in new
-            for start in range(0, len(scene_of(one)[1]), PART)
+            (one, request, batch) for one, request in new for batch in batches(scene_of(one)[1])
         ]
         jobs = (
-            delayed(run_part)(self.model, one, request, start, self._onsets(one, request))
-            for one, request, start in parts
+            delayed(run_part)(self.model, one, request, batch, self._onsets(one, request))
+            for one, request, batch in parts
         )
         results = Parallel(n_jobs=self.n_jobs, return_as="generator")(jobs)
         for number, ((one, request, _), outcomes) in enumerate(zip(parts, results, strict=True), 1):
-            self._kept[one, request].extend(outcomes)
+            self._kept[one, request] |= outcomes
             self.done(from_share + (to_share - from_share) * number / len(parts))
 
     def _onsets(self, one: LoopSet, request: LoopRequest) -> dict[int, float]:
         if request.name != ORACLE:
             return {}
-        return {o.trial.number: o.onset_s for o in self._kept[one, LoopRequest(BARE)]}
+        bare = self._kept[one, LoopRequest(BARE)].values()
+        return {o.trial.number: o.onset_s for o in bare}
 
     def outcomes(self, one: LoopSet, request: LoopRequest) -> list[ThreeRuns]:
         """Each trial in three hands."""
         bare = self._kept[one, LoopRequest(BARE)]
         best = self._kept[one, LoopRequest(ORACLE, lag_ms=request.lag_ms)]
         held = self._kept[one, request]
-        return [ThreeRuns(*three) for three in zip(bare, best, held, strict=True)]
+        return [ThreeRuns(bare[k], best[k], held[k]) for k in sorted(held)]
 
     def figures(self, one: LoopSet, request: LoopRequest) -> LoopFigures:
         """Figures of a request on a set."""

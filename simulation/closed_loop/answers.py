@@ -3,47 +3,71 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, FloatArray
 from edge_runtime.graph import StepGraph
 from edge_runtime.grip import GripSense
 from edge_runtime.model import Model
 
+IntArray = npt.NDArray[np.int64]
+
+TOGETHER = 50
+"""Hands in one call of the graph. Hands that are done cost nothing once all of a call are."""
 OUTPUTS = ("p_situation", "situation", "unknown")
 
 
 class HandModels:
-    """One model file, B lanes; the bias of each lane is of its own first rows."""
+    """One model file, B hands; the bias of each is of its own first rows.
 
-    def __init__(self, model: Model, lanes: int) -> None:
+    samples [B]: how many samples each hand needs answers for; after them its answers stand still.
+    """
+
+    def __init__(self, model: Model, samples: IntArray) -> None:
         self.card = model.card
-        self.graph = StepGraph(model.session, lanes, OUTPUTS)
+        starts = range(0, len(samples), TOGETHER)
+        groups = [slice(start, min(start + TOGETHER, len(samples))) for start in starts]
+        self._groups = [(one, int(samples[one].max())) for one in groups]
+        self._graphs = [StepGraph(model.session, g.stop - g.start, OUTPUTS) for g in groups]
+        shapes = {name: array.shape[1:] for name, array in self._graphs[0].out.items()}
+        self._out = {
+            name: np.zeros((len(samples), *shape), self._graphs[0].out[name].dtype)
+            for name, shape in shapes.items()
+        }
+        self._answered = 0
         self._rows: list[FloatArray] = []
         self._tare: tuple[FloatArray, FloatArray] | None = None
 
     def answer(self, values: FloatArray, valid: BoolArray) -> GripSense:
-        """One sample of every lane: values [B, C] in the model's unit, valid [B, S]."""
-        graph = self.graph
+        """One sample of every hand: values [B, C] in the model's unit, valid [B, S]."""
         if self._tare is None:
-            graph.sample[:], graph.valid[:] = 0.0, False
             self._learn(values)
+            values, valid = np.zeros_like(values), np.zeros_like(valid)
         else:
-            np.copyto(graph.sample, values * self._tare[0] - self._tare[1])
-            np.copyto(graph.valid, valid)
-        out = graph.step()
-        readings = graph.sample.reshape(len(values), -1, 3)
-        forces = np.where(graph.valid[..., None], readings, 0.0)
-        situation, known = out["situation"], ~out["unknown"]
-        grip_n = 0.5 * np.maximum(forces[..., 2], 0.0).sum(axis=1)
-        load_n = np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2).sum(axis=1)
-        nothing = np.zeros(len(values), dtype=np.bool_)
+            values = values * self._tare[0] - self._tare[1]
+        self._step(values, valid)
+        return self._sense(values, valid)
+
+    def _step(self, values: FloatArray, valid: BoolArray) -> None:
+        """Step the graphs of the hands that are not done."""
+        for graph, (lanes, samples) in zip(self._graphs, self._groups, strict=True):
+            if self._answered < samples:
+                graph.sample[:], graph.valid[:] = values[lanes], valid[lanes]
+                for name, array in graph.step().items():
+                    self._out[name][lanes] = array
+        self._answered += 1
+
+    def _sense(self, values: FloatArray, valid: BoolArray) -> GripSense:
+        forces = np.where(valid[..., None], values.reshape(len(values), -1, 3), 0.0)
+        out, nothing = self._out, np.zeros(len(values), dtype=np.bool_)
+        known = ~out["unknown"]
         return GripSense(
-            grip_n=grip_n,
-            load_n=load_n,
+            grip_n=0.5 * np.maximum(forces[..., 2], 0.0).sum(axis=1),
+            load_n=np.sqrt(forces[..., 0] ** 2 + forces[..., 1] ** 2).sum(axis=1),
             p_risky=out["p_situation"][:, RISKY_SLIP].astype(np.float64),
             p_safe=out["p_situation"][:, SAFE_SLIP].astype(np.float64),
-            known=known.copy(),
-            empty=known & (situation == NOTHING),
+            known=known,
+            empty=known & (out["situation"] == NOTHING),
             opening=nothing,
             overridden=nothing,
         )

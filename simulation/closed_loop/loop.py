@@ -75,22 +75,37 @@ def run_loops(
     settings: LoopSettings | None = None,
     done: Done = lambda trials: None,
 ) -> list[LoopOutcome]:
-    """Outcomes of trials in their order; those of similar length run together."""
-    order = sorted(range(len(trials)), key=lambda k: _length_s(trials[k], Habits()))
-    size = -(-len(order) // max(1, round(len(order) / LANES)))
+    """Outcomes of trials in their order."""
     outcomes: dict[int, LoopOutcome] = {}
-    for start in range(0, len(order), size):
-        batch = order[start : start + size]
-        if len(batch) == 1:  # numpy would sum a single lane in another order
-            batch = batch * 2
-        loop = ClosedLoop(scene, [trials[k] for k in batch], model, make, settings)
-        outcomes |= zip(batch, loop.run(), strict=True)
-        done(min(start + size, len(order)))
+    for batch in batches(trials):
+        outcomes |= run_batch(scene, trials, batch, model, make, settings)
+        done(len(outcomes))
     return [outcomes[k] for k in range(len(trials))]
 
 
-def _length_s(trial: PlannedTrial, habits: Habits) -> float:
-    return loop_end_s(trial, habits) - Times.of(trial).close
+def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
+    """Places of the trials that run together: those of similar length, LANES at most."""
+    order = sorted(range(len(trials)), key=lambda k: _length_s(trials[k]))
+    size = max(1, -(-len(order) // -(-len(order) // LANES)))
+    return [order[start : start + size] for start in range(0, len(order), size)]
+
+
+def run_batch(
+    scene: Scene,
+    trials: Sequence[PlannedTrial],
+    batch: Sequence[int],
+    model: Model,
+    make: Make,
+    settings: LoopSettings | None = None,
+) -> dict[int, LoopOutcome]:
+    """Outcomes of one batch, by their places among the trials."""
+    lanes = batch if len(batch) > 1 else [*batch, *batch]  # numpy sums a single lane otherwise
+    loop = ClosedLoop(scene, [trials[k] for k in lanes], model, make, settings)
+    return dict(zip(lanes, loop.run(), strict=True))
+
+
+def _length_s(trial: PlannedTrial) -> float:
+    return loop_end_s(trial, Habits()) - Times.of(trial).close
 
 
 def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
@@ -124,7 +139,7 @@ class ClosedLoop:
             trials, scene.step_settings_of(trials), self.spans, self.actuator, habits
         )
         self.sensors = LoopSensors(scene, trials, self.spans.counts)
-        self.models = HandModels(model, len(trials))
+        self.models = HandModels(model, self.spans.ends - self.spans.begins)
         self.wearer = Wearer(trials, habits, scene.seed)
         self.controller = make(trials, self.rate_hz)
         self._late = [self.actuator.own_n.copy()] * self.settings.delay_samples

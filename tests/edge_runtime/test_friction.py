@@ -91,6 +91,22 @@ def test_a_ratio_that_changes_is_no_sample_of_friction() -> None:
     assert margin.mu_hat == 0.0
 
 
+def test_a_grip_and_a_load_that_grow_together_are_no_sample_of_friction() -> None:
+    margin = margin_of()
+    for k in range(40):
+        grip_n = GRIP_N * 1.05**k
+        margin.step(sense(grip_n=grip_n, load_n=2.0 * grip_n * 0.2, p_risky=0.9))
+    assert margin.mu_hat == 0.0
+
+
+def test_the_largest_ratio_that_stood_still_is_the_friction() -> None:
+    margin = margin_of()
+    sliding(margin, 0.3)  # a hold that only looked like a slip
+    sliding(margin, 0.6)
+    sliding(margin, 0.2)
+    assert margin.mu_hat == pytest.approx(0.6)
+
+
 def test_the_estimate_is_never_below_a_ratio_that_the_hand_has_held_in_quiet() -> None:
     margin = margin_of()
     holding(margin, 0.8, samples=600)

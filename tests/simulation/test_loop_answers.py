@@ -11,7 +11,7 @@ from edge_runtime.grip import GripSense
 from edge_runtime.grip_control import sense_of
 from edge_runtime.monitor import GripMonitor
 from edge_runtime.tare import Tare
-from simulation.closed_loop.answers import HandModels
+from simulation.closed_loop.answers import TOGETHER, HandModels
 
 SAMPLES, HANDS, SETTLED = 150, 2, 85
 """SETTLED: the loop is settled a sample after the live path, which uses the last row of a bias."""
@@ -40,7 +40,7 @@ def live_senses(values: np.ndarray) -> list[GripSense]:
 
 def test_a_loop_of_hands_senses_what_the_live_path_senses() -> None:
     values = readings()
-    loop, every = HandModels(model(), HANDS), np.ones((HANDS, 6), dtype=np.bool_)
+    loop, every = HandModels(model(), np.full(HANDS, SAMPLES)), np.ones((HANDS, 6), dtype=np.bool_)
     looped = [loop.answer(now, every) for now in values]
     for hand in range(HANDS):
         live = live_senses(values[:, hand])
@@ -53,3 +53,15 @@ def test_a_loop_of_hands_senses_what_the_live_path_senses() -> None:
             assert one.p_safe == pytest.approx(many.p_safe[hand], abs=1e-6)
             assert one.grip_n == pytest.approx(many.grip_n[hand], rel=1e-5, abs=1e-5)
             assert one.load_n == pytest.approx(many.load_n[hand], rel=1e-5, abs=1e-5)
+
+
+def test_hands_that_are_done_cost_nothing_and_change_no_other_hand() -> None:
+    values = np.repeat(readings()[:, :1], TOGETHER + 1, axis=1)
+    samples = np.full(TOGETHER + 1, SAMPLES)
+    samples[-1] = 100  # alone in the second call
+    loop, every = HandModels(model(), samples), np.ones((TOGETHER + 1, 6), dtype=np.bool_)
+    looped = [loop.answer(now, every) for now in values]
+    assert any(sense.p_risky[-1] != sense.p_risky[0] for sense in looped[100:])
+    assert len({sense.p_risky[-1] for sense in looped[99:]}) == 1
+    for sense in looped[:100]:
+        assert len(set(sense.p_risky)) == 1
