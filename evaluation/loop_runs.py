@@ -62,7 +62,7 @@ def scene_of(one: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
     """The scene of a set and its trials with an object."""
     card = read_card(one.card)
     rows = tuple(replace(row, values={**row.values, **_fitting(row, one)}) for row in card.rows)
-    scene = Scene(replace(card, rows=rows), one.seed)
+    scene = Scene(replace(card, rows=rows, controller=None), one.seed)
     return scene, tuple(t for t in scene.trials(one.trials) if t.action != "nothing")
 
 

@@ -274,7 +274,7 @@ def _planned(
 
 
 def _scene_at_chips(name: str, seed: int, rate_hz: float, step_s: float | None) -> Scene:
-    """The scene in uT without the effects that the virtual chip and bus have themselves."""
+    """The scene in uT without the effects of the virtual chip and bus, and without a controller."""
     from simulation.card import read_card
     from simulation.effects import AVERAGING
     from simulation.scene import Scene
@@ -284,7 +284,8 @@ def _scene_at_chips(name: str, seed: int, rate_hz: float, step_s: float | None) 
     card = read_card(name, rate_hz=rate_hz) if Path(name).is_file() else read_card(name)
     of_the_chip = {effect.name for effect in (AVERAGING, *CHIP, *TIMING)}
     effects = {effect: own for effect, own in card.effects.items() if effect not in of_the_chip}
-    field = replace(card, rate_hz=rate_hz, unit="uT", effects={"dipole": {}} | effects)
+    effects = {"dipole": {}} | effects
+    field = replace(card, rate_hz=rate_hz, unit="uT", effects=effects, controller=None)
     return Scene(field if step_s is None else replace(field, step_s=step_s), seed)
 
 

@@ -33,13 +33,16 @@ def run(args: argparse.Namespace) -> int:
     An interrupted run leaves no folder.
     """
     from simulation.card import read_card
+    from simulation.closed_loop.recording import require_controller, scene_of
     from simulation.folder import require_new, write_set
-    from simulation.scene import Scene
     from training.progress import counted
 
     require_new(args.out)
-    scene = Scene(read_card(args.card, rate_hz=args.rate, rate_option="--rate "), args.seed)
-    total = len(scene.trials(args.trials))
+    card = read_card(args.card, rate_hz=args.rate, rate_option="--rate ")
+    scene = scene_of(card, args.seed)
+    trials = scene.trials(args.trials)
+    total = len(trials)
+    require_controller(scene, trials)
     with (
         _nothing_left_of(args.out),
         counted(f"simulating {total} trials of {scene.card.name}", total) as done,

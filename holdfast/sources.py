@@ -73,11 +73,11 @@ def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
 @lru_cache(maxsize=1)
 def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
     from simulation.card import read_card
-    from simulation.scene import Scene
+    from simulation.closed_loop.recording import scene_of
 
     parts, numbers = split_url(url), _numbers(url)
     card = read_card(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
-    scene = Scene(card, int(numbers["seed"]))
+    scene = scene_of(card, int(numbers["seed"]))
     trials, first, count = scene.trials(), int(numbers["trial"]), int(numbers["trials"])
     if not 0 <= first < first + count <= len(trials):
         raise UsageError(

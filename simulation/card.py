@@ -23,6 +23,9 @@
     [hand]                   # a hand with other contacts than the default six
     finger = 4               # contacts on each finger
 
+    [controller]             # a hand that acts (simulation/hand_control.py)
+    name = "holdfast"
+
     [camera]                 # with [effects.camera_frames]: films every trial
     fps = 60
 
@@ -41,10 +44,12 @@ from typing import Any
 from edge_runtime.card_file import CardReader, read_toml
 from edge_runtime.contract import UNITS, Unit
 from edge_runtime.errors import CardError, HoldfastError, UsageError
+from edge_runtime.grip import CONTROLLERS
 from simulation.camera.frames import CAMERA
 from simulation.effect import Effect
 from simulation.effects import EFFECTS, step_settings
 from simulation.hand import HAND, HandLayout
+from simulation.hand_control import MODEL, NAMES, NUMBERS, HandControl
 from simulation.objects import OBJECT_KEYS, OBJECTS, Thing, thing
 from simulation.protocol import ACTIONS, COMMON, least_grip_n
 from simulation.shipped import CARDS, STYLES, shipped
@@ -52,7 +57,10 @@ from simulation.values import Parameter
 
 MAX_GRIP_N = 70.0
 """The Michelangelo hand's greatest opposition grip."""
-SECTIONS = ("title", "about", "record", "physics", "trials", "effects", "objects", "camera", "hand")
+SECTIONS = (
+    *("title", "about", "record", "physics", "trials"),
+    *("effects", "objects", "camera", "hand", "controller"),
+)
 ROW_KEYS = ("objects", "action", "style", "count")
 RECORD = {
     "rate_hz": Parameter(150.0, "Hz", 40, 10000, "samples a second"),
@@ -88,6 +96,7 @@ class Card:
     objects: dict[str, Thing]
     camera: dict[str, float] | None
     hand: HandLayout
+    controller: HandControl | None
     text: str
 
     @property
@@ -163,6 +172,7 @@ class _SceneCardReader(CardReader):
             objects=objects,
             camera=self.camera(raw),
             hand=self.hand(raw),
+            controller=self.controller(raw),
             text=text,
         )
         self.require_agreement(card)
@@ -235,6 +245,19 @@ class _SceneCardReader(CardReader):
         counts = self.numbers("hand", self.table(raw, "hand"), HAND)
         return HandLayout(**{n: self.whole(f"hand.{n}", count) for n, count in counts.items()})
 
+    def controller(self, raw: Mapping[str, Any]) -> HandControl | None:
+        if "controller" not in raw:
+            return None
+        section = self.table(raw, "controller")
+        name, model = section.pop("name", None), section.pop("model", MODEL)
+        if name not in CONTROLLERS:
+            raise self.refused("controller.name", name, ", ".join(CONTROLLERS))
+        if not isinstance(model, str) or not model:
+            raise self.refused("controller.model", model, "the path of a model file")
+        self.require_known(section, [*NAMES, *NUMBERS], "controller")
+        numbers = self.numbers("controller", section, NUMBERS)
+        return HandControl.of(name, model, numbers, has_setting="setting" in section)
+
     def thing(self, name: str, value: Any) -> Thing:
         key = f"objects.{name}"
         return thing(name, self.numbers(key, self.require_table(key, value), OBJECT_KEYS))
@@ -244,6 +267,7 @@ class _SceneCardReader(CardReader):
         named = [EFFECTS[name] for name in card.effects]
         for effect in named:
             self.require_effect_fits(card, effect)
+        self.require_controller_fits(card)
         self.require_camera_fits(card, filmed=any(one.stage == "camera" for one in named))
         if card.unit != "N" and card.unit not in {one.gives_unit for one in named}:
             needed = next(one.name for one in EFFECTS.values() if one.gives_unit == card.unit)
@@ -267,6 +291,15 @@ class _SceneCardReader(CardReader):
         if effect.stage == "camera" and card.camera is None:
             key = f"effects.{effect.name}"
             raise self.refused(key, "on the card", "only together with [camera]")
+
+    def require_controller_fits(self, card: Card) -> None:
+        if card.controller is None:
+            return
+        if card.join > 1:
+            allowed = "1 with a controller: each trial has its own sensors"
+            raise self.refused("record.join", card.join, allowed)
+        if card.unit != "N":
+            raise self.refused("record.unit", card.unit, "N with a controller")
 
     def require_camera_fits(self, card: Card, *, filmed: bool) -> None:
         camera = card.camera

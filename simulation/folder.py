@@ -6,6 +6,7 @@ OUT/<object>/<action>/
     trial_<n>.csv                Time, X1, Y1, Z1 .. Z6 (and valid1 .. if an effect invalidates)
     trial_<n>.truth.json         phases, events, draws, card and seed
     trial_<n>.motion.csv         object and hand, mm
+    trial_<n>.grip.csv           with a controller on the card: its commands, the drive's grip
     trial_<n>.frames.npz         with a camera on the card: frames, time stamps and scale
 """
 
@@ -28,6 +29,7 @@ from simulation.camera.frames import Camera
 from simulation.card import Card
 from simulation.effect import Signal
 from simulation.effects import EFFECTS
+from simulation.grip_record import COLUMNS, GripRecord
 from simulation.run import Done
 from simulation.scene import BATCH, Scene, SimulatedTrial
 from simulation.table import csv_bytes
@@ -110,6 +112,8 @@ def write_recording(path: Path, scene: Scene, trials: Sequence[SimulatedTrial]) 
     write_whole(
         path.with_name(f"{path.name}.truth.json"), _json(_truth(scene, trials, starts_s, drawn))
     )
+    if trials[0].grip:
+        write_whole(path.with_name(f"{path.name}.grip.csv"), _grip(signal.t_s, trials[0].grip))
     if scene.camera:
         write_whole(
             path.with_name(f"{path.name}.frames.npz"), _film(scene, trials[0], scene.camera)
@@ -171,6 +175,7 @@ def _meta(card: Card, seed: int) -> dict[str, Any]:
         "seed": seed,
         "step_s": card.step_s,
         "effects": list(card.effects),
+        **({} if card.controller is None else {"controller": card.controller.name}),
     }
 
 
@@ -205,6 +210,10 @@ def _motion(trials: Sequence[SimulatedTrial], starts_s: Sequence[float]) -> byte
     return csv_bytes(
         header, [(t_s, 6), *((column, 3) for column in np.hstack([object_mm, hand_mm]).T)]
     )
+
+
+def _grip(t_s: FloatArray, grip: GripRecord) -> bytes:
+    return csv_bytes([TIME_COLUMN, *COLUMNS], [(t_s, 6), *grip.columns()])
 
 
 def _film(scene: Scene, one: SimulatedTrial, camera: Camera) -> bytes:
@@ -243,7 +252,7 @@ def _origin(one: SimulatedTrial, sensors: dict[str, dict[str, Any]]) -> dict[str
         "thing": {name: getattr(trial.thing, name) for name in THING_KEYS},
         "drawn": {name: round(value, 6) for name, value in trial.drawn.items()},
         "effects": one.effects | sensors,
-    }
+    } | ({"controller": one.grip.to_json()} if one.grip else {})
 
 
 def _json(value: object) -> str:

@@ -17,6 +17,7 @@ from simulation.camera.frames import Camera, Frames
 from simulation.card import Card, Row
 from simulation.effect import PhysicsEffects, Signal, stream
 from simulation.effects import EFFECTS, step_settings
+from simulation.grip_record import GripRecord
 from simulation.protocol import PlannedTrial, draw_trial
 from simulation.run import Done, StepSettings, TrialMotion, motions
 from simulation.script import grid_of
@@ -30,12 +31,15 @@ HOOKS = {"acceleration_m_s2": "shakes", "scale": "textures", "terms": "lags", "t
 HAND_MOTION = "motion_m"
 """Method of an effect that moves the hand where a camera can see it."""
 
+Moved = Iterator[tuple[TrialMotion, GripRecord | None]]
+
 
 @dataclass(frozen=True)
 class SimulatedTrial:
     """One trial simulated: the sensors' report, the truth, the effects' draws.
 
-    hand_m: [T, 3] position of the hand, None where no effect moves it.
+    hand_m: [T, 3] position of the hand, None where no effect moves it. grip: what the card's
+    controller did, None without one.
     """
 
     trial: PlannedTrial
@@ -44,13 +48,18 @@ class SimulatedTrial:
     truth: Truth
     effects: dict[str, dict[str, Any]]
     hand_m: FloatArray | None
+    grip: GripRecord | None = None
 
 
 class Scene:
-    """A card, ready to simulate any of its trials from one seed."""
+    """A card, ready to simulate any of its trials from one seed.
 
-    def __init__(self, card: Card, seed: int) -> None:
-        self.card, self.seed = card, seed
+    controlled: steps trials whose hand has a controller (closed_loop/recording.py); without it the
+    hand keeps its grip, whatever the card says.
+    """
+
+    def __init__(self, card: Card, seed: int, controlled: Controlled | None = None) -> None:
+        self.card, self.seed, self._controlled = card, seed, controlled
         named = {name: EFFECTS[name] for name in card.effects}
         self.loop_effects = {n: e for n, e in named.items() if e.stage == "physics" and not e.sets}
         self.sensor_effects = {n: e for n, e in named.items() if e.stage == "sensor"}
@@ -103,12 +112,22 @@ class Scene:
             return
         drawn, made = self._made(trials)
         moves_hand = next((effect for effect in made if hasattr(effect, HAND_MOTION)), None)
-        moved = motions(trials, self._step_settings(made, len(trials)), done)
-        for lane, (trial, motion) in enumerate(zip(trials, moved, strict=True)):
+        moved = self._moved(trials, made, done)
+        for lane, (trial, (motion, grip)) in enumerate(zip(trials, moved, strict=True)):
             hand_m = None if moves_hand is None else moves_hand.motion_m(motion.t_s, lane)
             signal, sensed = self.sense(trial, motion.t_s, motion.forces_n)
             effects = {name: values[lane] for name, values in drawn.items()} | sensed
-            yield SimulatedTrial(trial, signal, motion, truth_of(trial, motion), effects, hand_m)
+            truth = truth_of(trial, motion, acted=grip is not None)
+            yield SimulatedTrial(trial, signal, motion, truth, effects, hand_m, grip)
+
+    def _moved(
+        self, trials: Sequence[PlannedTrial], made: list[Any], done: Done
+    ) -> Moved:
+        """The motion of each trial, and the grip where a controller moves it."""
+        if self._controlled is not None:
+            return self._controlled(self, trials, done)
+        stepped = motions(trials, self._step_settings(made, len(trials)), done)
+        return ((motion, None) for motion in stepped)
 
     def step_settings_of(self, trials: Sequence[PlannedTrial]) -> StepSettings:
         """How a batch of these trials is stepped, with its effects."""
@@ -198,6 +217,10 @@ class Scene:
 
     def _steps(self, trial: PlannedTrial) -> int:
         return len(grid_of(trial, self.card.rate_hz, self.card.step_s).at_s)
+
+
+Controlled = Callable[[Scene, Sequence[PlannedTrial], Done], Moved]
+"""Steps trials in a closed loop: (scene, trials, done)."""
 
 
 def _report(done: Done, before: int, trials: int, share: float) -> None:

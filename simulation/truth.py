@@ -78,8 +78,11 @@ class Truth:
         return Truth(**moved, slip_mm=self.slip_mm, marks=marks, end_s=self.end_s + by_s)
 
 
-def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
-    """Read the events of a trial from its steps."""
+def truth_of(trial: PlannedTrial, motion: TrialMotion, *, acted: bool = False) -> Truth:
+    """Read the events of a trial from its steps.
+
+    acted: the hand had a controller; then a slip that it stopped ends as a grasp.
+    """
     end_s = 2.0 * float(motion.t_s[-1]) - float(motion.t_s[-2])
     held = np.flatnonzero(motion.gripped)
     if not held.size:
@@ -95,6 +98,8 @@ def truth_of(trial: PlannedTrial, motion: TrialMotion) -> Truth:
     )
     at = _clock(motion, len(motion.at_s) if lost >= len(motion.at_s) else None)
     marks = _marks(trial, motion, times, contact, onset, gross, lost)
+    if acted:
+        marks = _stopped(marks, motion, lost)
     return Truth(
         at(contact),
         at(onset),
@@ -148,6 +153,15 @@ def _marks(
     if transferred is not None and transferred < times.open:
         marks += [(transferred, GRASP), (max(times.open, transferred), SAFE_SLIP)]
     return [*[mark for mark in marks if mark[0] < gone[0]], gone]
+
+
+def _stopped(marks: list[Mark], motion: TrialMotion, lost: int) -> list[Mark]:
+    """The marks, and a grasp from the last slip on where the object stays in the hand."""
+    slips = np.flatnonzero(motion.slips)
+    stays = lost >= len(motion.at_s) and marks[-2][1] == RISKY_SLIP
+    if not stays or slips[-1] + 1 >= len(motion.at_s):
+        return marks
+    return [*marks[:-1], (float(motion.at_s[slips[-1] + 1]), GRASP), marks[-1]]
 
 
 def _transferred(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -43,11 +43,11 @@ def managed(
     setting: float | None = None,
     rules: AnswerRules | None = None,
     limits: Limits | None = None,
-) -> Make:
+) -> Callable[[Sequence[PlannedTrial], float], Managed]:
     """A maker of the named controller; rules: of holdfast, for a study of its parts."""
     gain = shear_gain() if "dipole" in scene.card.effects else 1.0
 
-    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> LoopController:
+    def make(trials: Sequence[PlannedTrial], rate_hz: float) -> Managed:
         lanes: Lanes = ManyLanes(len(trials))
         controller = controller_of(name, lanes, rate_hz, setting)
         if rules is not None:

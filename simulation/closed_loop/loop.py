@@ -20,6 +20,7 @@ import numpy.typing as npt
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.grip import GripSense
 from edge_runtime.model import Model
+from edge_runtime.trial_layout import RISKY_ACTIONS
 from simulation.closed_loop.actuator import Actuator, Drive
 from simulation.closed_loop.answers import HandModels
 from simulation.closed_loop.outcome import LaneRecord, LoopOutcome, outcome_of
@@ -34,6 +35,8 @@ from simulation.script import SETTLE_S, Times, grid_of
 ROWS_TO_SPARE = 5
 LANES = 300
 """Trials in a loop together: fewer waste time on calls, more on memory."""
+FALL_S = 1.0
+"""A fall is watched at least this long: in it the object is gone, or at rest."""
 
 
 class LoopController(Protocol):
@@ -60,11 +63,15 @@ Make = Callable[[Sequence[PlannedTrial], float], LoopController]
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """The hand's drive, the people, and how many samples later than they could targets act."""
+    """The hand's drive, the people, and how many samples later than they could targets act.
+
+    whole_trials: go on to the end of every trial, for a recording; else until nothing more happens.
+    """
 
     drive: Drive = field(default_factory=Drive)
     habits: Habits = field(default_factory=Habits)
     delay_samples: int = 0
+    whole_trials: bool = False
 
 
 def run_loops(
@@ -114,7 +121,7 @@ def loop_end_s(trial: PlannedTrial, habits: Habits) -> float:
     if trial.action == "pull":
         return times.act + habits.pull_gives_up_s + habits.lets_go_s + SETTLE_S
     if trial.action == "fall":
-        return times.act + trial.drawn["watch_s"]
+        return times.act + max(trial.drawn["watch_s"], FALL_S)
     return times.open + trial.drawn["opening_s"] + SETTLE_S
 
 
@@ -133,7 +140,7 @@ class ClosedLoop:
         self.trials, self.rate_hz = trials, scene.card.rate_hz
         card, habits = model.card, self.settings.habits
         before = card.settle_samples + card.preparation.bias_rows + ROWS_TO_SPARE
-        self.spans = _spans(scene, trials, before, habits)
+        self.spans = _spans(scene, trials, before, self.settings)
         self.actuator = Actuator(self.settings.drive, trials)
         self.world = HandsAndObjects(
             trials, scene.step_settings_of(trials), self.spans, self.actuator, habits
@@ -194,11 +201,17 @@ class ClosedLoop:
         return outcome_of(self.trials[lane], motion, kept)
 
 
-def _spans(scene: Scene, trials: Sequence[PlannedTrial], before: int, habits: Habits) -> Spans:
+def _spans(
+    scene: Scene, trials: Sequence[PlannedTrial], before: int, settings: LoopSettings
+) -> Spans:
+    """A pull or a fall goes on until its outcome is known, be it after the end of the trial."""
     rate_hz = scene.card.rate_hz
     grids = [grid_of(trial, rate_hz, scene.card.step_s) for trial in trials]
     moves = np.array([round(grid.start_s * rate_hz) for grid in grids])
-    last = [int(np.ceil(loop_end_s(trial, habits) * rate_hz)) for trial in trials]
-    ends = np.minimum(last, [int(grid.sample[-1]) for grid in grids])
-    counts = np.array([grid.n_samples for grid in grids])
+    last = [int(np.ceil(loop_end_s(trial, settings.habits) * rate_hz)) for trial in trials]
+    whole = np.array([int(grid.sample[-1]) for grid in grids])
+    risky = [trial.action in RISKY_ACTIONS for trial in trials]
+    ends = np.where(risky, last, np.minimum(last, whole))
+    ends = np.maximum(ends, whole) if settings.whole_trials else ends
+    counts = np.maximum([grid.n_samples for grid in grids], ends + 1)
     return Spans(np.maximum(moves - before, 0), moves, ends, counts)

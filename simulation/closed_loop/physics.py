@@ -202,7 +202,8 @@ class _Part:
         whole.forces_n[lanes] = np.moveaxis(forces, 2, 0)
         whole.position_m[lanes] = self.state.position_m.T
         whole.travel_m[:, lanes] = self.travel_m
-        whole.slid[lanes] = (self.state.slip_m_s > SLIDES_M_S).any(axis=(0, 1))
+        fast = (self.state.slip_m_s > SLIDES_M_S).any(axis=0)
+        whole.slid[lanes] = (fast & (self.state.normal_n > 0.0)).any(axis=0)
         if not self.all:
             for one in fields(State):
                 getattr(whole.state, one.name)[..., lanes] = getattr(self.state, one.name)

@@ -70,14 +70,14 @@ def test_a_loop_that_does_nothing_is_the_open_loop_bit_for_bit(
     scene, loop, forces_n = idle
     for lane, whole in enumerate(scene.run_together(scene.trials())):
         looped = loop.world.motion(lane, np.zeros((2, 1, 3)), np.zeros((2, 3)))
-        steps = len(looped.at_s)
+        steps = min(len(looped.at_s), len(whole.motion.at_s))  # a pull's loop goes on for longer
         assert steps > 300
         for name in ("at_s", "agents_n", "gripped", "slips", "slides", "slip_m"):
             open_loop = getattr(whole.motion, name)[:steps]
-            assert getattr(looped, name).tobytes() == open_loop.tobytes(), name
+            assert getattr(looped, name)[:steps].tobytes() == open_loop.tobytes(), name
         begins, ends = int(loop.spans.begins[lane]), int(loop.spans.ends[lane])
         sampled = whole.motion.forces_n[begins + 1 : ends + 1]
-        assert forces_n[: ends - begins, lane].tobytes() == sampled.tobytes()
+        assert forces_n[: len(sampled), lane].tobytes() == sampled.tobytes()
         assert sampled.any()
 
 
@@ -88,8 +88,8 @@ def test_a_loop_begins_before_the_hand_closes_and_ends_after_the_decision(
     for lane, trial in enumerate(loop.trials):
         times = Times.of(trial)
         assert loop.spans.begins[lane] / 150.0 < times.close - 0.1
-        decided_s = times.act + 0.6 if trial.action in ("pull", "fall") else times.open + 0.3
-        assert loop.spans.ends[lane] / 150.0 > decided_s
+        decided_s = {"pull": times.act + 1.2, "fall": times.act + 0.9}
+        assert loop.spans.ends[lane] / 150.0 > decided_s.get(trial.action, times.open + 0.3)
 
 
 # a batch
