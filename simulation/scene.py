@@ -120,9 +120,7 @@ class Scene:
             truth = truth_of(trial, motion, acted=grip is not None)
             yield SimulatedTrial(trial, signal, motion, truth, effects, hand_m, grip)
 
-    def _moved(
-        self, trials: Sequence[PlannedTrial], made: list[Any], done: Done
-    ) -> Moved:
+    def _moved(self, trials: Sequence[PlannedTrial], made: list[Any], done: Done) -> Moved:
         """The motion of each trial, and the grip where a controller moves it."""
         if self._controlled is not None:
             return self._controlled(self, trials, done)

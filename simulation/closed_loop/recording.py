@@ -20,6 +20,7 @@ from edge_runtime.grip import GripSense
 from edge_runtime.grip_command import IDLE
 from edge_runtime.model import Model
 from edge_runtime.supervisor import Limits
+from simulation.card import Card
 from simulation.closed_loop.controllers import Managed, managed
 from simulation.closed_loop.loop import (
     LANES,
@@ -32,7 +33,6 @@ from simulation.grip_record import COLUMNS, GripRecord
 from simulation.hand_control import HandControl
 from simulation.protocol import PlannedTrial
 from simulation.run import TrialMotion, motions
-from simulation.card import Card
 from simulation.scene import Moved, Scene
 
 Done = Callable[[float], None]
@@ -81,9 +81,7 @@ def _require_strength(card: str, control: HandControl, trials: Sequence[PlannedT
         )
 
 
-def controlled_motions(
-    scene: Scene, trials: Sequence[PlannedTrial], done: Done
-) -> Moved:
+def controlled_motions(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
     """Motion and grip of trials, in their order; an empty hand gets no command: None.
 
     done: called with the share that is stepped. Raises as require_controller.
@@ -98,9 +96,7 @@ def _report(done: Done, before: int, lanes: int, total: int, share: float) -> No
     done((before + share * lanes) / total)
 
 
-def _part(
-    scene: Scene, trials: Sequence[PlannedTrial], done: Done
-) -> Moved:
+def _part(scene: Scene, trials: Sequence[PlannedTrial], done: Done) -> Moved:
     held = [trial for trial in trials if trial.action != "nothing"]
     empty = [trial for trial in trials if trial.action == "nothing"]
     in_hand = iter(RecordedLoop(scene, held).run(done) if held else ())
