@@ -11,9 +11,11 @@ too.
                  slip was likely
     needed_n     spare T / (2 mu_hat)             N: normal force of either side
     margin       1 - T / (2 mu_hat N)             0: about to slide
+    holds_n      needed_n; before a slip has shown friction, T / (2 held)
 
 Nothing is known before the first slip: then mu_hat is 0 here and null in messages, never a guess.
-A ratio that the hand has held in quiet (`held`) bounds friction from below.
+The largest ratio that the hand has held in quiet (`held`) bounds friction from below, so a grip of
+holds_n is known to hold the load. Less is a guess.
 
 r is of all fingers' sums, because one finger's ratio is mostly noise at 0.3 N. It is in the
 sensors' own units. shear_gain: by how much they read too little along the skin, from their
@@ -51,7 +53,7 @@ class FrictionMargin:
         self._loads, self._ratios = [lanes.zero()] * 3, [lanes.zero()] * 3
         self._slid, self._quiet = lanes.zero(), lanes.zero()
         self.held, self.mu_hat = lanes.zero(), lanes.zero()
-        self.needed_n, self.margin = lanes.zero(), lanes.zero()
+        self.needed_n, self.holds_n, self.margin = lanes.zero(), lanes.zero(), lanes.zero()
 
     def step(self, sense: GripSense) -> None:
         """Take in one sample."""
@@ -72,6 +74,7 @@ class FrictionMargin:
         slides_n = load_n / (2.0 * lower)
         self.mu_hat = lanes.choose(sure, lower, 0.0)
         self.needed_n = lanes.choose(sure, SPARE * slides_n, 0.0)
+        self.holds_n = lanes.choose(sure, self.needed_n, slides_n)
         used = slides_n / lanes.most(sense.grip_n, FIRM_N)
         self.margin = lanes.choose(sure & firm, 1.0 - used, 0.0)
 

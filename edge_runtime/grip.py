@@ -187,13 +187,13 @@ class AnswerRules:
 
     from_p, full_p: p(risky) at which an answer begins, and at which it is a full one. yield_p:
     p(safe slip) from which the hand gives back, where the load changes by moving_n_s or more for
-    yield_samples in a row. graded: the lead grows with the evidence; otherwise it is full or
-    nothing. revocable: a hand-over ends an answer; otherwise only the empty hand does. margin: what
-    the friction margin needs is kept.
+    yield_samples in a row. graded: the lead grows with the evidence; otherwise it is full from half
+    the evidence on, or nothing. revocable: a hand-over ends an answer; otherwise only the empty
+    hand does. margin: what the friction margin needs is kept.
     """
 
-    from_p: float = 0.35
-    full_p: float = 0.75
+    from_p: float = 0.55
+    full_p: float = 1.0
     yield_p: float = 0.5
     yield_samples: int = 2
     moving_n_s: float = 4.0
@@ -247,7 +247,7 @@ class Holdfast:
         rules, lanes = self.rules, self._lanes
         share = (sense.p_risky - rules.from_p) / (rules.full_p - rules.from_p)
         if not rules.graded:
-            return lanes.choose(share >= 1.0, 1.0, 0.0)
+            return lanes.choose(share >= 0.5, 1.0, 0.0)
         return lanes.within(0.0, share, 1.0)
 
     def _kept_n(self, sense: GripSense, own_n: Number, given_n: Number, needed_n: Number) -> Number:

@@ -51,9 +51,9 @@ class GripLoop:
     def step(self, sense: GripSense) -> Number:
         """One sample: the target, N a side; 0 for none."""
         self.margin.step(sense)
-        needed_n = self.margin.needed_n
-        wanted_n = self.controller.want(sense, self.supervisor.given_n, needed_n)
-        return self.supervisor.step(sense, wanted_n, self.controller.fresh, needed_n)
+        margin, given_n = self.margin, self.supervisor.given_n
+        wanted_n = self.controller.want(sense, given_n, margin.needed_n)
+        return self.supervisor.step(sense, wanted_n, self.controller.fresh, margin.holds_n)
 
 
 class GripControl:

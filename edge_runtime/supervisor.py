@@ -6,8 +6,8 @@
     a larger grip is wanted            tighten, up to the ceiling, while evidence is fresh (RISE_S)
                                        and not for longer than MOST_RISE_S an answer
     a smaller grip is wanted           relax
-    no evidence for GIVE_BACK_S        relax slowly to what the friction margin needs; to the
-                                       wearer's own grip where no slip has shown the friction
+    no evidence for GIVE_BACK_S        relax slowly to the grip that is known to hold the load
+                                       (edge_runtime/friction.py)
     else                               hold
 
 A controller remembers nothing of what it wanted: it receives what was given.
@@ -50,17 +50,17 @@ class Supervisor:
         self.since_s: Number = lanes.zero() + self.limits.give_back_s
         self.mode: Number = lanes.zero() + HOLD
 
-    def step(self, sense: GripSense, wanted_n: Number, fresh: Flag, needed_n: Number) -> Number:
+    def step(self, sense: GripSense, wanted_n: Number, fresh: Flag, holds_n: Number) -> Number:
         """The target after one sample; sets `mode`.
 
         wanted_n: by the controller, N a side, 0 for none. fresh: it has evidence at this sample.
-        needed_n: by the friction margin, 0 where unknown.
+        holds_n: the grip that is known to hold the load.
         """
         lanes = self._lanes
         ends = sense.opening | sense.overridden | (sense.known & sense.empty)
         unknown = lanes.no(sense.known)
         self._pass_time(sense.known, fresh)
-        target_n = self._given_back(self._followed(wanted_n), needed_n)
+        target_n = self._given_back(self._followed(wanted_n), holds_n)
         target_n = lanes.choose(unknown, self.given_n, target_n)
         target_n = lanes.choose(ends, 0.0, target_n)
         rises = target_n > self.given_n
@@ -85,12 +85,12 @@ class Supervisor:
         capped_n = lanes.least(wanted_n, limits.ceiling_n)
         return lanes.choose(may_rise, capped_n, lanes.least(capped_n, self.given_n))
 
-    def _given_back(self, target_n: Number, needed_n: Number) -> Number:
-        """The target after slow relaxing to what friction needs."""
+    def _given_back(self, target_n: Number, holds_n: Number) -> Number:
+        """The target after slow relaxing to the grip that holds."""
         lanes, limits = self._lanes, self.limits
         stale = self.since_s >= limits.give_back_s
         less_n = target_n - limits.give_back_n_s * self._period_s
-        floor_n = lanes.least(needed_n, target_n)
+        floor_n = lanes.least(holds_n, target_n)
         return lanes.choose(stale, lanes.most(lanes.most(less_n, floor_n), 0.0), target_n)
 
     def _choose_mode(self, target_n: Number, unknown: Flag, ends: Flag) -> None:

@@ -93,7 +93,7 @@ def run_loops(
 def batches(trials: Sequence[PlannedTrial]) -> list[list[int]]:
     """Places of the trials that run together: those of similar length, LANES at most."""
     order = sorted(range(len(trials)), key=lambda k: _length_s(trials[k]))
-    size = max(1, -(-len(order) // -(-len(order) // LANES)))
+    size = max(1, -(-len(order) // max(1, -(-len(order) // LANES))))
     return [order[start : start + size] for start in range(0, len(order), size)]
 
 

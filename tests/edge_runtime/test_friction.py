@@ -115,6 +115,17 @@ def test_the_estimate_is_never_below_a_ratio_that_the_hand_has_held_in_quiet() -
     assert margin.mu_hat == margin.held
 
 
+def test_before_a_slip_the_grip_that_holds_is_that_of_the_largest_ratio_held() -> None:
+    margin = margin_of()
+    holding(margin, 0.3, samples=600)
+    assert margin.holds_n == pytest.approx(GRIP_N, rel=1e-3)
+    margin.step(sense(grip_n=2.0 * GRIP_N, load_n=2.0 * GRIP_N * 0.3))
+    assert (margin.mu_hat, margin.needed_n) == (0.0, 0.0)
+    assert margin.holds_n == pytest.approx(GRIP_N, rel=1e-3)
+    sliding(margin, 0.6)
+    assert margin.holds_n == margin.needed_n
+
+
 def test_a_ratio_while_something_may_slip_is_not_held() -> None:
     for unquiet in ({"p_risky": 0.3}, {"p_safe": 0.3}, {"known": False}):
         margin = margin_of()

@@ -150,7 +150,7 @@ def test_the_published_controllers_see_no_slip_in_an_unknown_state_or_a_loose_gr
 
 
 @pytest.mark.parametrize(
-    ("p_risky", "share"), [(0.0, 0.0), (0.35, 0.0), (0.45, 0.25), (0.55, 0.5), (0.75, 1.0), (1, 1)]
+    ("p_risky", "share"), [(0.0, 0.0), (0.55, 0.0), (0.64, 0.2), (0.775, 0.5), (1.0, 1.0)]
 )
 def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -> None:
     (wanted,) = answers_of(after_a_hold("holdfast", 8.0), {"p_risky": p_risky})
@@ -159,13 +159,13 @@ def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -
 
 def test_holdfast_without_grading_answers_fully_or_not_at_all() -> None:
     controller = after_a_hold("holdfast", 8.0, AnswerRules(graded=False))
-    wanted = [controller.want(sense(p_risky=p), 0.0, 0.0) for p in (0.74, 0.76)]
+    wanted = [controller.want(sense(p_risky=p), 0.0, 0.0) for p in (0.77, 0.78)]
     assert wanted == pytest.approx([0.0, 11.0])
 
 
 BRAKED_N = 3.0 + 2.0 / 16.0
 """The own grip after the sample at 5 N below."""
-RISING = {"grip_n": 5.0, "p_risky": 0.9}
+RISING = {"grip_n": 5.0, "p_risky": 1.0}
 
 
 def test_holdfast_brakes_when_the_evidence_ends_and_stays_where_the_grip_is_then() -> None:

@@ -54,7 +54,7 @@ def prediction(sequence: int = 7, **changes: Any) -> Prediction:
     return Prediction(**(grasp | changes))
 
 
-RISKY: dict[str, Any] = {"state": "risky_slip", "p_risky": 0.9}
+RISKY: dict[str, Any] = {"state": "risky_slip", "p_risky": 1.0}
 UNKNOWN: dict[str, Any] = {"state": "unknown", "why": "sensors", "p_risky": 0.9}
 
 
@@ -81,7 +81,7 @@ def test_a_quiet_hold_is_idle_and_has_no_target() -> None:
 
 def test_a_risky_slip_tightens_and_is_felt() -> None:
     command = step(held(), **RISKY)
-    assert (command.mode, command.reason, command.feedback) == ("tighten", "risky slip", 0.9)
+    assert (command.mode, command.reason, command.feedback) == ("tighten", "risky slip", 1.0)
     assert command.target_n == pytest.approx(3.0 + Holdfast.SETTING)
     assert command.slew_n_s == Limits().slew_n_s
     assert (command.sequence, command.t_ns) == (7, 10**9)

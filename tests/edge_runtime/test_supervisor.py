@@ -38,7 +38,7 @@ class Wish(NamedTuple):
 
     wanted_n: float
     fresh: bool
-    needed_n: float
+    holds_n: float
     known: bool = True
     empty: bool = False
     opening: bool = False
@@ -47,7 +47,7 @@ class Wish(NamedTuple):
     def to(self, one: Supervisor) -> float:
         """The target that a supervisor makes of it."""
         flags = {name: getattr(self, name) for name in self._fields[3:]}
-        target_n: float = one.step(sense(**flags), self.wanted_n, self.fresh, self.needed_n)
+        target_n: float = one.step(sense(**flags), self.wanted_n, self.fresh, self.holds_n)
         return target_n
 
 
@@ -56,7 +56,7 @@ INPUTS = [
     Wish(*one)
     for one in product((0.0, 1.0, 2.5, 3.0, 9.0), FLAGS, (0.0, 0.25, 2.0), *([FLAGS] * 4))
 ]
-"""Every wanted grip, freshness, needed grip, known, empty, opening, overridden."""
+"""Every wanted grip, freshness, grip that holds, known, empty, opening, overridden."""
 
 
 class State(NamedTuple):
@@ -183,7 +183,7 @@ def test_no_target_rises_without_evidence_at_this_sample_or_just_before(steps: l
 def test_no_target_rises_before_the_first_evidence() -> None:
     one = Supervisor(ONE_LANE, 1.0 / PERIOD_S, LIMITS)
     for _ in range(2 * GIVE_BACK):
-        assert Wish(3.0, fresh=False, needed_n=2.0).to(one) == 0.0
+        assert Wish(3.0, fresh=False, holds_n=2.0).to(one) == 0.0
 
 
 @SUPERVISOR_INVARIANTS.mark
@@ -199,11 +199,13 @@ def test_a_target_rises_for_a_bounded_time_until_the_evidence_is_long_over(
 
 
 @SUPERVISOR_INVARIANTS.mark
-def test_without_evidence_a_target_is_given_back_to_what_friction_needs(steps: list[Step]) -> None:
+def test_without_evidence_a_target_is_given_back_to_the_grip_that_holds(
+    steps: list[Step],
+) -> None:
     for step in steps:
         if step.goes_on and step.after.since == GIVE_BACK:
             highest_n = min(step.wish.wanted_n, step.before.given_n)
-            floor_n = min(step.wish.needed_n, highest_n)
+            floor_n = min(step.wish.holds_n, highest_n)
             assert step.after.given_n == max(highest_n - 1.0, floor_n, 0.0)
 
 
@@ -235,7 +237,7 @@ def test_before_its_first_sample_the_supervisor_holds_and_gives_no_target() -> N
 
 def test_an_answer_that_the_wearer_ended_begins_again_with_fresh_evidence() -> None:
     one = supervisor_in(State(3.0, 0, MOST_RISE))
-    wish = Wish(3.0, fresh=True, needed_n=0.0)
+    wish = Wish(3.0, fresh=True, holds_n=0.0)
     assert wish._replace(overridden=True).to(one) == 0.0
     assert wish.to(one) == 3.0
 

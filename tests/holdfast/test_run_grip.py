@@ -208,7 +208,7 @@ def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
     live.advance(2.0)
     tighten = GripCommand(1, 0, "tighten", 20.0, 400.0, 0.0, "test")
     live.obey(tighten, 2_000_000_000, PERIOD_NS)
-    live.obey(replace(tighten, mode="idle", target_n=None), 2_005_000_000, PERIOD_NS)
+    live.obey(tighten._replace(mode="idle", target_n=None), 2_005_000_000, PERIOD_NS)
     live.obey(tighten, 2_010_000_000, PERIOD_NS)
     live.advance(4.0)
     assert live.outcome().strongest_n == pytest.approx(20.0, rel=0.05)

@@ -71,7 +71,7 @@ def numbers_of(loop: GripLoop) -> list[Any]:
     """All that a loop says after a sample."""
     supervisor, margin = loop.supervisor, loop.margin
     numbers = [supervisor.given_n, supervisor.mode, supervisor.since_s, supervisor.risen_s]
-    return [*numbers, margin.mu_hat, margin.margin, margin.needed_n, margin.held]
+    return [*numbers, margin.mu_hat, margin.margin, margin.needed_n, margin.holds_n, margin.held]
 
 
 def bits(numbers: list[Any], hand: int | None = None) -> bytes:
