@@ -80,7 +80,7 @@ class Law(Protocol):
 
     @property
     def step_s(self) -> float:
-        """The step it is run at where none is asked for."""
+        """The step of a run that names none."""
 
     def step(self, block: Block, state: Moving, load_n: FloatArray, dt_s: float) -> None:
         """Move on by dt_s under load_n [B]; changes the state in place."""

@@ -115,18 +115,18 @@ def _version(identity: bytes) -> int | None:
 def _sends_packets(bus: Bus, address: int, pause: Pause) -> bool:
     """Whether the chip is a TMAG5273 in 1-byte mode, judged by a dozen register reads.
 
-    In that mode the chip sends its packet, whatever register is asked for. Either the CRC fits
+    In that mode the chip sends its packet, whatever register the request names. Either the CRC fits
     every packet, or every status has the bits of a good conversion and its count goes on. The
     highest bit of the register number starts a conversion in a chip that waits for a trigger. The
     pauses differ, so that no count seems to stand still.
     """
-    asked = [
+    transfers = [
         Transfer(address, bytes([number]), CHECKED_BYTES)
         for number in (IDENTITY, TRIGGER | RESULTS)
     ]
     packets: list[bytes] = []
     for k in range(PACKETS_LOOKED_AT):
-        packets.append(bus.scan([asked[k % 2]])[0].data)
+        packets.append(bus.scan([transfers[k % 2]])[0].data)
         if len(packets[-1]) != CHECKED_BYTES or packets[-1][PACKET_BYTES - 1] & RESERVED_STATUS:
             return False
         pause(LONGEST_CONVERSION_S * (1.0 + k / 16))

@@ -24,8 +24,8 @@ nothing, and none of them starts a reset.
 
 def answering(bus: Bus, addresses: Sequence[int]) -> list[int]:
     """Which addresses acknowledge a read; a sleeping sensor does so from the second read on."""
-    asked = [Transfer(address, b"", 1) for address in addresses]
-    replies = [bus.scan(asked), bus.scan(asked)]
+    transfers = [Transfer(address, b"", 1) for address in addresses]
+    replies = [bus.scan(transfers), bus.scan(transfers)]
     return [
         address
         for address, *both in zip(addresses, *replies, strict=True)

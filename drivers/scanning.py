@@ -62,28 +62,28 @@ def look_at(
     return freeing(bus, lambda: _look_at(bus, pause, SENSOR_ADDRESSES | named))
 
 
-def _look_at(bus: Bus, pause: Callable[[float], None], asked: frozenset[int]) -> list[BusDevice]:
+def _look_at(bus: Bus, pause: Callable[[float], None], expected: frozenset[int]) -> list[BusDevice]:
     muxes = [address for address in answering(bus, MUX_ADDRESSES) if is_mux(bus, address)]
     found = [BusDevice(address, None, "mux (TCA9548A)") for address in muxes]
-    found += _chips(bus, set(muxes), asked, pause)
+    found += _chips(bus, set(muxes), expected, pause)
     taken = {one.address for one in found}
     for mux in muxes:
         for channel in CHANNELS:
             bus.scan([enable_channels(mux, 1 << channel)])
-            behind = _chips(bus, taken, asked, pause)
+            behind = _chips(bus, taken, expected, pause)
             found += [BusDevice(one.address, channel, one.what, one.trouble, mux) for one in behind]
         bus.scan([enable_channels(mux, 0)])
     return found
 
 
 def _chips(
-    bus: Bus, taken: set[int], asked: frozenset[int], pause: Callable[[float], None]
+    bus: Bus, taken: set[int], expected: frozenset[int], pause: Callable[[float], None]
 ) -> list[BusDevice]:
     """The chips that answer now, except at the addresses in `taken`."""
     there = answering(bus, [a for a in range(FIRST_ADDRESS, LAST_ADDRESS + 1) if a not in taken])
     return [
         _identified(bus, address, pause)
-        if address in asked or len(set(plain_read(bus, address))) > 1
+        if address in expected or len(set(plain_read(bus, address))) > 1
         else BusDevice(address, None, "unknown", NOT_IDENTIFIED)
         for address in there
     ]

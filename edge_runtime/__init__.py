@@ -6,5 +6,5 @@ onnxruntime only.
 
 import os
 
-# onnxruntime from 1.31 on collects and sends usage data unless told not to before it is imported.
+# onnxruntime from 1.31 on collects and sends usage data unless this turns it off before its import.
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"

@@ -73,10 +73,10 @@ class LineSink:
         line = self._last(self._sequence + 1, self._now_ns(), reason).encode()
         try:
             self._link.finish(line)
-            said = True
+            written = True
         except (OSError, ValueError):
-            said = False
-        self._guardian.end(said=said)
+            written = False
+        self._guardian.end(written=written)
         self._link.close()
 
     def _write(self, line: str, now_ns: int) -> bool:

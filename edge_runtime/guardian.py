@@ -17,7 +17,7 @@ SCRIPT = Path(__file__).with_name("guardian_process.py")
 START_S = 30.0
 """A guardian that does not answer within this time after its start is an error."""
 END_S = 0.2
-"""A guardian whose parent said goodbye is waited for this long."""
+"""How long the parent waits for its guardian to end."""
 
 
 class Guardian:
@@ -77,9 +77,9 @@ class Guardian:
         """Whether its process still runs."""
         return self._process.poll() is None
 
-    def end(self, *, said: bool) -> None:
-        """Let it go. said: the last line was written; else the guardian writes its own."""
-        if said:
+    def end(self, *, written: bool) -> None:
+        """End it. written: the last line was written; else the guardian writes its own."""
+        if written:
             with suppress(OSError):
                 self._control.send(GOODBYE)
         self._control.close()

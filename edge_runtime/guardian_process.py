@@ -5,7 +5,7 @@ It holds the parent's socket or serial port, and waits for the parent's messages
     b"fresh"            with a descriptor: hold this one from now on
     b"release"          let go of it: a serial adapter that was unplugged gets another name as long
                         as it is held
-    b"goodbye"          the parent has said its last line itself: end
+    b"goodbye"          the parent has written its last line itself: end
     end of file         the parent is dead (kill -9, out of memory, a crash): write the last line
 
 The line's sequence is one above that in the memory which both share.

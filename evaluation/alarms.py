@@ -1,4 +1,4 @@
-"""When the hand is asked to act, on whole streams: edge_runtime/decision.py for many at once."""
+"""When an act is requested, on whole streams: edge_runtime/decision.py for many at once."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Answers:
 def act_requests(
     answers: Sequence[Answers], rules: DecisionRules, min_risky_permille: Sequence[int]
 ) -> list[BoolArray]:
-    """[T, K] a stream: whether the hand is asked to act, at each of K confidences.
+    """[T, K] a stream: whether an act is requested, at each of K confidences.
 
     Sample by sample the same as `decide` with neither opening command nor override.
     """
-    return [_asked(one, rules, np.asarray(min_risky_permille)) for one in answers]
+    return [_requests(one, rules, np.asarray(min_risky_permille)) for one in answers]
 
 
-def _asked(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> BoolArray:
+def _requests(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> BoolArray:
     """A request lasts from its last call until release, or until evidence is missing for too long.
 
     An unknown sample neither calls nor releases, and breaks no run of samples that do.
@@ -49,10 +49,10 @@ def _asked(one: Answers, rules: DecisionRules, least: npt.NDArray[np.int64]) -> 
     lets_go = _lasting((situation == NOTHING)[:, None], rules.release_samples) | _lasting(
         ~risky, patience
     )
-    asked = np.zeros((1 + len(known), len(least)), dtype=np.bool_)
+    requested = np.zeros((1 + len(known), len(least)), dtype=np.bool_)
     called = _last(calls)
-    asked[1:] = (called > 0) & (called >= _last(lets_go))
-    return asked[np.searchsorted(known, np.arange(len(one.situation)), side="right")]
+    requested[1:] = (called > 0) & (called >= _last(lets_go))
+    return requested[np.searchsorted(known, np.arange(len(one.situation)), side="right")]
 
 
 def _lasting(flags: BoolArray, samples: int) -> BoolArray:

@@ -40,7 +40,7 @@ from training.plan import RAW_BASELINE
 from training.recording import DataSet, Recording
 
 Requests = Callable[[float], list[BoolArray]]
-"""Setting -> [T] a recording, whether the hand is asked to act."""
+"""Setting -> [T] a recording, whether an act is requested."""
 
 BAND_RATIOS = tuple(np.geomspace(1.05, 100.0, 32).tolist())
 FRICTIONS = tuple(np.geomspace(0.1, 5.0, 32).tolist())
@@ -101,7 +101,7 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
             situation = np.where(out["unknown"], UNKNOWN, out["situation"])
             answers.append(Answers(one, situation, risky_permille(out["votes"].astype(np.int64))))
         return lambda permille: [
-            asked[:, 0] for asked in act_requests(answers, rules, [int(permille)])
+            requested[:, 0] for requested in act_requests(answers, rules, [int(permille)])
         ]
 
     return Baseline(RAW, tuple(float(one) for one in CONFIDENCES), _kept(on))
@@ -147,11 +147,13 @@ def held_until_let_go(
         held = one.samples[:, NORMAL_AXIS::3].sum(axis=1) > NORMAL_FLOOR[one.unit]
         situation = np.where(held, np.where(fires, RISKY_SLIP, GRASP), NOTHING)
         answers.append(Answers(one, situation, np.full(len(situation), 1000)))
-    return [asked[:, 0] for asked in act_requests(answers, replace(rules, act_samples=1), [0])]
+    return [
+        requested[:, 0] for requested in act_requests(answers, replace(rules, act_samples=1), [0])
+    ]
 
 
 def oracle_requests(recording: Recording) -> BoolArray:
-    """[T] the hand is asked at the first whole sample after a load onset, and at no other."""
+    """[T] an act is requested at the first whole sample after a load onset, and at no other."""
     requests = np.zeros(len(recording.samples), dtype=np.bool_)
     rows = [int(np.floor(event.onset_s * recording.rate_hz)) + 1 for event in recording.events]
     requests[[row for row in rows if row < len(requests)]] = True

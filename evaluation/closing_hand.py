@@ -1,6 +1,6 @@
 """Closing in time: a small model of whether a hand that acts on an alarm still holds the object.
 
-From the moment it is asked, the hand closes at v_max (1 - exp(-t / lag)): a rate limit behind a
+From the request on, the hand closes at v_max (1 - exp(-t / lag)): a rate limit behind a
 first-order lag. Its travel squeezes fingers and object, springs in series, two fingers on the
 thumb's side against four:
 
@@ -142,9 +142,9 @@ class _Course:
     normal_n: FloatArray
 
 
-def _course(d: dict[str, FloatArray], asked_s: FloatArray, hand: ClosingHand) -> _Course:
+def _course(d: dict[str, FloatArray], request_s: FloatArray, hand: ClosingHand) -> _Course:
     t_s = np.arange(round(LOOK_S / STEP_S))[:, None] * STEP_S
-    closed_m = hand.travel_m(np.where(np.isfinite(asked_s), t_s - asked_s, 0.0))
+    closed_m = hand.travel_m(np.where(np.isfinite(request_s), t_s - request_s, 0.0))
     u = np.minimum(t_s / d["move_s"], 1.0)
     given = np.where(d["cap_n"] == 0.0, _smooth(t_s / np.maximum(d["vanish_s"], STEP_S)), 1.0)
     return _Course(
@@ -157,13 +157,13 @@ def _course(d: dict[str, FloatArray], asked_s: FloatArray, hand: ClosingHand) ->
     )
 
 
-def slide(drops: Sequence[Drop], asked_s: npt.ArrayLike, hand: ClosingHand) -> Slide:
-    """Step the drops from their load onset on, the hand asked at asked_s [E] (inf: never)."""
+def slide(drops: Sequence[Drop], request_s: npt.ArrayLike, hand: ClosingHand) -> Slide:
+    """Step the drops from their load onset on, the hand closing from request_s [E] (inf: never)."""
     d = {
         name: np.array([getattr(one, name) for one in drops]) for name in Drop.__dataclass_fields__
     }
     mass, skin, arm = d["mass_kg"], d["skin_n_per_m"], d["arm_n_per_m"]
-    course = _course(d, np.asarray(asked_s, dtype=np.float64), hand)
+    course = _course(d, np.asarray(request_s, dtype=np.float64), hand)
     sticks_n, slides_n = (2.0 * d[name] * course.normal_n for name in ("static", "kinetic"))
     skin_damping, arm_damping = (2.0 * DAMPING_RATIO * np.sqrt(k * mass) for k in (skin, arm))
     at, speed, slid = np.zeros((3, len(drops)))
@@ -196,14 +196,14 @@ def _smooth(u: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=2)
-def _unasked(drops: tuple[Drop, ...]) -> Slide:
-    """The drops in a hand that is never asked."""
+def _never_closed(drops: tuple[Drop, ...]) -> Slide:
+    """The drops in a hand that never closes."""
     return slide(drops, np.full(len(drops), np.inf), ClosingHand())
 
 
 def room_m(drops: Sequence[Drop]) -> FloatArray:
     """[E] how far each object had moved in a hand that did nothing when contact was lost."""
-    moved = _unasked(tuple(drops)).moved_m
+    moved = _never_closed(tuple(drops)).moved_m
     row = np.minimum(
         np.array([round(one.lost_s / STEP_S) for one in drops], dtype=np.int64), len(moved) - 1
     )
@@ -213,7 +213,7 @@ def room_m(drops: Sequence[Drop]) -> FloatArray:
 
 @dataclass(frozen=True)
 class KeptObjects:
-    """What a hand still holds. preventable: kept by a hand that is asked at load onset.
+    """What a hand still holds. preventable: kept by a hand that closes from load onset on.
 
     kept, kept_share and kept_without_a_slip are of the preventable ones. modelled: of all events.
     """
@@ -232,7 +232,7 @@ class KeptObjects:
 class Droppable:
     """The events of many streams, in order. drops: None where one is not modelled.
 
-    room_m [E] of the modelled. preventable [E]: a hand that is asked at load onset keeps it.
+    room_m [E] of the modelled. preventable [E]: a hand that closes from load onset on keeps it.
     """
 
     drops: tuple[Drop | None, ...]
@@ -250,11 +250,11 @@ class Droppable:
         return Droppable(tuple(drops), hand, room, at_once)
 
     def kept(self, delays_s: Sequence[float | None]) -> KeptObjects:
-        """What the hand keeps, asked in each event s after load onset (None: not asked)."""
+        """What the hand keeps. The request in each event: s after load onset (None: no request)."""
         pairs = zip(delays_s, self.drops, strict=True)
-        asked = [np.inf if s is None else s for s, drop in pairs if drop is not None]
+        from_s = [np.inf if s is None else s for s, drop in pairs if drop is not None]
         modelled = [drop for drop in self.drops if drop is not None]
-        held, still = _held(modelled, np.array(asked, dtype=np.float64), self.hand, self.room_m)
+        held, still = _held(modelled, np.array(from_s, dtype=np.float64), self.hand, self.room_m)
         n, n_kept = int(self.preventable.sum()), int((held & self.preventable).sum())
         return KeptObjects(
             hand=self.hand,
@@ -274,10 +274,10 @@ def droppable(drops: Sequence[Drop | None]) -> Droppable | None:
 
 
 def _held(
-    drops: Sequence[Drop], asked_s: FloatArray, hand: ClosingHand, room: FloatArray
+    drops: Sequence[Drop], request_s: FloatArray, hand: ClosingHand, room: FloatArray
 ) -> tuple[BoolArray, BoolArray]:
     """[E] whether each object is still in the hand, and whether it did not even slip."""
-    end = slide(drops, asked_s, hand)
+    end = slide(drops, request_s, hand)
     held = end.rests & (end.moved_m.max(axis=0, initial=0.0) < room)
     return held, held & (end.slid_m < GROSS_SLIP_M)
 
@@ -308,7 +308,7 @@ def model_error_ms(drops: Sequence[Drop | None]) -> dict[str, float] | None:
     known = [drop for drop in drops if drop is not None]
     if not known:
         return None
-    from_s = _unasked(tuple(known)).slides_from_s
+    from_s = _never_closed(tuple(known)).slides_from_s
     off_ms = 1e3 * (from_s - np.array([one.gross_s for one in known]))
     off_ms = off_ms[np.isfinite(off_ms)]
     found = spread(off_ms.tolist())

@@ -20,7 +20,7 @@ from evaluation.thresholds import Chosen, MatchingStreams, Thresholds, find_thre
 from evaluation.window_scores import (
     WindowFigures,
     at_windows,
-    heads_asked,
+    heads_with_task,
     require_model_fits,
     window_figures,
 )
@@ -114,7 +114,7 @@ class _Run:
         self.say(f"reading {name}")
         data, card, seed = self._load(name), self.model.card, self.request.seed
         self.say(f"{data.name}: running the model on {len(data.recordings)} recordings")
-        wanted = [*OUTPUTS, *heads_asked(self.model, with_situations(data))]
+        wanted = [*OUTPUTS, *heads_with_task(self.model, with_situations(data))]
         computed = everywhere(self.model.session, data.recordings, wanted, self.part)
         outputs = read_outputs(self.model, data.recordings, computed)
         windows = _window_figures(self.model, data, computed, seed)
@@ -150,7 +150,7 @@ def _window_figures(
     model: Model, data: DataSet, computed: Sequence[Outputs], seed: int
 ) -> WindowFigures:
     whole = with_situations(data)
-    names = ["situation", "unknown", *heads_asked(model, whole)]
+    names = ["situation", "unknown", *heads_with_task(model, whole)]
     rows = [np.arange(len(one.samples)) for one in whole.recordings]
     answers = at_windows(whole, [{name: out[name] for name in names} for out in computed], rows)
     return window_figures(model, whole, answers, seed=seed)

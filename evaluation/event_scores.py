@@ -1,6 +1,6 @@
 """Alarms against events: recall, false alarms a minute, delay, and the lead that was left.
 
-An alarm is the moment at which the hand begins to be asked to act. It detects an event if it begins
+An alarm is the moment at which a request to act begins. It detects an event if it begins
 between load onset and the loss of contact, give or take a collar: the truth is no sharper. An alarm
 that was on before detects nothing (the event is missed, "already on"). An alarm that belongs to no
 event is false. An event is detected once; further alarms in it are neither detections nor false.
@@ -69,7 +69,7 @@ class EventMatch:
 def match_alarms(
     recording: Recording, requests: BoolArray, collar_s: float = COLLAR_S
 ) -> EventMatch:
-    """Match the alarms of a stream with its events. requests [T]: the hand is asked to act."""
+    """Match the alarms of a stream with its events. requests [T]: an act is requested."""
     alarms_s = np.flatnonzero(_begins(requests)) / recording.rate_hz
     false = np.ones(len(alarms_s), dtype=np.bool_)
     outcomes = []
@@ -107,7 +107,7 @@ def _within(event: RiskyEvent, t_s: FloatArray, collar_s: float) -> BoolArray:
 def match_all_alarms(
     answers: Sequence[Answers], rules: DecisionRules, permille: int, collar_s: float = COLLAR_S
 ) -> list[EventMatch]:
-    """Match many answered streams. permille: the confidence from which the hand is asked to act."""
+    """Match many answered streams. permille: the confidence from which an act is requested."""
     requests = act_requests(answers, rules, [permille])
     return [
         match_alarms(one.recording, of_one[:, 0], collar_s)

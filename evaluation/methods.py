@@ -1,4 +1,4 @@
-"""What each method asked of the hand on whole streams, and its row of figures.
+"""What each method requested on whole streams, and its row of figures.
 
 A method is this model at some confidence, or a baseline. Events and false alarms have bootstrap
 intervals over trials (or people), and over styles where there are several.
@@ -44,7 +44,7 @@ def without_samples(recording: Recording) -> Recording:
 
 
 class CalledAction(NamedTuple):
-    """A voluntary action, and whether the hand was asked to act at any sample of it."""
+    """A voluntary action, and whether an act was requested at any sample of it."""
 
     style: str
     action: str
@@ -61,7 +61,7 @@ class DisturbedHold(NamedTuple):
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What one method asked of the hand in each recording. by_collar: collar in s -> streams."""
+    """What one method requested in each recording. by_collar: collar in s -> streams."""
 
     by_collar: dict[float, list[EventMatch]]
     actions: list[CalledAction]
@@ -82,7 +82,7 @@ class MethodResult:
 
 
 def method_result(trials: Sequence[LabelledTrial], requests: Sequence[BoolArray]) -> MethodResult:
-    """Match what was asked [T] in each trial with its truth."""
+    """Match the requests [T] in each trial with its truth."""
     pairs = list(zip(trials, requests, strict=True))
     return MethodResult(
         {

@@ -1,8 +1,8 @@
 """The thesis' table of outcomes (chapter 6) beside the same cells of this model.
 
-ok: recognised in every trial; part: in some; no: in none. A pull or fall is recognised where the
-hand was asked to act in it and not before. A hand-over or put-down is recognised where the state
-was safe_slip in it and the hand was never asked to act. The thesis judges a few trials of real
+ok: recognised in every trial; part: in some; no: in none. A pull or fall is recognised where an
+act was requested in it and not before. A hand-over or put-down is recognised where the state was
+safe_slip in it and no act was requested. The thesis judges a few trials of real
 hands by eye; the trials here are many, and simulated in styles of the same names.
 """
 

@@ -121,13 +121,13 @@ def _warnings(of: Evaluation) -> str:
 def _events_sentence(row: MethodFigures) -> str:
     if not row.events:
         return (
-            "No grip fails in these streams; the hand was asked to act "
+            "No grip fails in these streams; an act was requested "
             f"{row.false_alarms} times without a cause."
         )
     delay = row.delay_ms
     when = f", a median of {delay.p50:.0f} ms after load onset" if delay else ""
     return (
-        f"Of {row.events} grips that fail, the hand is asked to act in {row.found} "
+        f"Of {row.events} grips that fail, an act is requested in {row.found} "
         f"({percent(row.recall)}){when}, at {number(row.false_per_min)} false alarms a minute; "
         f"{percent(row.safe_acts_called.share)} of the hand-overs and put-downs are called risky."
     )
@@ -155,7 +155,7 @@ def _timelines(of: Evaluation) -> str:
     return f"""{heading(of, "Trials over time")}
 <p class=key>The first trials of {html.escape(first)}, objects interleaved, one row a trial.
 Behind, in pale colour: the truth. In front: the state at every sample (hatched: unknown, while the
-filters settle). A triangle: the hand is asked to act. {key(SITUATION_COLOURS)}</p>{parts}"""
+filters settle). A triangle: an act is requested. {key(SITUATION_COLOURS)}</p>{parts}"""
 
 
 def _distributions(of: Evaluation) -> str:

@@ -48,7 +48,7 @@ CONSEQUENCES = (
 EXPLAINED = """<p class=note>Recall: share of the risky events with an alarm. Lead left: from the
 request to gross slip (below 0: it slid already); median, below it 5 to 95 %. Share of the lead
 used: of the time from load onset to gross slip. False alarms on voluntary actions: hand-overs and
-put-downs in which the hand was asked to act. Drops prevented: by the closing hand below, of those
+put-downs in which an act was requested. Drops prevented: by the closing hand below, of those
 that it can prevent. McNemar p: exact test, event by event, against the first method.</p>"""
 Parts = Mapping[str, tuple[Mapping[str, MethodFigures], Mapping[str, McNemar]]]
 """Title -> rows of a set by method, and their comparisons."""
@@ -197,7 +197,7 @@ def actions_section(of: Evaluation) -> str:
     heads = ("set", "action", "actions", "called risky", "95 %, exact")
     return f"""{heading(of, "False alarms on voluntary actions")}
 <h3>Hand-overs and put-downs called risky</h3>
-<p>{html.escape(shown(name))}: the hand was asked to act at some sample of the action.</p>
+<p>{html.escape(shown(name))}: an act was requested at some sample of the action.</p>
 {table(heads, rows)}{_styles(of)}{_disturbed(of)}"""
 
 

@@ -34,7 +34,7 @@ def closing_section(of: Evaluation) -> str:
 <p>A model, not a measurement. The hand closes {STROKE_MM:g} mm in {CLOSING_S:g} s (published for
 the Michelangelo hand), behind a lag of {1e3 * LAG_S:g} ms (assumed; the last columns use other
 lags), to at most {MOST_N:g} N. The object is one mass on a line between the puller, or its weight,
-and the friction of the grip. Preventable: a hand that is asked at load onset keeps the object. A
+and the friction of the grip. Preventable: a hand that closes from load onset on keeps the object. A
 pull of 25 to 50 N on a grip of a few newtons is over in about 50 ms, and no such hand can hold the
 object; a falling object takes longer.</p>
 {table(heads, rows)}
@@ -141,9 +141,9 @@ def outcomes_section(of: Evaluation) -> str:
     tables = "".join(_style_table(style, cells) for style in styles)
     return f"""{heading(of, "The thesis' table of outcomes")}
 <p>Left the thesis' word, right this model's, with its number of trials. ok: recognised in every
-trial; part: in some; no: in none. A pull or fall is recognised where the hand was asked to act in
-it and not before. A hand-over or put-down is recognised where the state was safe_slip in it and the
-hand was never asked to act. <strong>These trials are simulated</strong> in styles of the same
+trial; part: in some; no: in none. A pull or fall is recognised where an act was requested in
+it and not before. A hand-over or put-down is recognised where the state was safe_slip in it and no
+act was requested. <strong>These trials are simulated</strong> in styles of the same
 names, many trials each; the thesis shows a few of real people. "Every" is harder to reach in sixty
 trials than in three.</p>
 {tables}"""

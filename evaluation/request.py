@@ -1,4 +1,4 @@
-"""What an evaluation is asked for. Imports no library, so that a command can read it at once."""
+"""The options of an evaluation. Imports no library, so that a command can read it at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evaluation import MOST_FALSE_PER_MIN
 
 @dataclass(frozen=True)
 class EvaluationRequest:
-    """What an evaluation is asked for.
+    """The options of an evaluation.
 
     data: sets to score. choose: sets to choose the confidence on, if any. train: a set to train the
     raw-window forest on. groups: so many people (or blocks) only. people: these only, if any.

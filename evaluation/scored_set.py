@@ -1,4 +1,4 @@
-"""One set scored: what every method asked of the hand on it, and all figures of that."""
+"""One set scored: what every method requested on it, and all figures of that."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _labelled(root: Path, data: DataSet) -> list[LabelledTrial]:
 def _requests(
     data: DataSet, outputs: list[ModelOutputs], thresholds: Thresholds
 ) -> dict[str, list[BoolArray]]:
-    """Method -> [T] a recording, whether the hand is asked to act."""
+    """Method -> [T] a recording, whether an act is requested."""
     requests = {
         name: requests_of(outputs, thresholds.rules, permille)
         for name, permille in thresholds.confidences.items()

@@ -30,7 +30,7 @@ BINS = 15
 
 @dataclass(frozen=True)
 class CalibrationBin:
-    """n samples in a bin: the mean probability that was said, and the share that came true."""
+    """n samples in a bin. said: mean predicted probability. was: share that came true."""
 
     n: int
     said: float

@@ -97,7 +97,7 @@ def picture_of(
 def decided(
     answer: npt.NDArray[np.int64], risky_share: FloatArray, rate_hz: float
 ) -> npt.NDArray[np.bool_]:
-    """[T] whether the hand is asked to act, by the decision's default rules."""
+    """[T] whether an act is requested, by the decision's default rules."""
     period = period_us(rate_hz)
     rules, state, acts = DecisionRules(), DecisionState(), np.zeros(len(answer), dtype=np.bool_)
     for t, (situation, share) in enumerate(zip(answer.tolist(), risky_share.tolist(), strict=True)):

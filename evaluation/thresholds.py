@@ -116,5 +116,5 @@ def find_thresholds(
 def requests_of(
     outputs: Sequence[ModelOutputs], rules: DecisionRules, permille: int
 ) -> list[BoolArray]:
-    """[T] a stream: whether the hand is asked to act, from a confidence on."""
+    """[T] a stream: whether an act is requested, from a confidence on."""
     return [on[:, 0] for on in act_requests([one.answers for one in outputs], rules, [permille])]

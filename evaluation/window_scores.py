@@ -54,7 +54,7 @@ def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> WindowFigures:
     """
     require_model_fits(model, data)
     data = with_situations(data)
-    answers = stream(model, data, ["situation", "unknown", *heads_asked(model, data)])
+    answers = stream(model, data, ["situation", "unknown", *heads_with_task(model, data)])
     return window_figures(model, data, answers, seed=seed)
 
 
@@ -69,7 +69,7 @@ def require_model_fits(model: Model, data: DataSet) -> None:
     )
 
 
-def heads_asked(model: Model, data: DataSet) -> list[str]:
+def heads_with_task(model: Model, data: DataSet) -> list[str]:
     """The model's further heads that the set has a task for."""
     return [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
 
@@ -78,7 +78,7 @@ def window_figures(
     model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0
 ) -> WindowFigures:
     """The same from computed answers at the windows of a set with the task "situations"."""
-    heads = heads_asked(model, data)
+    heads = heads_with_task(model, data)
     withheld = answers["situations"]["unknown"]
     situation = np.where(withheld, len(SITUATIONS), answers["situations"]["situation"])
     seen = set(model.card.raw["training"].get("recordings", ()))

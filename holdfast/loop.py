@@ -68,11 +68,11 @@ def _figures(
     from evaluation.loop_runs import LoopRequest, LoopRuns, LoopSet
 
     sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
-    asked = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
+    requests = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
     runs = LoopRuns(args.model, args.jobs, done)
-    runs.run([(one, request) for one in sets.values() for request in asked.values()])
+    runs.run([(one, request) for one in sets.values() for request in requests.values()])
     return {
-        Path(card).stem: {name: runs.figures(one, request) for name, request in asked.items()}
+        Path(card).stem: {name: runs.figures(one, request) for name, request in requests.items()}
         for card, one in sets.items()
     }
 

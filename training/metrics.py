@@ -5,7 +5,7 @@ windows: B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "
 the Bootstrap", 1993, chapter 13). With one group there is nothing to resample, and intervals are
 None.
 
-What is absent is said, not guessed: the F1 of a class found neither in truth nor in prediction is
+An absent figure is never guessed. The F1 of a class found neither in truth nor in prediction is
 None; the macro F1 averages the classes present in truth (for a class that is predicted but absent
 the mistakes already cost precision elsewhere); AUC and average precision are None with one class
 only. Draws in which a figure is undefined do not count towards its interval. Without a single

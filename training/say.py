@@ -9,7 +9,7 @@ Part = Callable[[float], None]
 """Takes which share of the stage under way is done, 0 to 1."""
 
 
-def ignored(said: object) -> None:
+def ignored(message: object) -> None:
     """A Say or a Part that shows nothing."""
 
 

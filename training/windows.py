@@ -79,7 +79,7 @@ def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.Da
     """Every window there is, one line each.
 
     Columns: trial (index), row (the window's last), label (0..7), object, action and source
-    (band-pass, friction, both, slip, keep, nothing). part: told the share of trials done.
+    (band-pass, friction, both, slip, keep, nothing). part: receives the share of trials done.
     """
     lines = []
     for index, trial in enumerate(trials):

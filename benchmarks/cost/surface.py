@@ -162,11 +162,11 @@ def _features(folder: Path, points: Sequence[Point], part: str) -> None:
     for point in points:
         if part == "train":
             windows(folder, point)
-        if part == _asked(point) or part == "choose":
+        if part == _settings(point) or part == "choose":
             whole_rows(folder, point, part)
 
 
-def _asked(point: Point) -> str:
+def _settings(point: Point) -> str:
     """The part whose streams a point is evaluated on."""
     return "train" if point.of == "human" else "ask"
 
@@ -191,7 +191,7 @@ def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
     write_whole(_model(folder, fitted), model.SerializeToString())
     write_whole(_forest(folder, fitted), cut_forests(model))
     packed = io.BytesIO()
-    rows = some(folder, fitted, _asked(fitted), TIMED_ROWS)
+    rows = some(folder, fitted, _settings(fitted), TIMED_ROWS)
     np.savez(packed, rows=rows, samples=_about_events(folder, fitted))
     write_whole(_timed(folder, fitted), packed.getvalue())
     for one in figures:
@@ -258,7 +258,7 @@ def _step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:
 
 def _about_events(folder: Path, point: Point) -> FloatArray:
     """[T, C] samples around load onsets, one risky slip after another."""
-    recordings = read(folder, point.of, point.rate_hz, _asked(point)).recordings
+    recordings = read(folder, point.of, point.rate_hz, _settings(point)).recordings
     about = [
         one.samples[max(0, round((event.onset_s - TIMED_S) * one.rate_hz)) :][
             : round(2.0 * TIMED_S * one.rate_hz)

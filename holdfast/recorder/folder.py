@@ -99,7 +99,7 @@ def _require_same(root: Path, there: dict[str, Any], unit: str, kind: str) -> No
     if there.get("kind") != kind:
         raise UsageError(
             f"{root}: holds trials that are {there.get('kind')}, these would be {kind}",
-            next_step="name another folder, so that they can be told apart",
+            next_step="name another folder, so that each has a name of its own",
         )
 
 

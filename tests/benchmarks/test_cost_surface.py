@@ -56,7 +56,7 @@ def in_long_steps() -> Iterator[None]:
 # -- the points
 
 
-def test_the_points_change_every_choice_that_was_asked_for_and_none_stands_twice():
+def test_the_points_change_every_chosen_setting_and_none_stands_twice():
     tried = points()
     assert (
         len({point.name for point in tried}) == len(tried) == len({(p.of, p.what) for p in tried})

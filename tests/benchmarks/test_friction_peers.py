@@ -101,7 +101,7 @@ def test_the_table_has_every_law_share_and_vibration_with_its_price() -> None:
     assert cost_ns(SetValued(), lanes=10, steps=5, repeats=1) > 0
 
 
-def test_the_scene_in_mujoco_has_the_grip_and_the_object_that_are_asked_for() -> None:
+def test_the_scene_in_mujoco_has_the_given_grip_and_object() -> None:
     scene = Scene()
     for variant in VARIANTS.values():
         tree = ET.fromstring(mjcf(scene, 1e-3, variant))

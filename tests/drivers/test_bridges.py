@@ -74,11 +74,11 @@ def test_an_absent_chip_costs_only_itself(make, kind):
 
 # harbaum's: TODO, set status
 @pytest.mark.parametrize("kind", [kind for kind in ALL if kind != "avr"])
-def test_a_byte_that_is_not_acknowledged_is_told(make, kind):
+def test_a_byte_that_is_not_acknowledged_is_reported(make, kind):
     bench = make(kind)
     bench.bus.scan([FIRST])
-    heard = bench.hand.wire.write
-    bench.hand.wire.write = lambda byte: byte != 0xEE and heard(byte)
+    original = bench.hand.wire.write
+    bench.hand.wire.write = lambda byte: byte != 0xEE and original(byte)
     for transfer in (
         Transfer(A, bytes([THRESHOLD, 0xEE])),
         Transfer(A, bytes([THRESHOLD, 0xEE]), 3),
@@ -144,7 +144,7 @@ def test_one_byte_reads_bring_the_same_packet(make, kind):
 def test_a_write_then_read_does_not_stop_between(make, kind):
     bench = make(kind)
     stops = []
-    heard, bench.hand.wire.stop = bench.hand.wire.stop, lambda: (stops.append(1), heard())[1]
+    original, bench.hand.wire.stop = bench.hand.wire.stop, lambda: (stops.append(1), original())[1]
     bench.bus.scan([FIRST, WHO])
     assert len(stops) == 2
 
@@ -168,7 +168,7 @@ def test_a_bridge_can_be_closed_twice_and_opened_again(make, kind):
 
 
 @every_bridge
-def test_nothing_asked_is_nothing_answered(make, kind):
+def test_an_empty_scan_has_no_replies(make, kind):
     assert make(kind).bus.scan([]) == []
 
 
@@ -235,8 +235,8 @@ def scans(bridge: type[VirtualFt232h], clock: VirtualClock) -> tuple[list[Reply]
     hand = VirtualHand(clock, track=track, seed=3, faults=[Fault("frozen", 1e6, sensor=1)])
     bus = Ft232h(VirtualBackend(bridge(hand), clock, hand.faults, hand.power_off))
     begun_ns = clock.now_ns()
-    asked = [Transfer(A, bytes([*pair])) for pair in Setup(averages=1).registers()]
-    replies = bus.scan([FIRST, *asked])
+    transfers = [Transfer(A, bytes([*pair])) for pair in Setup(averages=1).registers()]
+    replies = bus.scan([FIRST, *transfers])
     replies += [
         reply for _ in range(3) for reply in bus.scan([WHO, Transfer(ABSENT, read=2), *SIX])
     ]

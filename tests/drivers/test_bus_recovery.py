@@ -127,11 +127,11 @@ def test_scl_held_low_is_reported_once_and_every_reading_is_invalid_until_it_is_
     bench.read_for(0.1)
     emulated.held = True
     assert not any(reading.valid.any() for reading in bench.read_for(2.0))
-    about_bus = [line for line in bench.said if not line.startswith("finger")]
+    about_bus = [line for line in bench.messages if not line.startswith("finger")]
     assert len(about_bus) == 2  # what is wrong, and that nine clocks do not help
     emulated.held = False
     assert bench.read_for(0.5)[-1].valid.all()
-    assert "ft232h: back" in bench.said
+    assert "ft232h: back" in bench.messages
 
 
 @STUCK_BUS.mark
@@ -242,7 +242,7 @@ def test_the_ft232h_s_purge_values_clear_what_the_chip_s_data_sheet_says(value, 
     assert (bool(device._commands), bool(device._answers)) == (bool(commands), bool(answers))
 
 
-def test_what_an_earlier_program_left_half_said_is_cleared_before_the_next_question():
+def test_an_unfinished_command_of_an_earlier_program_is_cleared_before_the_next_one():
     bench = Bench()
     bus = bench.open_bus()
     assert isinstance(bus, Ft232h)

@@ -134,7 +134,7 @@ def test_one_sensor_needs_no_axis_of_its_own() -> None:
     )
 
 
-def test_the_normal_alone_leaves_the_shear_unsaid() -> None:
+def test_the_normal_alone_leaves_the_shear_undetermined() -> None:
     field, matrix, blocks = pressed()
     fitted = fit(field, total(matrix, field)[:, 2], blocks)
     assert not fitted.calibration.matrix[:, :2].any()
@@ -368,7 +368,7 @@ def test_a_few_lost_rows_are_a_warning_and_do_not_count() -> None:
     assert warned == ("up to 9 of 300 rows are lost in X1, Y1; next: check that finger's wires",)
 
 
-def test_a_channel_lost_for_a_whole_third_is_told_without_a_warning_of_numpy() -> None:
+def test_a_channel_lost_for_a_whole_third_is_reported_without_a_warning_of_numpy() -> None:
     rows = resting()
     rows[:150, 0] = np.nan
     assert len(bias_of(rows, "uT")[1]) == 1
@@ -662,7 +662,7 @@ def test_the_real_loads_are_grams_and_judged_on_probings_never_seen(
 ) -> None:
     monkeypatch.setattr(
         "holdfast.calibration.judging.N_TREES", 30
-    )  # the figures of 200 to within what is asked
+    )  # the figures of 200 to within the tolerance
     calibrate_with(
         eflesh, "--out", tmp_path / "c.json", "--json", tmp_path / "f.json", "--date", "2025-04-16"
     )

@@ -136,7 +136,7 @@ def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_d
     assert (tmp_path / "again/tags.csv").read_bytes() == (recorded / "tags.csv").read_bytes()
 
 
-def test_what_was_recorded_is_told_beside_it(recorded):
+def test_a_recording_is_described_in_a_file_beside_it(recorded):
     about = read_about(recorded)
     numbers = {
         "fps": FPS,

@@ -54,7 +54,7 @@ print(json.dumps({"set": {name: os.environ[name] for name in QUIET}, "lines": li
     assert "usage data" in line
 
 
-def test_what_the_user_has_set_stays_and_is_told(tmp_path):
+def test_a_variable_that_the_user_has_set_stays_and_is_reported(tmp_path):
     words = ("watch", "--camera", "oak", "--tag-mm", "10", "--out", tmp_path / "out")
     done = fresh_command(*words, DEPTHAI_SEARCH_TIMEOUT="100")
     assert "your own settings stay: DEPTHAI_SEARCH_TIMEOUT=100" in done.stderr
@@ -79,11 +79,11 @@ WORDS = ["watch", "--camera", "oak", "--tag-mm", "10", "--out", "OUT"]
 @pytest.fixture
 def collector() -> Iterator[tuple[str, list[str]]]:
     """The address of a server on this machine, and what was sent to it."""
-    heard: list[str] = []
+    requests: list[str] = []
 
     class Collector(http.server.BaseHTTPRequestHandler):
         def do_POST(self) -> None:
-            heard.append(
+            requests.append(
                 self.rfile.read(int(self.headers.get("content-length", 0))).decode(
                     "utf-8", "replace"
                 )
@@ -99,18 +99,18 @@ def collector() -> Iterator[tuple[str, list[str]]]:
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Collector) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
-        yield f"http://127.0.0.1:{server.server_port}/", heard
+        yield f"http://127.0.0.1:{server.server_port}/", requests
         server.shutdown()
         thread.join()
 
 
 @pytest.mark.parametrize("telemetry", [{}, {"DEPTHAI_TELEMETRY": "1"}])
-def test_nothing_is_sent_unless_the_user_asked_for_it(drawn, collector, tmp_path, telemetry):
-    address, heard = collector
+def test_nothing_is_sent_unless_the_user_turned_it_on(drawn, collector, tmp_path, telemetry):
+    address, requests = collector
     words = ("watch", "--camera", drawn[0], "--out", tmp_path / "out")
     done = fresh_command(*words, DEPTHAI_TELEMETRY_URL=address, HOME=str(tmp_path), **telemetry)
     assert done.returncode == 0, done.stderr
-    assert bool(heard) == bool(telemetry)
+    assert bool(requests) == bool(telemetry)
     assert telemetry or not [path for path in (tmp_path / ".cache").rglob("*") if path.is_file()]
 
 
@@ -258,16 +258,18 @@ def test_frames_that_no_video_holds_without_loss_are_refused(tmp_path, size):
     [("fps", np.nan), ("fps", -60.0), ("fps", 0.3), ("tag_mm", 0.0), ("exposure_ms", -2.0)],
 )
 def test_a_lens_that_cannot_be_is_refused_in_frames_and_in_folders(tmp_path, name, number):
-    said = {name: number}
+    numbers = {name: number}
     path = write_frames(
         tmp_path / "some.frames.npz",
         np.arange(3) / FPS,
         np.zeros((3, 8, 8), dtype=np.uint8),
-        **said,
+        **numbers,
     )
     with pytest.raises(EmptyRecording, match=r"some\.frames\.npz"):
         read_frames(path)
-    write_about(tmp_path, {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "clock": "trial"} | said)
+    write_about(
+        tmp_path, {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0, "clock": "trial"} | numbers
+    )
     with pytest.raises(NotANumber, match=r"camera\.json"):
         read_about(tmp_path)
 

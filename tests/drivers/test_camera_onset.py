@@ -127,7 +127,7 @@ def test_a_tag_printed_in_another_size_is_refused_by_its_size(tmp_path):
     assert not (tmp_path / "trial_1.onset.json").exists()
 
 
-def test_tags_of_two_sizes_are_told_as_soon_as_they_were_watched_and_what_was_watched_is_kept(
+def test_tags_of_two_sizes_are_reported_as_soon_as_they_were_watched_and_what_was_watched_is_kept(
     tmp_path,
 ):
     done = command(

@@ -191,10 +191,10 @@ def test_the_crc_option_decides_whether_a_chip_without_a_crc_is_read_unchecked_o
     burst = Chip._burst
     monkeypatch.setattr(Chip, "_burst", without_crc)
     auto, off = started(), started(crc="off")
-    assert auto.said == [
+    assert auto.messages == [
         f"finger {k}: sends no CRC, its readings are unchecked (crc=auto)" for k in range(1, 7)
     ]
-    assert off.said == []
+    assert off.messages == []
     for bench in (auto, off):
         assert all(reading.valid.all() for reading in bench.read_for(0.1))
         assert [sensor["crc"] for sensor in bench.hand.about()["sensors"]] == [False] * 6
@@ -253,7 +253,7 @@ def _counted(bench: OnTheBoard, scans: int) -> tuple[int, int]:
         valid += int(reading.valid.sum())
         for finger in np.flatnonzero(reading.valid):
             wrong += tuple(np.rint(reading.field_ut[finger] / scale)) not in recent[finger]
-        bench.said.clear()
+        bench.messages.clear()
     return wrong, valid
 
 

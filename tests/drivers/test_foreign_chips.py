@@ -166,7 +166,7 @@ def test_every_mux_is_looked_behind_and_the_layout_names_it():
         read_layout(layout),
         now_ns=bench.clock.now_ns,
         pause=pause(bench),
-        say=bench.said.append,
+        say=bench.messages.append,
     )
     bench.hand.start()
     assert all(reading.valid.all() for reading in bench.read_for(0.1))

@@ -77,9 +77,11 @@ def test_a_hand_that_is_still_moved_from_before_is_started_as_it_is():
 
 @WAYS_TO_READ
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_fingers_asked_together_convert_at_one_moment_and_only_when_asked(layout, crc, burst):
-    """A field that rises fast: fingers that convert at their own times disagree, those asked
-    together do not."""
+def test_fingers_triggered_together_convert_at_one_moment_and_only_when_triggered(
+    layout, crc, burst
+):
+    """A field that rises fast: fingers that convert at their own times disagree, those
+    triggered together do not."""
     rising = Track(
         np.array([0.0, 1.0]), np.broadcast_to(np.array([[[0.0]], [[30000.0]]]), (2, 6, 3)).copy()
     )
@@ -99,7 +101,7 @@ def test_fingers_asked_together_convert_at_one_moment_and_only_when_asked(layout
 def test_every_reading_is_valid_while_nothing_fails():
     bench = started()
     assert bad(bench.read_for(2.0)) == []
-    assert bench.said == []
+    assert bench.messages == []
 
 
 def test_a_finger_that_is_not_acknowledged_costs_only_itself_and_comes_back():
@@ -109,8 +111,8 @@ def test_a_finger_that_is_not_acknowledged_costs_only_itself_and_comes_back():
     times = [r.t_ns * 1e-9 for r in bad(readings)]
     assert 1.0 <= times[0] < 1.0 + 2 / 150
     assert times[-1] < 1.3 + 0.05 + 3 / 150
-    assert bench.said[0] == "finger 3: nack"
-    assert bench.said[-1] == "finger 3: good again"
+    assert bench.messages[0] == "finger 3: nack"
+    assert bench.messages[-1] == "finger 3: good again"
 
 
 @pytest.mark.hard_case(
@@ -165,7 +167,7 @@ def test_a_bridge_that_fails_makes_every_finger_invalid_at_once_and_is_brought_b
     assert not found[0].valid.any()
     assert np.isnan(found[0].field_ut).all()
     assert found[-1].t_ns < 1e9 + 0.3e9 + 0.15e9
-    assert bench.said[-1].endswith("good again")
+    assert bench.messages[-1].endswith("good again")
 
 
 @pytest.mark.hard_case(
@@ -189,12 +191,12 @@ def test_a_field_at_the_end_of_the_range_is_not_believed():
     assert bench.read_for(0.05)[-1].why == ("saturated",) * 6
 
 
-def test_a_missing_finger_is_said_and_the_rest_goes_on():
+def test_a_missing_finger_is_reported_and_the_rest_goes_on():
     bench = Bench(faults=("nack:6@0+100",))
     bench.hand.start()
     reading = bench.read_for(0.5)[-1]
     assert reading.valid.tolist() == [True] * 5 + [False]
-    assert bench.said[0].startswith("finger 6: 0x22: does not answer")
+    assert bench.messages[0].startswith("finger 6: 0x22: does not answer")
 
 
 def test_a_finger_that_comes_after_the_start_is_taken_in():
@@ -298,9 +300,9 @@ def soak(scans: int) -> None:
         since_fault_s = (reading.t_ns * 1e-9) % 1.0
         quiet_bad += 0.6 < since_fault_s < 0.99 and not reading.valid.all()
         if k == scans // 5:
-            bench.said.clear()
+            bench.messages.clear()
             blocks = _allocated_blocks()
-    bench.said.clear()
+    bench.messages.clear()
     assert reading.valid.all()
     assert quiet_bad == 0
     assert words == {
@@ -348,4 +350,4 @@ def test_a_machine_that_stood_still_in_the_middle_of_a_scan_takes_no_finger_for_
         assert held.valid.all()
         assert after.why == ("",) * 6
         bench.read_for(0.05)
-    assert not bench.said
+    assert not bench.messages

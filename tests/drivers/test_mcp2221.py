@@ -70,7 +70,7 @@ def test_an_engine_that_is_confused_in_the_middle_of_a_scan_is_cancelled(make):
     assert bench.bus.scan([FIRST, WHO])[1].data == IDENTITY
 
 
-def test_the_mcp2221_says_that_fewer_bytes_came_than_were_asked_for(make):
+def test_the_mcp2221_reports_that_fewer_bytes_came_than_were_requested(make):
     bench = make("mcp2221")
     engine = bench.engine()
     read = engine._read
@@ -141,7 +141,7 @@ def test_the_mcp2221_says_that_a_transfer_is_too_long(make):
 
 
 @pytest.mark.parametrize("bus_hz", [47_000, 100_000, 400_000])
-def test_the_mcp2221_runs_at_the_speed_it_is_told(make, bus_hz):
+def test_the_mcp2221_runs_at_the_speed_of_the_url(make, bus_hz):
     bench = make("mcp2221")
     bench.bus.close()
     bench.bus = Mcp2221(bench.backend, bus_hz=bus_hz)

@@ -53,7 +53,7 @@ def test_controllers_say_in_two_ways_that_no_chip_acknowledged(number):
         bus.close()
 
 
-def test_a_bus_that_is_not_there_and_one_that_is_not_allowed_are_told_apart():
+def test_a_bus_that_is_absent_and_one_that_is_forbidden_have_different_errors():
     hand = VirtualHand(VirtualClock())
     with VirtualI2cDev(hand, 7, readable=False):
         with pytest.raises(AccessDenied):

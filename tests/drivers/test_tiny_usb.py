@@ -101,7 +101,7 @@ def test_tiny_usb_brings_out_the_stop_that_a_failure_kept_back(make, kind):
 
 
 @every_firmware
-def test_tiny_usb_says_that_fewer_bytes_came_than_were_asked_for(make, kind):
+def test_tiny_usb_reports_that_fewer_bytes_came_than_were_requested(make, kind):
     bench = make(kind)
     spoilt = bench.device._read
     bench.device._read = lambda *values: spoilt(*values)[:-1]

@@ -393,7 +393,7 @@ def test_a_threshold_for_both_poles_is_crossed_by_either():
         assert on.write(0x00) == awake
 
 
-def test_four_crossings_running_can_be_asked_for():
+def test_four_crossings_in_a_row_can_be_required():
     for cycles, awake in ((3, False), (4, True)):
         on = dozing(INT_CONFIG_1=0x40, X_THR_CONFIG=19, SENSOR_CONFIG_2=1 << 6)
         on.wait_us(cycles * 10_150 + 1)

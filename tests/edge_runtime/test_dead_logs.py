@@ -99,7 +99,7 @@ def read_to_end(handle: int) -> bytes:
     return b"".join(iter(lambda: os.read(handle, 1 << 16), b""))
 
 
-class Heard(list[str]):
+class Lines(list[str]):
     """A sink that works until a test makes it fail."""
 
     name, kind, dropped = "grip", "acting", 0
@@ -234,13 +234,13 @@ def test_a_log_that_fails_is_dropped_and_reported_once_and_the_others_get_every_
 ):
     log, why = failing(name)
     result: list[str] = []
-    outlets = Outlets([log, heard := Heard()], result.append)
+    outlets = Outlets([log, healthy := Lines()], result.append)
     outlets.emit(prediction)
     wait_for(lambda: log.failure is not None)
     for _ in range(5):
         outlets.emit(prediction)
     outlets.close()
-    assert len(heard) == 6
+    assert len(healthy) == 6
     assert result == [f"stdout takes no more lines ({why}); it is dropped, control goes on"]
     assert outlets.lost() == {"stdout": why}
     assert 1 <= outlets.dropped <= 2
@@ -267,7 +267,7 @@ def test_a_loop_whose_logs_are_all_dead_answers_on(model):
 
 @DEAD_LOG.mark
 def test_only_the_loss_of_every_sink_that_can_act_ends_a_loop():
-    one, other = Heard(), Heard()
+    one, other = Lines(), Lines()
     log, _ = failing("closed pipe")
     outlets = Outlets([log, one, other], lambda line: None)
     log("")

@@ -173,5 +173,5 @@ def test_an_act_that_ends_says_how_and_it_is_true(steps: list[Step]) -> None:
 
 
 @INVARIANTS.mark
-def test_while_an_act_lasts_nothing_is_said_to_have_ended(steps: list[Step]) -> None:
+def test_while_an_act_lasts_no_answer_reports_an_end(steps: list[Step]) -> None:
     assert all(step.after.ended is None for step in steps if step.after.act)

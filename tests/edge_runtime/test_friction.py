@@ -32,7 +32,7 @@ def margin_of(gain: float = 1.0) -> FrictionMargin:
     return FrictionMargin(ONE_LANE, RATE_HZ, gain)
 
 
-def said(margin: FrictionMargin) -> tuple[float, float, float]:
+def estimates(margin: FrictionMargin) -> tuple[float, float, float]:
     return margin.mu_hat, margin.margin, margin.needed_n
 
 
@@ -44,22 +44,22 @@ def test_one_hand_and_many_have_the_same_bits() -> None:
         single.step(of_hands(senses, slice(0, 1)))
         for hand, one in enumerate(ones):
             one.step(of_hand(senses, hand))
-            assert bits([*said(one), one.held]) == bits([*said(many), many.held], hand)
-        assert bits([*said(single)], 0) == bits([*said(many)], 0)
+            assert bits([*estimates(one), one.held]) == bits([*estimates(many), many.held], hand)
+        assert bits([*estimates(single)], 0) == bits([*estimates(many)], 0)
 
 
 def test_nothing_is_known_before_the_first_slip() -> None:
     margin = margin_of()
     holding(margin, 0.5)
-    assert said(margin) == (0.0, 0.0, 0.0)
+    assert estimates(margin) == (0.0, 0.0, 0.0)
     sliding(margin, 0.5, samples=3)
-    assert said(margin) == (0.0, 0.0, 0.0)
+    assert estimates(margin) == (0.0, 0.0, 0.0)
 
 
 def test_a_clean_slide_shows_the_friction_and_leaves_no_margin() -> None:
     margin = margin_of()
     sliding(margin, 0.6)
-    mu_hat, left, needed_n = said(margin)
+    mu_hat, left, needed_n = estimates(margin)
     assert mu_hat == pytest.approx(0.6)
     assert left == pytest.approx(0.0, abs=1e-9)
     assert needed_n == pytest.approx(SPARE * GRIP_N)
@@ -141,7 +141,7 @@ def test_an_empty_hand_forgets_the_object_and_an_unknown_one_does_not() -> None:
     assert margin.mu_hat == pytest.approx(0.6)
     assert margin.margin == 0.0
     margin.step(sense(grip_n=0.0, load_n=0.0, empty=True))
-    assert (*said(margin), margin.held) == (0.0, 0.0, 0.0, 0.0)
+    assert (*estimates(margin), margin.held) == (0.0, 0.0, 0.0, 0.0)
 
 
 def test_sensors_that_read_too_little_along_the_skin_are_corrected() -> None:
@@ -157,4 +157,4 @@ def test_no_force_makes_a_nan(force_n: float) -> None:
         for _ in range(30):
             margin.step(sense(grip_n=grip_n, load_n=load_n, p_risky=0.9))
             margin.step(sense(grip_n=grip_n, load_n=load_n))
-        assert np.isfinite(said(margin)).all()
+        assert np.isfinite(estimates(margin)).all()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hazard_marks import LOST_SENSOR
 
 from edge_runtime.contract import BoolArray, FloatArray, Prediction
 from edge_runtime.errors import UsageError
@@ -87,6 +88,7 @@ def test_a_risky_slip_tightens_and_is_felt() -> None:
     assert (command.sequence, command.t_ns) == (7, 10**9)
 
 
+@LOST_SENSOR.mark
 def test_a_target_is_held_while_the_state_is_unknown() -> None:
     control = held()
     given = step(control, **RISKY)
@@ -161,6 +163,7 @@ def test_another_number_of_fingers_is_refused(fingers: int) -> None:
 # bad readings
 
 
+@LOST_SENSOR.mark
 def test_an_invalid_sensor_counts_as_no_force_whatever_it_reads() -> None:
     valid = ALL.copy()
     valid[2] = False

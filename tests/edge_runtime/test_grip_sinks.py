@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from grip_bench import Hands, TtyReceiver, UdpReceiver, opened, send, sender, wait_for_the_end_of
-from hazard_marks import RUN_DIES, WIRE_FAILS
+from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
 from edge_runtime.errors import DeviceNotFound, UsageError
 from edge_runtime.grip_links import open_link
@@ -33,6 +33,7 @@ def tty() -> Iterator[TtyReceiver]:
     one.close()
 
 
+@NO_GRIP_COMMAND.mark
 def test_every_command_arrives_and_the_last_one_holds(receiver):
     with opened(receiver.url, Hands(), []) as sink:
         assert send(sink, 1, 2, 3) == [True] * 3
@@ -72,14 +73,15 @@ def test_the_guardian_outlives_the_signals_that_end_a_whole_service(receiver):
         assert receiver.until("process died")["mode"] == "hold"
 
 
+@RUN_DIES.mark
 def test_a_guardian_that_ends_is_reported_once(receiver):
-    said: list[str] = []
-    with opened(receiver.url, Hands(), said) as sink:
+    messages: list[str] = []
+    with opened(receiver.url, Hands(), messages) as sink:
         os.kill(sink._guardian.pid, signal.SIGKILL)
         wait_for_the_end_of(sink._guardian.pid)
         assert send(sink, 1, 2) == [True, True]
-        assert len(said) == 1
-        assert "guardian" in said[0]
+        assert len(messages) == 1
+        assert "guardian" in messages[0]
 
 
 @RUN_DIES.mark
@@ -92,16 +94,16 @@ def test_a_run_that_ends_by_an_error_says_so_in_its_last_hold(receiver):
 
 @WIRE_FAILS.mark
 def test_a_port_without_a_receiver_is_reported_once_and_its_return_begins_with_hold():
-    clock, said = Hands(), []
+    clock, messages = Hands(), []
     receiver = UdpReceiver()
-    with opened(receiver.url, clock, said) as sink:
+    with opened(receiver.url, clock, messages) as sink:
         send(sink, 1)
         receiver.close()
         for k in range(2, 40):
             clock.ns += A_WHILE_NS
             send(sink, k)
-        assert len(said) == 1
-        assert "no command arrives" in said[0]
+        assert len(messages) == 1
+        assert "no command arrives" in messages[0]
         again = UdpReceiver(receiver.port)
         for k in range(40, 50):
             clock.ns += A_WHILE_NS
@@ -110,8 +112,8 @@ def test_a_port_without_a_receiver_is_reported_once_and_its_return_begins_with_h
     assert [line["reason"] for line in lines[:3]] == ["link was lost"] * 3
     assert {line["mode"] for line in lines[:3]} == {"hold"}
     assert lines[-1]["sequence"] == 49
-    assert "arrive again" in said[1]
-    assert len(said) == 2
+    assert "arrive again" in messages[1]
+    assert len(messages) == 2
     again.close()
 
 
@@ -132,13 +134,13 @@ def test_retries_become_rarer_up_to_two_seconds():
 @WIRE_FAILS.mark
 def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
     clock = Hands()
-    said: list[str] = []
-    with opened(tty.url, clock, said) as sink:
+    messages: list[str] = []
+    with opened(tty.url, clock, messages) as sink:
         for k in range(2000):
             clock.ns += 6_666_667
             send(sink, k)
-        assert "stalled" in said[0]
-        assert len(said) < 10  # the system may find room for a few more lines
+        assert "stalled" in messages[0]
+        assert len(messages) < 10  # the system may find room for a few more lines
         assert sink.dropped > 1000
         os.set_blocking(tty.handle, False)
         while True:
@@ -152,17 +154,17 @@ def test_a_stalled_reader_never_delays_a_command_and_is_reported(tty):
         tty.until("link was lost")
         while tty.next()["sequence"] != 2019:
             pass
-    assert "arrive again" in said[-1]
+    assert "arrive again" in messages[-1]
 
 
 @WIRE_FAILS.mark
 def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_path: Path):
     clock = Hands()
-    said: list[str] = []
+    messages: list[str] = []
     name = tmp_path / "ttyHAND"
     first, second = TtyReceiver(), TtyReceiver()
     name.symlink_to(first.path)
-    with opened(f"serial://{name}", clock, said) as sink:
+    with opened(f"serial://{name}", clock, messages) as sink:
         assert send(sink, 1) == [True]
         assert first.next()["sequence"] == 1
         first.close()
@@ -170,10 +172,10 @@ def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_pa
         for k in range(2, 6):
             clock.ns += A_WHILE_NS
             send(sink, k)
-        assert len(said) == 1
+        assert len(messages) == 1
         name.symlink_to(second.path)
         k = 6
-        while len(said) < 2:
+        while len(messages) < 2:
             clock.ns += A_WHILE_NS
             send(sink, k)
             opening = getattr(sink._link, "_opening", None)
@@ -186,6 +188,7 @@ def test_an_unplugged_port_comes_back_under_its_name_and_begins_with_hold(tmp_pa
     second.close()
 
 
+@RUN_DIES.mark
 def test_the_guardian_holds_the_descriptor_that_it_was_given_last():
     first, second = UdpReceiver(), UdpReceiver()
     guardian = Guardian('{"sequence":%(sequence)d,"t_ns":%(t_ns)d}')
@@ -194,7 +197,7 @@ def test_the_guardian_holds_the_descriptor_that_it_was_given_last():
         guardian.hold(link.handle)
         link.close()
     guardian.note(8)
-    guardian.end(said=False)
+    guardian.end(written=False)
     assert second.next()["sequence"] == 9
     assert first.waiting() == []
     first.close()
@@ -207,13 +210,14 @@ def test_a_guardian_that_was_let_go_of_its_port_writes_nothing():
     link = open_link(receiver.url, "--grip")
     guardian.hold(link.handle)
     guardian.release()
-    guardian.end(said=False)
+    guardian.end(written=False)
     wait_for_the_end_of(guardian.pid)
     assert receiver.waiting() == []
     link.close()
     receiver.close()
 
 
+@WIRE_FAILS.mark
 def test_a_line_that_was_cut_off_does_not_spoil_the_one_after_it(tty):
     clock = Hands()
     with opened(tty.url, clock, []) as sink:
@@ -223,6 +227,7 @@ def test_a_line_that_was_cut_off_does_not_spoil_the_one_after_it(tty):
     assert tty.next()["reason"] == "stopped"
 
 
+@WIRE_FAILS.mark
 def test_a_slow_port_leaves_out_commands_and_queues_none(tty, monkeypatch):
     import edge_runtime.grip_links as links
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hazard_marks import RESTART, SILENT_SENDER
+from hazard_marks import LOST_SENSOR, RESTART, SILENT_SENDER
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -123,17 +123,17 @@ def test_every_stage_has_its_latency_and_a_run_of_nothing_has_none(model):
 def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(model, monkeypatch):
     import edge_runtime.monitor as watched
 
-    asked = []
+    user_commands = []
     real = watched.decide
     monkeypatch.setattr(
         watched,
         "decide",
-        lambda *a, **k: asked.append((k["opening"], k["override"])) or real(*a, **k),
+        lambda *a, **k: user_commands.append((k["opening"], k["override"])) or real(*a, **k),
     )
     clock = VirtualClock()
     commands = iter([Command(), Command(opening=True), Command(override=True)])
     go(model, Steady(clock, 3), clock, command=lambda: next(commands))
-    assert asked == [(False, False), (True, False), (False, True)]
+    assert user_commands == [(False, False), (True, False), (False, True)]
 
 
 # -- taking the bias off
@@ -195,14 +195,14 @@ def live(
     model: Model, url: str, seconds: float
 ) -> tuple[Summary, list[Prediction], list[Sample], list[str]]:
     clock = VirtualClock()
-    said: list[str] = []
+    messages: list[str] = []
     answers: list[Prediction] = []
     samples: list[Sample] = []
-    source = open_live(url, clock=clock, say=said.append)
+    source = open_live(url, clock=clock, say=messages.append)
     end_ns = clock.now_ns() + round(1e9 * seconds)
     summary = answer(source, model, clock, kept(answers, samples), lambda: clock.now_ns() >= end_ns)
     source.close()
-    return summary, answers, samples, said
+    return summary, answers, samples, messages
 
 
 def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on(model):
@@ -218,18 +218,21 @@ def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on
     assert 0.0 < acts[0] - truth.load_onset_s < 0.15
 
 
+@LOST_SENSOR.mark
 @pytest.mark.parametrize(
     "fault", ["nack:3@3+0.3", "frozen:2@3+0.3", "por:4@3", "unplug@3+0.3", "late@3+0.1"]
 )
 def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(model, fault):
-    _, answers, _, said = live(model, f"virtual://ft232h?fault={fault.replace('+', '%2B')}", 5.0)
+    _, answers, _, messages = live(
+        model, f"virtual://ft232h?fault={fault.replace('+', '%2B')}", 5.0
+    )
     unknown = [
         a.t_acquired_ns * 1e-9 for a in answers if a.state == "unknown" and a.t_acquired_ns > 2e9
     ]
     assert 3.0 - 1 / 150 < unknown[0] < 3.0 + 0.020 + 3 / 150
     assert answers[-1].state == "nothing"
     assert answers[-1].settled
-    assert said
+    assert messages
 
 
 SHORT_PULL = """
@@ -414,7 +417,7 @@ def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model)
     assert "risky slip" in text
 
 
-def test_a_view_draws_over_its_last_picture_below_what_is_told_and_goes_away_at_the_end(model):
+def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_the_end(model):
     from rich.console import Console
 
     from holdfast.view import viewed
@@ -522,7 +525,7 @@ def commanded(log: list[str], clock: VirtualClock) -> Iterator[Callable[[str], C
 def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged():
     log: list[str] = []
     with commanded(log, VirtualClock()) as after:
-        asked = [
+        user_commands = [
             after(one)
             for one in (
                 "",
@@ -534,7 +537,7 @@ def test_the_user_s_commands_come_by_a_port_of_their_own_and_changes_are_logged(
                 '{"opening": 1}',
             )
         ]
-    assert asked == [
+    assert user_commands == [
         Command(),
         Command(opening=True, link="live"),
         Command(opening=True, link="live"),
@@ -586,7 +589,7 @@ def test_every_answer_says_whether_commands_still_come(model):
 # -- the service
 
 
-def test_the_service_manager_is_told_ready_at_the_first_answer_then_signs_of_life_then_the_end(
+def test_the_service_manager_receives_ready_at_the_first_answer_then_signs_of_life_then_the_end(
     tmp_path,
 ):
     path = str(tmp_path / "notify")
@@ -598,8 +601,8 @@ def test_the_service_manager_is_told_ready_at_the_first_answer_then_signs_of_lif
                 manager.recv(100)
             for now_ns in (0, 50_000_000, 100_000_000, 350_000_000):
                 alive(now_ns)
-        heard = [manager.recv(100) for _ in range(5)]
-    assert heard == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1", b"WATCHDOG=1", b"STOPPING=1"]
+        datagrams = [manager.recv(100) for _ in range(5)]
+    assert datagrams == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1", b"WATCHDOG=1", b"STOPPING=1"]
 
 
 def test_a_service_manager_that_does_not_listen_or_is_not_there_delays_nothing(tmp_path):

@@ -186,10 +186,10 @@ FOREIGN: dict[str, tuple[Callable[[Path], bytes], str]] = {
 
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_what_is_no_model_is_called_by_its_name(tmp_path: Path, kind: str) -> None:
-    make, said = FOREIGN[kind]
+    make, message = FOREIGN[kind]
     error = refused(tmp_path / "holdfast.onnx", make(tmp_path))
     assert type(error) is NotAModel
-    assert said in str(error)
+    assert message in str(error)
     assert error.next_step
 
 

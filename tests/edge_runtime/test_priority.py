@@ -77,7 +77,7 @@ def test_who_may_not_clear_the_mark_of_the_children_still_gives_the_priority_bac
     assert after == before | os.SCHED_RESET_ON_FORK
 
 
-def test_a_user_without_the_right_reads_on_and_is_told_once():
+def test_a_user_without_the_right_reads_on_and_is_warned_once():
     """A real process that may not: root that gave its rights up, or the user of the tests without
     them."""
     script = (

@@ -72,9 +72,9 @@ stalled_consumer = pytest.mark.hard_case(
 def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
     model, stalled, record_property
 ):
-    clock, heard = VirtualClock(), io.StringIO()
+    clock, kept = VirtualClock(), io.StringIO()
     with open(stalled[1], "w", encoding="utf-8", closefd=False) as stream:
-        outlets = Outlets([stream_sink(stream), stream_sink(heard)], print)
+        outlets = Outlets([stream_sink(stream), stream_sink(kept)], print)
     summary = run_live(
         Steady(clock, 400),
         GripMonitor(model, clock.now_ns),
@@ -88,7 +88,7 @@ def test_a_pipe_without_a_reader_loses_whole_lines_counted_and_delays_no_sample(
     taken = lines_of(stalled[0])
     record_property("dropped of 400", summary.dropped)
     assert summary.overruns == 0
-    lines = heard.getvalue().splitlines()
+    lines = kept.getvalue().splitlines()
     assert len(lines) == 400
     assert summary.dropped - (400 - len(taken)) in (0, 1), (
         "the line under way goes out once there is room"
@@ -362,18 +362,18 @@ def test_a_recording_whose_device_clock_wraps_reads_as_any_other(tmp_path: Path)
     here="the schedule runs by the time since boot, which goes on; what was missed is lost samples",
 )
 def test_the_schedule_s_clock_goes_on_while_the_machine_is_suspended(monkeypatch):
-    asked = []
+    clocks = []
     real = time.clock_gettime_ns
 
     def suspended_for_an_hour(which: int) -> int:
-        asked.append(which)
+        clocks.append(which)
         return real(which) + (3_600_000_000_000 if which == time.CLOCK_BOOTTIME else 0)
 
     before_ns = MonotonicClock().now_ns()
     monkeypatch.setattr(clock_module.time, "clock_gettime_ns", suspended_for_an_hour)
     assert MonotonicClock().now_ns() - before_ns > 3_599_000_000_000
     MonotonicClock().wait_until(before_ns)  # long past: at once
-    assert set(asked) == {time.CLOCK_BOOTTIME}
+    assert set(clocks) == {time.CLOCK_BOOTTIME}
 
 
 @pytest.mark.hard_case(
@@ -398,18 +398,18 @@ def test_a_flooded_port_delays_commands_and_no_sample(record_property):
             user.send(b'{"opening": true}')
             user.send(b'{"opening": false}')
         user.send(b'{"override": true}')
-        heard = []
+        kept = []
         while True:
             before = len(log)
             command = ask()
-            heard.append(len(log) - before)
+            kept.append(len(log) - before)
             if command.override:
                 break
-    record_property("samples until the override counts", len(heard))
-    assert heard == [MOST_A_SAMPLE] * 3 + [101 - 3 * MOST_A_SAMPLE]
+    record_property("samples until the override counts", len(kept))
+    assert kept == [MOST_A_SAMPLE] * 3 + [101 - 3 * MOST_A_SAMPLE]
 
 
-def test_what_was_lost_is_told_in_the_summary(model, capsys):
+def test_lost_samples_are_counted_in_the_summary(model, capsys):
     from holdfast.live_run import say_summary
     from holdfast.messages import say
 

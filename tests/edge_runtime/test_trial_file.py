@@ -183,7 +183,7 @@ def test_binary_rows_under_a_good_header_are_refused(tmp_path: Path) -> None:
     one_line_that_names(path, caught.value)
 
 
-def test_a_file_that_is_not_there_and_a_folder_are_told_apart(tmp_path: Path) -> None:
+def test_a_file_that_is_absent_and_a_folder_have_different_errors(tmp_path: Path) -> None:
     refuses(tmp_path / "nowhere.csv", DataNotFound, "no such file")
     refuses(tmp_path, NotANumber, "folder")
 

@@ -198,10 +198,10 @@ def test_a_simulated_truth_names_style_disturbance_and_thing(scenes: Path) -> No
 # -- what stands beside
 
 
-def made_up(*asked: np.ndarray) -> Baseline:
+def made_up(*acts: np.ndarray) -> Baseline:
     """One with a setting for each way to ask."""
     return Baseline(
-        "made up", tuple(float(k) for k in range(len(asked))), lambda _: lambda k: [asked[int(k)]]
+        "made up", tuple(float(k) for k in range(len(acts))), lambda _: lambda k: [acts[int(k)]]
     )
 
 
@@ -231,8 +231,8 @@ def test_the_oracle_finds_every_event_within_a_sample_and_nothing_else() -> None
 def test_a_detector_that_fires_in_the_air_asks_nothing_and_in_the_hand_holds_until_let_go() -> None:
     of = recording()
     of.samples[100:200, 2::3] = 1.0
-    (asked,) = held_until_let_go([of], [at((20, 30), (120, 121), (250, 260))], RULES)
-    assert np.flatnonzero(asked).tolist() == list(range(120, 200 + RULES.release_samples - 1))
+    (acts,) = held_until_let_go([of], [at((20, 30), (120, 121), (250, 260))], RULES)
+    assert np.flatnonzero(acts).tolist() == list(range(120, 200 + RULES.release_samples - 1))
 
 
 def test_a_wider_cone_fires_only_where_a_narrower_one_does() -> None:
@@ -316,8 +316,8 @@ PULL = replace(
 )
 
 
-def kept(drop: Drop, asked_s: float | None, hand: ClosingHand | None = None) -> bool:
-    return bool(Droppable.of([drop], hand).kept([asked_s]).kept)
+def kept(drop: Drop, request_s: float | None, hand: ClosingHand | None = None) -> bool:
+    return bool(Droppable.of([drop], hand).kept([request_s]).kept)
 
 
 def test_a_hand_closes_its_stroke_in_the_published_time_and_its_lag_later() -> None:
@@ -367,7 +367,7 @@ def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
     lag_s=st.floats(0.0, 0.1),
     grip_n=st.floats(0.3, 1.6),
 )
-def test_a_hand_that_is_asked_earlier_never_keeps_less(
+def test_a_hand_with_an_earlier_request_never_keeps_less(
     earlier_s: float, by_s: float, lag_s: float, grip_n: float
 ) -> None:
     drop, hand = replace(FALL, grip_n=grip_n), ClosingHand(lag_s=lag_s)
@@ -413,14 +413,14 @@ def test_a_hold_is_specific_without_any_alarm_and_counts_only_if_it_held() -> No
     assert specificity([]) is None
 
 
-def test_voluntary_actions_are_called_where_the_hand_is_asked_at_any_sample_of_them() -> None:
+def test_voluntary_actions_are_called_where_an_act_is_requested_at_any_sample_of_them() -> None:
     phases = (Phase(0, 100, GRASP), Phase(100, 120, SAFE_SLIP), Phase(120, 300, NOTHING))
     trials = [
         LabelledTrial(recording(phases=phases, action="pass"), (Grasp({"style": style}),))
         for style in ("p1", "p1", "p2")
     ]
-    asked = [at((90, 110)), at((90, 99)), at()]
-    figures = figures_of(trials, *asked)
+    acts = [at((90, 110)), at((90, 99)), at()]
+    figures = figures_of(trials, *acts)
     assert figures.safe_acts_called.share == pytest.approx(1 / 3)
     assert figures.safe_acts_by_action["pass"].n == 3
     assert figures.by_style is not None
@@ -455,7 +455,7 @@ def test_an_alarm_stands_against_the_camera_and_the_scene_and_how_far_these_are_
     assert [one and one.p50 for one in times] == pytest.approx([20.0, 20.0, 10.0, 10.0])
 
 
-def test_without_a_camera_nothing_is_said_of_one_and_without_a_scene_nothing_of_a_truth() -> None:
+def test_without_a_camera_there_is_no_camera_section_and_without_a_scene_no_truth() -> None:
     trials = [LabelledTrial(recording(EVENT), (Grasp({}),))]
     assert figures_of(trials, at((103, 150))).camera is None
     trials = [LabelledTrial(recording(EVENT), (Grasp({}),), (SeenSlip(1.02, 0.005, 1.06),))]
@@ -650,7 +650,7 @@ def test_the_report_answers_first_and_needs_no_other_file(
 ) -> None:
     figures, page = evaluated
     row = figures["all"]["rows"]["ours, confidence chosen"]
-    assert f"Of {row['events']} grips that fail, the hand is asked to act in {row['found']}" in page
+    assert f"Of {row['events']} grips that fail, an act is requested in {row['found']}" in page
     assert page.index("grips that fail") < page.index("<table")
     assert "src=" not in page
     assert "href=" not in page.replace("xlink:href=", "")

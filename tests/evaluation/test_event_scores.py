@@ -36,8 +36,8 @@ def recording(*events: RiskyEvent, group: str = "a", length: int = 300) -> Recor
     return Recording("a", group, samples, valid, RATE_HZ, "N", events=events)
 
 
-def asked(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
-    """The hand is asked from .. to, in s."""
+def requests(*spans: tuple[float, float], length: int = 300) -> np.ndarray:
+    """[T] an act is requested from .. to, in s."""
     t_s = np.arange(length) / RATE_HZ
     return np.any(
         [(t_s >= a - 1e-9) & (t_s < b - 1e-9) for a, b in spans] or [np.zeros(length, bool)], axis=0
@@ -95,7 +95,7 @@ def test_false_alarms_of_many_confidences_are_those_that_each_alone_has(result):
 
 
 def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_false():
-    (found,) = (matched := match_alarms(recording(EVENT), asked((1.02, 2.0)))).outcomes
+    (found,) = (matched := match_alarms(recording(EVENT), requests((1.02, 2.0)))).outcomes
     assert found.delay_s == pytest.approx(0.02)
     assert found.lead_s == pytest.approx(0.03)
     assert found.available_s == pytest.approx(0.05)
@@ -106,13 +106,13 @@ def test_an_alarm_between_load_onset_and_the_end_finds_the_event_and_is_not_fals
     ("from_s", "found", "false"), [(0.98, 1, 0), (0.97, 0, 1), (1.12, 1, 0), (1.13, 0, 1)]
 )
 def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
-    matched = match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)))
+    matched = match_alarms(recording(EVENT), requests((from_s, from_s + 0.01)))
     assert (sum(one.alarm_s is not None for one in matched.outcomes), len(matched.false_s)) == (
         found,
         false,
     )
     assert (
-        match_alarms(recording(EVENT), asked((from_s, from_s + 0.01)), collar_s=0.040)
+        match_alarms(recording(EVENT), requests((from_s, from_s + 0.01)), collar_s=0.040)
         .outcomes[0]
         .alarm_s
         is not None
@@ -121,7 +121,7 @@ def test_the_collar_is_twenty_milliseconds_on_both_sides(from_s, found, false):
 
 @EVENTS.mark
 def test_an_alarm_that_was_on_before_detects_nothing_and_is_false():
-    matched = match_alarms(recording(EVENT), asked((0.5, 2.0)))
+    matched = match_alarms(recording(EVENT), requests((0.5, 2.0)))
     assert matched.outcomes[0].alarm_s is None
     assert matched.outcomes[0].already_on
     assert matched.false_s == (0.5,)
@@ -129,21 +129,21 @@ def test_an_alarm_that_was_on_before_detects_nothing_and_is_false():
 
 @EVENTS.unguarded
 def test_counted_sample_by_sample_an_alarm_that_never_ends_finds_every_event():
-    always = asked((0.0, 3.0))
+    always = requests((0.0, 3.0))
     assert always[round(EVENT.onset_s * RATE_HZ) : round(EVENT.end_s * RATE_HZ)].all()
     assert match_alarms(recording(EVENT), always).outcomes[0].alarm_s is None
 
 
 @EVENTS.mark
 def test_an_alarm_that_ended_just_before_the_event_is_false_and_the_next_one_finds_it():
-    matched = match_alarms(recording(EVENT), asked((0.5, 0.97), (1.03, 1.2)))
+    matched = match_alarms(recording(EVENT), requests((0.5, 0.97), (1.03, 1.2)))
     assert matched.outcomes[0].delay_s == pytest.approx(0.03)
     assert matched.false_s == (0.5,)
 
 
 @COLLAR.mark
 def test_an_event_is_detected_once_and_a_second_alarm_in_it_is_not_false():
-    matched = match_alarms(recording(EVENT), asked((1.01, 1.03), (1.05, 1.2)))
+    matched = match_alarms(recording(EVENT), requests((1.01, 1.03), (1.05, 1.2)))
     assert matched.outcomes[0].delay_s == pytest.approx(0.01)
     assert matched.false_s == ()
 
@@ -151,15 +151,17 @@ def test_an_event_is_detected_once_and_a_second_alarm_in_it_is_not_false():
 @COLLAR.mark
 def test_two_events_inside_one_collar_share_an_alarm_that_begins_in_both():
     second = RiskyEvent(1.11, 1.15, 1.20)
-    matched = match_alarms(recording(EVENT, second), asked((1.10, 1.3)))
+    matched = match_alarms(recording(EVENT, second), requests((1.10, 1.3)))
     assert [one.alarm_s for one in matched.outcomes] == [1.10, 1.10]
     assert matched.outcomes[1].delay_s == pytest.approx(-0.01)
 
 
 def test_an_alarm_that_is_on_from_the_first_sample_begins_there():
-    assert match_alarms(recording(EVENT), asked((0.0, 3.0))).false_s == (0.0,)
+    assert match_alarms(recording(EVENT), requests((0.0, 3.0))).false_s == (0.0,)
     assert (
-        match_alarms(recording(RiskyEvent(0.0, 0.05, 0.1)), asked((0.0, 3.0))).outcomes[0].delay_s
+        match_alarms(recording(RiskyEvent(0.0, 0.05, 0.1)), requests((0.0, 3.0)))
+        .outcomes[0]
+        .delay_s
         == 0.0
     )
 
@@ -170,7 +172,7 @@ def test_an_alarm_that_is_on_from_the_first_sample_begins_there():
 def stream(
     group: str, *alarms: tuple[float, float], events: tuple[RiskyEvent, ...] = (EVENT,)
 ) -> EventMatch:
-    return match_alarms(recording(*events, group=group), asked(*alarms))
+    return match_alarms(recording(*events, group=group), requests(*alarms))
 
 
 def test_figures_count_what_was_found_missed_false_and_already_on():
@@ -236,7 +238,7 @@ def test_the_confidence_is_the_lowest_that_leaves_no_more_false_alarms_than_allo
     assert choose_confidence(streams, DecisionRules(), 2 * per_min) == 0
 
 
-def test_what_was_chosen_is_what_is_heard():
+def test_the_chosen_threshold_gives_the_alarms_that_are_matched():
     streams = [answers(400), answers(601)]
     for permille, false in ((0, 2), (410, 1), (610, 0)):
         scores = event_scores(match_all_alarms(streams, DecisionRules(), permille))

@@ -63,13 +63,13 @@ def burst(
 
 @given(seed=st.integers(0, 2**16), cut=st.integers(1, 299))
 @settings(max_examples=10)
-def test_what_comes_later_changes_nothing_that_was_said(seed: int, cut: int) -> None:
+def test_later_samples_change_no_earlier_detection(seed: int, cut: int) -> None:
     values = burst(quiet(3.0, seed=seed), 1.0, 0.3, 1.0)
     later = values.copy()
     later[cut:] = 30.0 * quiet(3.0, seed=seed + 1)[cut:]
     other = detect(later)
-    for name, said in detect(values).items():
-        np.testing.assert_array_equal(other[name][:cut], said[:cut])
+    for name, detections in detect(values).items():
+        np.testing.assert_array_equal(other[name][:cut], detections[:cut])
 
 
 @pytest.mark.parametrize("unit", ["N", "uT", "count"])
@@ -149,8 +149,8 @@ def test_so_it_is_at_rates_that_do_not_divide_the_quiet(rate_hz: float) -> None:
 
 
 def expect_points(values: FloatArray, rate_hz: float) -> int:
-    said = detect(values, rate_hz=rate_hz)
-    firing, points = said["band_pass"], said["band_pass_point"]
+    detections = detect(values, rate_hz=rate_hz)
+    firing, points = detections["band_pass"], detections["band_pass_point"]
     needed = int(np.ceil(RULES.quiet_s * rate_hz - 1e-9))
     expected = [
         firing[row] and row >= needed and not firing[row - needed : row].any()
@@ -205,12 +205,12 @@ def test_the_cone_is_more_shear_than_friction_holds_at_some_finger_pressed_hard_
     forces: list[list[float]],
 ) -> None:
     values = np.array(forces)
-    said = detect(pressed(values))["friction_cone"][-len(values) :]
+    detections = detect(pressed(values))["friction_cone"][-len(values) :]
     fingers = values.reshape(-1, SENSORS, 3)
     shear, normal = np.hypot(fingers[..., 0], fingers[..., 1]), fingers[..., 2]
     outside = (shear > RULES.friction * normal) & (normal > RULES.min_normal_n)
     on_the_edge = np.isclose(shear, RULES.friction * normal, rtol=1e-12).any(axis=1)
-    np.testing.assert_array_equal(said[~on_the_edge], outside.any(axis=1)[~on_the_edge])
+    np.testing.assert_array_equal(detections[~on_the_edge], outside.any(axis=1)[~on_the_edge])
 
 
 @NORMAL.mark
@@ -242,7 +242,7 @@ def test_a_finger_that_is_lost_or_not_settled_fires_nothing() -> None:
     np.testing.assert_array_equal(cone, expected)
 
 
-def test_no_vibration_is_told_of_before_a_finger_has_settled() -> None:
+def test_no_vibration_is_reported_before_a_finger_has_settled() -> None:
     shaken = burst(quiet(3.0), 0.1, 1.4, 5.0)
     expected_from = at(0.5)  # the first 50 samples are not settled, the 51st is
     np.testing.assert_array_equal(np.flatnonzero(detect(shaken)["band_pass"])[0], expected_from)

@@ -201,10 +201,10 @@ def test_started_at_zero_the_offset_rings_louder_than_the_slip_a_second_later(
     record_property: Record,
 ) -> None:
     slip = np.concatenate([np.zeros(150), tone(0.4, RATE_HZ), np.zeros(90)])
-    heard = np.abs(sosfilt(sections(RATE_HZ, 20.0), slip)).max()
+    passed = np.abs(sosfilt(sections(RATE_HZ, 20.0), slip)).max()
     ringing = np.abs(sosfilt(sections(RATE_HZ, 10.0), np.full(300, 1e4))[150:]).max()
-    record_property("offset_ringing_a_second_later_over_the_slip", float(ringing / heard))
-    assert ringing > heard
+    record_property("offset_ringing_a_second_later_over_the_slip", float(ringing / passed))
+    assert ringing > passed
 
 
 # Silence and subnormal numbers
@@ -352,11 +352,14 @@ def test_one_bad_sample_is_unknown_for_itself_alone_and_the_hand_stays_settled(
     else:
         values[row, 3 * finger : 3 * finger + 3] = values[row - 1, 3 * finger : 3 * finger + 3]
         invalid = ((row, finger),)
-    said = answers(eight_classes.model, values, invalid=invalid)
+    predictions = answers(eight_classes.model, values, invalid=invalid)
     settle = opened(eight_classes.model).card.settle_samples
-    assert [k for k, one in enumerate(said) if one.state == "unknown"] == [*range(settle - 1), row]
-    assert all(one.settled for one in said[settle - 1 :])
-    assert all(np.isfinite(list(one.p_situation.values())).all() for one in said)
+    assert [k for k, one in enumerate(predictions) if one.state == "unknown"] == [
+        *range(settle - 1),
+        row,
+    ]
+    assert all(one.settled for one in predictions[settle - 1 :])
+    assert all(np.isfinite(list(one.p_situation.values())).all() for one in predictions)
 
 
 @BAD_SAMPLE.mark
@@ -365,11 +368,11 @@ def test_a_sample_that_comes_twice_is_answered_twice_and_counted_once(eight_clas
     once = answers(eight_classes.model, values)
     twice = np.repeat(np.arange(60), np.where(np.arange(60) == 40, 3, 1))
     monitor = GripMonitor(opened(eight_classes.model), None)
-    said = [
+    predictions = [
         monitor.feed(Sample(k * 20_000_000, values[k], np.ones(6, np.bool_), k))
         for k in twice.tolist()
     ]
-    assert [fields_of(one) for one in said] == [fields_of(once[k]) for k in twice.tolist()]
+    assert [fields_of(one) for one in predictions] == [fields_of(once[k]) for k in twice.tolist()]
 
 
 @BAD_SAMPLE.mark
@@ -573,17 +576,17 @@ def noise(length: int, seed: int = 0) -> FloatArray:
 @pytest.mark.parametrize("reading", [0.0, -0.0, 0.1, 5.0])
 @DEAD.mark
 def test_a_hand_that_reads_the_same_numbers_from_the_start_is_never_known(reading: float) -> None:
-    said = answers(DEFAULT_MODEL, np.full((200, 18), reading))
-    assert {one.state for one in said} == {"unknown"}
-    assert not any(one.act or one.arm or one.degraded for one in said)
+    predictions = answers(DEFAULT_MODEL, np.full((200, 18), reading))
+    assert {one.state for one in predictions} == {"unknown"}
+    assert not any(one.act or one.arm or one.degraded for one in predictions)
 
 
 @DEAD.mark
 def test_a_frozen_hand_is_unknown_once_its_history_is_one_reading_and_known_when_it_moves() -> None:
     values, settle = noise(260), opened(DEFAULT_MODEL).card.settle_samples
     values[100:230] = values[100]
-    said = answers(DEFAULT_MODEL, values)
-    unknown = [k for k, one in enumerate(said) if one.state == "unknown"]
+    predictions = answers(DEFAULT_MODEL, values)
+    unknown = [k for k, one in enumerate(predictions) if one.state == "unknown"]
     assert unknown == [*range(settle - 1), *range(100 + settle - 1, 230)]
 
 
@@ -600,8 +603,8 @@ def test_one_finger_dead_from_the_start_makes_no_grasp_of_an_empty_hand(finger: 
 def test_a_finger_that_is_lost_from_the_start_leaves_the_hand_unknown_and_unsettled() -> None:
     values = noise(160)
     values[:, 3:6] = np.nan
-    said = answers(DEFAULT_MODEL, values)
-    assert {(one.state, one.settled) for one in said} == {("unknown", False)}
+    predictions = answers(DEFAULT_MODEL, values)
+    assert {(one.state, one.settled) for one in predictions} == {("unknown", False)}
 
 
 @DEAD.unguarded

@@ -355,9 +355,9 @@ def test_quantised_votes_are_the_exact_rational_votes_within_one_part_in_a_leafs
         furthest = max(furthest, *apart)
         label = max(k for k in range(4) if exact[k] == max(exact))
         first, second = sorted(exact)[-1], sorted(exact)[-2]
-        said = int(riskier_argmax(np.array([row]))[0])
-        unlike += said != label
-        assert said == label or first - second < Fraction(2, 1 << bits)
+        answer = int(riskier_argmax(np.array([row]))[0])
+        unlike += answer != label
+        assert answer == label or first - second < Fraction(2, 1 << bits)
     record_property("rows", len(rows))
     record_property("labels_unlike_the_exact_ones", unlike)
     record_property("largest_difference_of_a_share", float(furthest))

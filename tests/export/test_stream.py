@@ -181,7 +181,7 @@ def batch_equals_alone(
 
 @given(seed=st.integers(0, 2**16), wanted=st.sets(st.integers(0, 59), max_size=8))
 @settings(max_examples=10)
-def test_the_rows_that_are_asked_for_are_the_rows_that_come(seed: int, wanted: set[int]) -> None:
+def test_the_requested_rows_are_the_rows_that_come(seed: int, wanted: set[int]) -> None:
     session, stream = whole_step(2), stream_of(60, 2, seed)
     rows = np.array(sorted(wanted), dtype=np.int64)
     (some,) = run_recordings(session, [stream[0]], [stream[1]], ["features", "unknown"], [rows])

@@ -385,9 +385,9 @@ def commands(data: bytes) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         address = probe.getsockname()
-    said: list[str] = []
+    messages: list[str] = []
     with (
-        command_port(f"{address[0]}:{address[1]}", said.append, VirtualClock().now_ns) as ask,
+        command_port(f"{address[0]}:{address[1]}", messages.append, VirtualClock().now_ns) as ask,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as user,
     ):
         user.connect(address)
@@ -396,7 +396,7 @@ def commands(data: bytes) -> None:
             assert isinstance(ask(), Command)
         user.send(b'{"override": true}')
         assert ask().override
-    assert all(line.isprintable() for line in said)
+    assert all(line.isprintable() for line in messages)
 
 
 # -- replies of a bridge

@@ -215,7 +215,7 @@ def test_a_trial_with_this_fault_is_refused_by_replay_and_by_training(
     assert everything_in(tmp_path) == before
 
 
-def test_a_trial_or_a_set_that_is_not_there_is_said_to_be_so(
+def test_a_trial_or_a_set_that_is_absent_is_reported_as_absent(
     run: Run, four_situations: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HOLDFAST_DATA", str(tmp_path / "elsewhere"))

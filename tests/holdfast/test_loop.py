@@ -38,15 +38,15 @@ def looped(run: Run, folder: Path, text: str, *words: object) -> tuple[str, dict
     """(what was printed, the JSON) of a run on a card."""
     out = folder / "loop.json"
     options = ("--model", MODEL, "--jobs", 1, "--json", out, *words)
-    code, said, err = run("loop", written(folder, text), *options)
+    code, printed, err = run("loop", written(folder, text), *options)
     assert code == 0, err
     assert "Traceback" not in err
-    return said, json.loads(out.read_text("utf-8"), parse_constant=pytest.fail)
+    return printed, json.loads(out.read_text("utf-8"), parse_constant=pytest.fail)
 
 
-def test_the_figures_of_every_controller_are_written_and_said(run: Run, tmp_path: Path) -> None:
+def test_the_figures_of_every_controller_are_written_and_printed(run: Run, tmp_path: Path) -> None:
     words = ("--controller", "holdfast", "oracle", "--lag-ms", 20, "--seed", 3)
-    said, written_json = looped(run, tmp_path, CARD, *words)
+    printed, written_json = looped(run, tmp_path, CARD, *words)
     assert (written_json["kind"], written_json["lag_ms"], written_json["seed"]) == (
         "simulated",
         20.0,
@@ -59,10 +59,10 @@ def test_the_figures_of_every_controller_are_written_and_said(run: Run, tmp_path
         assert {f"{key}_ci" for key in KEYS if key.endswith("share")} <= set(figures)
         assert (figures["trials"], figures["handovers"], figures["preventable"]) == (3, 2, 1)
         assert figures["crushed_share"] is figures["crushed_share_ci"] is None
-        assert f"  {name}" in said
+        assert f"  {name}" in printed
     assert rows["oracle"]["saved_share"] == 1.0
-    assert "of 2 hand-overs blocked" in said
-    assert "(simulated)" in said
+    assert "of 2 hand-overs blocked" in printed
+    assert "(simulated)" in printed
 
 
 def test_what_no_hand_can_hold_is_an_outcome(run: Run, tmp_path: Path) -> None:

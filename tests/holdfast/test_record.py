@@ -96,7 +96,7 @@ def test_host_stamps_are_of_the_clock_a_camera_has(tmp_path):
     assert before_ns < host_ns < time.monotonic_ns() + 1_000_000_000
 
 
-def test_the_disk_is_told_once_a_second_of_samples(tmp_path, monkeypatch):
+def test_samples_are_flushed_to_disk_once_a_second(tmp_path, monkeypatch):
     synced = []
     monkeypatch.setattr(tactile_file.os, "fsync", synced.append)
     file = TactileFile(tmp_path / "t.csv", 3)
@@ -108,7 +108,7 @@ def test_the_disk_is_told_once_a_second_of_samples(tmp_path, monkeypatch):
 
 def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_reads(tmp_path):
     clock = VirtualClock()
-    kept, said = session(tmp_path, Hand(clock, 100, stalls={20: 0.2}), Keys(None), [PULL])
+    kept, messages = session(tmp_path, Hand(clock, 100, stalls={20: 0.2}), Keys(None), [PULL])
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     sequence = np.array(columns_of(folder)["sequence"], dtype=np.int64)
     assert (kept, meta_of(folder)["quality"]["lost"]) == (1, 19)
@@ -116,7 +116,7 @@ def test_samples_that_never_came_are_gaps_in_the_count_and_invalid_rows_to_who_r
     trial = read_trial(folder / "tactile.csv")
     assert np.flatnonzero(~trial.valid.all(axis=1)).tolist() == list(range(21, 40))
     assert np.isnan(trial.raw[21:40]).all()
-    assert any("19 lost" in line for line in said)
+    assert any("19 lost" in line for line in messages)
 
 
 def test_a_reading_that_comes_twice_is_lost_and_no_row_is_made_up(tmp_path):
@@ -128,7 +128,7 @@ def test_a_reading_that_comes_twice_is_lost_and_no_row_is_made_up(tmp_path):
 
 
 def test_a_finger_that_is_lost_is_written_as_lost_and_the_rest_goes_on(tmp_path):
-    said = one_pull(tmp_path / "out", source=f"{REST}?fault=nack:3@1.6%2B0.3")
+    messages = one_pull(tmp_path / "out", source=f"{REST}?fault=nack:3@1.6%2B0.3")
     folder = tmp_path / "out/p01/soft-ball/pull/trial_1"
     columns = columns_of(folder)
     lost = np.array(columns["valid3"]) == "0"
@@ -136,10 +136,10 @@ def test_a_finger_that_is_lost_is_written_as_lost_and_the_rest_goes_on(tmp_path)
     assert np.array(columns["X3"])[lost].tolist().count("nan") > 20
     assert "0" not in columns["valid2"]
     assert sum(meta_of(folder)["quality"]["why"].values()) == lost.sum()
-    assert any("invalid" in line for line in said)
+    assert any("invalid" in line for line in messages)
 
 
-def test_a_saturated_finger_and_a_drifted_bias_are_told(tmp_path):
+def test_a_saturated_finger_and_a_drifted_bias_are_reported(tmp_path):
     clock = VirtualClock()
     hand = Hand(clock, 60)
     plain = hand.read

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from drawn_frames import two_sizes
-from recorder_bench import arguments_of, columns_of, heard, meta_of, never, start
+from recorder_bench import arguments_of, columns_of, meta_of, never, start, wait_for
 
 from drivers.camera.recording import read_about, read_tracks
 from drivers.virtual.clock import VirtualClock
@@ -141,7 +141,7 @@ def recorded_with_film(*words: object) -> None:
         lambda line: None,
         never,
         host_ns=clock.now_ns,
-        camera=lambda asked: FilmsAfterwards(asked, clock),
+        camera=lambda argv: FilmsAfterwards(argv, clock),
     )
 
 
@@ -170,7 +170,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     )
 
     model = str(ROOT / "models/holdfast-150hz.onnx")
-    asked = [
+    argv = [
         "evaluate",
         model,
         "--data",
@@ -179,7 +179,7 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
         str(tmp_path / "figures.json"),
     ]
     capsys.readouterr()
-    assert main([*asked, "--report", str(tmp_path / "report.html")]) == 0
+    assert main([*argv, "--report", str(tmp_path / "report.html")]) == 0
     row = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]["rows"][
         "ours, as deployed"
     ]
@@ -200,11 +200,11 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     }
     for name, by_s in off.items():
         assert by_camera[name]["p50"] == pytest.approx(truth[name]["p50"] + 1e3 * by_s, abs=0.01)
-    said = capsys.readouterr().out
-    assert f"act {by_camera['delay_ms']['p50']:+.0f} ms from its onset" in said
+    printed = capsys.readouterr().out
+    assert f"act {by_camera['delay_ms']['p50']:+.0f} ms from its onset" in printed
     assert (
         f"by the scene's truth: act {truth['delay_ms']['p50']:+.0f} ms from the first sliding"
-        in said
+        in printed
     )
     report = (tmp_path / "report.html").read_text()
     assert "Alarms against a camera" in report
@@ -223,16 +223,16 @@ def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp
     assert alone["contact_s"] == pytest.approx(scene["contact_s"], abs=0.15)
     (event,) = load(tmp_path / "out", windows="natural").recordings[0].events
     assert event.gross_s == pytest.approx(seen["gross_s"])
-    assert main(asked) == 0
+    assert main(argv) == 0
     data = json.loads((tmp_path / "figures.json").read_text())["sets"]["out"]
     assert data["data"]["onsets_by"] == {"camera": 1}
     assert data["rows"]["ours, as deployed"]["camera"]["truth"] is None
-    assert "the truth of these events is not known" in (said := capsys.readouterr().out)
-    assert "source of load onsets: camera 1" in said
+    assert "the truth of these events is not known" in (printed := capsys.readouterr().out)
+    assert "source of load onsets: camera 1" in printed
 
 
 def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_path):
-    """Of a slow machine only this is asked: a frame is drawn when there is time, but its stamp is
+    """A slow machine must do only this: a frame is drawn when there is time, but its stamp is
     when it was due."""
     with start(*words_of(tmp_path), "--seconds", "1") as run:
         _, err = run.communicate(timeout=300)
@@ -254,7 +254,7 @@ def test_in_real_time_frames_go_on_from_before_the_first_sample_to_the_last(tmp_
 )
 def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_end(tmp_path):
     with start(*words_of(tmp_path), "--seconds", "2") as run:
-        heard(run, "recording p01")
+        wait_for(run, "recording p01")
         for pid in children(run.pid):
             os.kill(pid, signal.SIGKILL)
         _, err = run.communicate(timeout=300)
@@ -271,7 +271,7 @@ def test_a_camera_that_goes_away_voids_its_part_and_the_hand_is_recorded_to_the_
     assert main(["onset", str(folder)]) == 3, "a void part gets no label"
 
 
-def test_tags_of_two_sizes_are_told_after_the_trial_and_everything_is_kept(tmp_path):
+def test_tags_of_two_sizes_are_reported_after_the_trial_and_everything_is_kept(tmp_path):
     two_sizes(tmp_path / "some.frames.npz", n=45)
     words = [
         "--source",
@@ -306,7 +306,7 @@ def test_tags_of_two_sizes_are_told_after_the_trial_and_everything_is_kept(tmp_p
 
 def test_a_camera_outlives_no_recorder_that_was_killed(tmp_path):
     with start(*words_of(tmp_path), "--seconds", "600") as run:
-        heard(run, "recording p01")
+        wait_for(run, "recording p01")
         (camera,) = children(run.pid)
         run.kill()
         run.communicate(timeout=300)
@@ -393,7 +393,7 @@ def test_ten_minutes_at_300_hz_with_a_camera_lose_no_sample(tmp_path, record_pro
     with start(
         *words_of(tmp_path, size=""), "--rate", "300", "--seconds", str(60.0 * minutes)
     ) as run:
-        heard(run, "recording p01")
+        wait_for(run, "recording p01")
         spans = stand_stills(run)
         _, err = run.communicate()
     assert run.returncode == 0, err

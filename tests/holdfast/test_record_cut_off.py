@@ -18,10 +18,10 @@ from recorder_bench import (
     ROOT,
     columns_of,
     cup_pull,
-    heard,
     meta_of,
     recorded,
     start,
+    wait_for,
 )
 
 from drivers.replay import open_replay
@@ -79,10 +79,10 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
     with (folder / "tactile.csv").open("a") as file:
         file.write("0.513,1.0,2.")  # and as if the kill had come in the middle of a write
     assert main(["repair", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert "12 bytes of an incomplete line removed, 77 samples complete" in said
+    printed = capsys.readouterr().out
+    assert "12 bytes of an incomplete line removed, 77 samples complete" in printed
     assert (folder / "tactile.csv.torn").read_text() == "0.513,1.0,2."
-    assert "marked as interrupted with 77 samples" in said
+    assert "marked as interrupted with 77 samples" in printed
     assert len(open_replay(folder).values) == 77
     assert main(["repair", str(out)]) == 0
     assert "complete" in capsys.readouterr().out
@@ -96,7 +96,7 @@ def test_kill_9_loses_at_most_the_sample_under_way_and_the_next_run_goes_on(tmp_
 def test_a_kill_from_outside_leaves_whole_rows_in_their_order(tmp_path):
     words = cup_pull(tmp_path)
     with start(*words, "--at-once", "--trials", "1", "--seconds", "600") as run:
-        heard(run, "recording p01")
+        wait_for(run, "recording p01")
         file = tmp_path / "p01/cup/pull/trial_1/tactile.csv"
         while file.read_bytes().count(b"\n") < 50:
             os.sched_yield()

@@ -21,13 +21,13 @@ from recorder_bench import (
     Hand,
     arguments_of,
     cup_pull,
-    heard,
     meta_of,
     never,
     session,
     start,
     terminal_of_its_own,
-    told_on,
+    wait_for,
+    wait_on_terminal_for,
 )
 
 from drivers.virtual.clock import VirtualClock
@@ -46,7 +46,7 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
         120,
         says={60: lambda: press("l"), 90: lambda: press("e"), 110: lambda: press("k")},
     )
-    kept, said = session(tmp_path, hand, keys, [PULL])
+    kept, messages = session(tmp_path, hand, keys, [PULL])
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     truth = json.loads((folder / "tactile.truth.json").read_text())
     phases = [(one["label"], one["provenance"]) for one in truth["phases"]]
@@ -62,7 +62,7 @@ def test_marks_become_phases_with_their_provenance(tmp_path, pressing):
         pytest.approx(0.60),
         pytest.approx(0.90),
     )
-    assert any("load onset at 0.600 s" in line for line in said)
+    assert any("load onset at 0.600 s" in line for line in messages)
     marks = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
     assert [(one["mark"], one["provenance"]) for one in marks] == [
         ("load_onset", "key"),
@@ -136,18 +136,18 @@ def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressi
     keys, press = pressing
     hand = Hand(VirtualClock(), 400, says={50: lambda: press("krr q"), 100: lambda: press("k")})
     press(" ")
-    kept, said = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False)
+    kept, messages = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False)
     assert kept == 0, "space, k; r does it again; the second r finds none; space, q keeps and stops"
-    assert any("no trial to repeat yet" in line for line in said)
+    assert any("no trial to repeat yet" in line for line in messages)
 
 
 def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path, pressing):
     keys, press = pressing
     press("q")
     assert session(tmp_path, Hand(VirtualClock(), 10), keys, [PULL], at_once=False)[0] == 0
-    kept, said = session(tmp_path, Hand(VirtualClock(), 10), Keys(None), [PULL], at_once=False)
+    kept, messages = session(tmp_path, Hand(VirtualClock(), 10), Keys(None), [PULL], at_once=False)
     assert kept == 0
-    assert any("--at-once" in line for line in said)
+    assert any("--at-once" in line for line in messages)
     assert not (tmp_path / "p01").exists()
 
 
@@ -155,10 +155,10 @@ def test_a_trial_that_only_a_key_ends_is_interrupted_where_the_keys_end(tmp_path
     reading, writing = os.pipe()
     os.write(writing, b" l")
     os.close(writing)
-    said: list[str] = []
-    record(arguments_of(*cup_pull(tmp_path)), VirtualClock(), Keys(reading), said.append, never)
+    messages: list[str] = []
+    record(arguments_of(*cup_pull(tmp_path)), VirtualClock(), Keys(reading), messages.append, never)
     os.close(reading)
-    assert "no key can be pressed any more; --seconds ends trials without a key" in said
+    assert "no key can be pressed any more; --seconds ends trials without a key" in messages
     assert meta_of(tmp_path / "p01/cup/pull/trial_1")["state"] == "interrupted"
 
 
@@ -196,15 +196,15 @@ def test_a_terminal_is_as_before_on_every_way_out(tmp_path, way):
 
     with start(*words, stdin=slave, preexec_fn=terminal_of_its_own) as run:
         if way != "error":
-            heard(run, "next: cup, pull")
+            wait_for(run, "next: cup, pull")
             assert not termios.tcgetattr(slave)[3] & termios.ICANON
             os.write(master, b" ")
-            heard(run, "recording p01")
+            wait_for(run, "recording p01")
         if way == "keys":
             os.write(master, b"l")
-            heard(run, "load onset at")
+            wait_for(run, "load onset at")
             os.write(master, b"k")
-            heard(run, "kept")
+            wait_for(run, "kept")
             os.write(master, b"q")
         if way in ("SIGTERM", "SIGHUP"):
             run.send_signal(signal.Signals[way])
@@ -238,9 +238,9 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
         command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own
     ) as run:
         os.close(slave)
-        told_on(master, "next: cup, pull")
+        wait_on_terminal_for(master, "next: cup, pull")
         os.write(master, b" ")
-        told_on(master, "recording p01")
+        wait_on_terminal_for(master, "recording p01")
         folder = tmp_path / "out/p01/cup/pull/trial_1"
         while (folder / "tactile.csv").read_bytes().count(b"\n") < 20:
             os.sched_yield()

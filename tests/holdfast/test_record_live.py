@@ -62,16 +62,16 @@ def states_in(folder: Path) -> list[str]:
 def test_a_trial_whose_source_ended_before_it_was_complete_is_not_kept_and_says_so(
     tmp_path, samples
 ):
-    said: list[str] = []
+    messages: list[str] = []
     with pytest.raises(EmptyRecording, match="cannot be kept"):
-        session(tmp_path, Hand(VirtualClock(), samples), Keys(None), [PULL], said=said)
+        session(tmp_path, Hand(VirtualClock(), samples), Keys(None), [PULL], messages=messages)
     folder = tmp_path / "p01/soft-ball/pull/trial_1"
     assert (meta_of(folder)["state"], meta_of(folder)["quality"]["samples"]) == (
         "interrupted",
         samples,
     )
     assert meta_of(folder)["why"] == "the source ended before the trial was complete"
-    assert any("not kept, it will be recorded again: the source ended" in line for line in said)
+    assert any("not kept, it will be recorded again: the source ended" in line for line in messages)
     assert not (folder / "tactile.truth.json").exists()
 
 
@@ -167,9 +167,9 @@ def shown(out: Path, terminal: Callable[[str], bool], columns: int = 80, **hand:
     """One trial of 1.2 s at 100 Hz before a terminal."""
     clock, status = VirtualClock(), StatusLine(terminal, lambda: columns, seconds=1.2)
     source = Hand(clock, 130, **hand)  # type: ignore[arg-type]
-    asked = SessionOptions(out, "p01", 100.0, 1.2, True, {})
+    chosen = SessionOptions(out, "p01", 100.0, 1.2, True, {})
     options = {"bias": 0.001 * np.arange(18.0), "about": {"unit": "N"}, "show": status.show}
-    Session(asked, source, clock, Keys(None), status.say, **options).run([PULL], lambda: False)  # type: ignore[arg-type]
+    Session(chosen, source, clock, Keys(None), status.say, **options).run([PULL], lambda: False)  # type: ignore[arg-type]
 
 
 def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_path):
@@ -185,7 +185,7 @@ def test_time_rate_lost_samples_and_six_forces_are_shown_while_a_trial_runs(tmp_
     ]
 
 
-def test_the_line_is_redrawn_in_place_and_gives_way_to_what_is_said(tmp_path):
+def test_the_line_is_redrawn_in_place_and_gives_way_to_messages(tmp_path):
     terminal = Terminal()
     shown(tmp_path, terminal)
     assert [line.partition(" ")[0] for line in terminal.lines] == ["next:", "recording", "kept:"]
@@ -279,9 +279,9 @@ def test_what_a_person_wrote_beside_an_object_s_mass_stays(tmp_path):
     about.parent.mkdir(parents=True)
     about.write_text('{"mass_g": 80, "colour": "red"}')
     clock = VirtualClock()
-    asked = SessionOptions(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
+    chosen = SessionOptions(tmp_path, "p01", 100.0, 0.5, True, {"soft-ball": 91.5})
     made = Session(
-        asked, Hand(clock, 99), clock, Keys(None), print, bias=np.zeros(18), about={"unit": "N"}
+        chosen, Hand(clock, 99), clock, Keys(None), print, bias=np.zeros(18), about={"unit": "N"}
     )
     assert made.run([PULL], lambda: False) == 1
     assert json.loads(about.read_text()) == {"mass_g": 91.5, "colour": "red"}

@@ -81,19 +81,19 @@ def test_where_no_key_can_be_pressed_what_needs_one_is_refused_before_anything_o
     tmp_path, words, says, add
 ):
     args = arguments_of(*cup_pull(tmp_path / "out"), *words)
-    said: list[str] = []
+    messages: list[str] = []
     with open(os.devnull) as at_its_end, pytest.raises(UsageError) as error:
-        record(args, VirtualClock(), Keys(at_its_end.fileno()), said.append, never)
+        record(args, VirtualClock(), Keys(at_its_end.fileno()), messages.append, never)
     assert str(error.value).startswith(f"{says}, and no key can be pressed; ")
     assert str(error.value).endswith(f"next: run it in a terminal, or add {add}")
-    assert said == []
+    assert messages == []
     assert not (tmp_path / "out").exists()
 
 
 def test_a_recording_that_ends_by_itself_needs_no_key_and_no_time(card, tmp_path):
     words = ("--object", "soft-ball", "--action", "pull", "--trials", "1")
-    said = recorded(tmp_path / "out", *words, source=f"sim://{card}?trial=0")
-    assert any(line.startswith("kept: ") for line in said)
+    messages = recorded(tmp_path / "out", *words, source=f"sim://{card}?trial=0")
+    assert any(line.startswith("kept: ") for line in messages)
 
 
 def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(tmp_path):
@@ -107,20 +107,20 @@ def test_a_person_is_never_recorded_into_a_second_folder_within_the_recordings(t
 
 def test_an_object_without_a_mass_is_reported_while_it_is_at_hand(tmp_path):
     words = ("--object", "cup", "--action", "pull", "--trials", "1", "--seconds", "1")
-    said = recorded(tmp_path / "out", *words)
+    messages = recorded(tmp_path / "out", *words)
     assert [
         line
-        for line in said
+        for line in messages
         if "no mass given for object 'cup'" in line and "cup/meta.json" in line
     ]
     (tmp_path / "out/p01/cup/meta.json").write_text('{"mass_g": 80}')
     for lines in (recorded(tmp_path / "out", *words), one_pull(tmp_path / "out")):
         assert not any("heavy" in line for line in lines)
     (tmp_path / "two.toml").write_text(PROTOCOL)
-    said = recorded(
+    messages = recorded(
         tmp_path / "out", "--protocol", tmp_path / "two.toml", "--seconds", "0.5", "--trials", "1"
     )
-    assert not any("heavy" in line for line in said)
+    assert not any("heavy" in line for line in messages)
 
 
 def test_two_recorders_do_not_share_a_folder(tmp_path):
@@ -141,7 +141,7 @@ def test_units_and_what_is_simulated_are_not_mixed_in_a_folder(tmp_path):
             pass
 
 
-def test_a_bad_bias_is_refused_unless_told(tmp_path):
+def test_a_bad_bias_is_refused_without_anyway(tmp_path):
     touched = f"{REST}?fault=nack:2@0%2B99"
     with pytest.raises(DataError, match=r"X2|rows"):
         one_pull(tmp_path / "out", source=touched)
@@ -149,8 +149,8 @@ def test_a_bad_bias_is_refused_unless_told(tmp_path):
     late = f"{REST}?fault=nack:2@0.4%2B0.3"
     with pytest.raises(DataError, match="the bias is not good"):
         one_pull(tmp_path / "out", source=late)
-    said = one_pull(tmp_path / "out", "--anyway", source=late)
-    assert any("lost in X2" in line for line in said)
+    messages = one_pull(tmp_path / "out", "--anyway", source=late)
+    assert any("lost in X2" in line for line in messages)
     assert meta_of(tmp_path / "out/p01/soft-ball/pull/trial_1")["bias"]["good"] is False
 
 
@@ -170,8 +170,8 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
     (tmp_path / "two.toml").write_text(PROTOCOL)
     words = ("--protocol", tmp_path / "two.toml", "--seconds", "0.5")
     recorded(tmp_path / "out", *words, "--trials", "3")
-    said = recorded(tmp_path / "out", *words)
-    assert any("3 of these trials are recorded already" in line for line in said)
+    messages = recorded(tmp_path / "out", *words)
+    assert any("3 of these trials are recorded already" in line for line in messages)
     assert len(list((tmp_path / "out").rglob("tactile.csv"))) == 8
     assert (
         recorded(tmp_path / "out", *words)[-1]

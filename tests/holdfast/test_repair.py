@@ -132,10 +132,10 @@ def test_a_torn_last_line_is_moved_beside_the_file_and_never_deleted(
     torn = recorded[recorded.rindex(b"\n", 0, -1) + 1 : -9]
     folder = trial(tmp_path, recorded + torn, state, EVENT + b"\n" + EVENT[:20])
     assert main(["repair", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert f"{len(torn)} bytes of an incomplete line removed, {ROWS} samples complete" in said
-    assert "tactile.csv.torn" in said
-    assert "20 bytes of an incomplete event removed" in said
+    printed = capsys.readouterr().out
+    assert f"{len(torn)} bytes of an incomplete line removed, {ROWS} samples complete" in printed
+    assert "tactile.csv.torn" in printed
+    assert "20 bytes of an incomplete event removed" in printed
     files = bytes_of(folder)
     assert (files["tactile.csv"], files["tactile.csv.torn"]) == (recorded, torn)
     assert (files["events.jsonl"], files["events.jsonl.torn"]) == (EVENT + b"\n", EVENT[:20])

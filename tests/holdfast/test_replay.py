@@ -168,12 +168,12 @@ def test_a_folder_a_file_a_url_and_a_trial_of_the_set_are_the_same_trial(
     number = names.index(TRIAL.removesuffix(".csv"))
     named = f"{eight_classes.fixture}#{names[number]}"
     numbered = f"{eight_classes.fixture}#{number}"
-    said = [
+    runs = [
         replayed(capsys, eight_classes.model, t)
         for t in (file, folder, f"replay://{file}", named, numbered)
     ]
-    for other in said[1:]:
-        assert answers(other) == answers(said[0])
+    for other in runs[1:]:
+        assert answers(other) == answers(runs[0])
 
 
 def test_a_replay_is_what_the_monitor_says_live(
@@ -225,7 +225,7 @@ def test_the_unit_is_the_nearest_meta_jsons_and_newton_without_one(tmp_path: Pat
             open_replay(trial)
 
 
-def test_a_folder_without_a_recording_is_said_to_be_one(tmp_path: Path) -> None:
+def test_a_folder_without_a_recording_is_refused_as_one(tmp_path: Path) -> None:
     with pytest.raises(DataNotFound, match=r"no tactile\.csv"):
         open_replay(tmp_path)
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
+from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import DEFAULT, ROOT, RUN
 
 from drivers.virtual.clock import VirtualClock
@@ -61,6 +62,7 @@ def running(receiver: UdpReceiver, *more: str, **streams: Any) -> Iterator[subpr
             run.kill()
 
 
+@RUN_DIES.mark
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_run_that_is_stopped_ends_with_hold(receiver, how):
     with running(receiver) as run:
@@ -71,6 +73,7 @@ def test_a_run_that_is_stopped_ends_with_hold(receiver, how):
     assert (last["mode"], last["target_n"], last["reason"]) == ("hold", None, "stopped")
 
 
+@RUN_DIES.mark
 def test_a_run_that_is_killed_ends_with_a_hold_that_says_that_the_process_died(receiver):
     with running(receiver) as run:
         run.kill()
@@ -83,6 +86,7 @@ def small_disk() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
+@DEAD_LOG.mark
 def test_a_full_disk_and_a_stalled_reader_stop_no_command_and_the_last_one_holds(
     receiver, tmp_path
 ):
@@ -116,6 +120,7 @@ def run_on(grip: GripOutput, model: Model, url: str, seconds: float, clock: Any 
         return answer(source, model, clock, emit, lambda: clock.now_ns() >= end_ns).samples
 
 
+@LOST_SENSOR.mark
 def test_an_unplugged_hand_is_answered_with_hold_until_the_end(model, receiver):
     url = f"{REST}?fault=unplug@1%2B1000"
     with grip_output(options(receiver.url), model.card, VirtualClock(), print) as grip:
@@ -125,6 +130,7 @@ def test_an_unplugged_hand_is_answered_with_hold_until_the_end(model, receiver):
     assert "unknown" in lines[-2]["reason"]
 
 
+@RUN_DIES.mark
 def test_an_error_in_the_loop_ends_with_a_hold_that_says_failed(model, receiver):
     def fails(*one: object) -> int:
         raise ZeroDivisionError
@@ -163,15 +169,15 @@ def test_an_object_that_would_fall_stays_in_the_hand_by_the_commands(
 ):
     (tmp_path / "fall.toml").write_text(FALL, encoding="utf-8")
     url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed=1"
-    said: list[str] = []
+    messages: list[str] = []
     clock = VirtualClock()
-    asked = options("virtual?lag_ms=50", source=url, controller=controller)
-    with grip_output(asked, model.card, clock, said.append) as grip:
+    chosen = options("virtual?lag_ms=50", source=url, controller=controller)
+    with grip_output(chosen, model.card, clock, messages.append) as grip:
         run_on(grip, model, url, 5.0, clock)
     assert grip.field is not None
     outcome = grip.field.outcome()
     assert outcome.kept == kept
-    assert said[-1].startswith("scene: the object " + ("is in" if kept else "left"))
+    assert messages[-1].startswith("scene: the object " + ("is in" if kept else "left"))
     assert outcome.strongest_n > outcome.own_n or not kept
 
 
@@ -200,6 +206,7 @@ def test_a_scene_without_commands_is_the_recorded_one(tmp_path):
         assert live.at(float(recorded.t_s[row]), 3) == want
 
 
+@NO_GRIP_COMMAND.mark
 def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
     from holdfast.live_scene import live_scene
 
@@ -248,12 +255,12 @@ def test_a_hand_that_is_too_weak_for_its_object_is_refused(tmp_path):
 
 
 def test_a_model_of_a_raw_field_runs_in_reduced_mode_and_says_so(model):
-    said: list[str] = []
-    controller_for("holdfast", replace(model.card, unit="uT"), said.append)
-    assert len(said) == 1
-    assert "reduced mode" in said[0]
+    messages: list[str] = []
+    controller_for("holdfast", replace(model.card, unit="uT"), messages.append)
+    assert len(messages) == 1
+    assert "reduced mode" in messages[0]
     with pytest.raises(UsageError, match="calibrate"):
-        controller_for("pd-shear", replace(model.card, unit="uT"), said.append)
+        controller_for("pd-shear", replace(model.card, unit="uT"), messages.append)
 
 
 def test_a_model_for_another_number_of_fingers_is_refused(model):
@@ -277,13 +284,13 @@ def test_a_run_that_moves_a_real_hand_loads_no_simulation():
 
 def test_a_port_too_slow_for_every_command_is_reported(model):
     tty = TtyReceiver()
-    said: list[str] = []
+    messages: list[str] = []
     for baud in (115200, 460800):
-        asked = options(f"{tty.url}?baud={baud}")
-        with grip_output(asked, model.card, VirtualClock(), said.append):
+        chosen = options(f"{tty.url}?baud={baud}")
+        with grip_output(chosen, model.card, VirtualClock(), messages.append):
             pass
-    assert len(said) == 1
-    assert "about 61 of 150 commands" in said[0]
+    assert len(messages) == 1
+    assert "about 61 of 150 commands" in messages[0]
     tty.close()
 
 
@@ -317,8 +324,8 @@ def test_the_cue_is_sent_when_it_changes_and_at_most_20_times_a_second():
 
 def test_a_run_with_a_cue_leaves_no_guardian_behind(model, receiver):
     cue = UdpReceiver()
-    asked = options(receiver.url, feedback=cue.url)
-    with grip_output(asked, model.card, VirtualClock(), print) as grip:
+    chosen = options(receiver.url, feedback=cue.url)
+    with grip_output(chosen, model.card, VirtualClock(), print) as grip:
         guardians = [sink._guardian.pid for sink in grip._sinks]
         run_on(grip, model, REST, 0.1)
     for pid in guardians:

@@ -52,6 +52,6 @@ def test_the_five_lines_of_the_readme_answer_every_sample(eight_classes: Built) 
     code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert code is not None
     trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
-    said: dict[str, Any] = {"source": open_replay(trial)}
-    exec(code[1].replace("models/holdfast-150hz.onnx", str(eight_classes.model)), said)
-    assert said["answer"].sequence == len(open_replay(trial).values) - 1
+    names: dict[str, Any] = {"source": open_replay(trial)}
+    exec(code[1].replace("models/holdfast-150hz.onnx", str(eight_classes.model)), names)
+    assert names["answer"].sequence == len(open_replay(trial).values) - 1

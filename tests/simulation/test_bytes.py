@@ -2,7 +2,7 @@
 on its batch.
 
 The digests hold for one lock: numpy's random streams, onnx's way of writing, the trees that
-scikit-learn grows. They are asked for on x86_64, where they were made; the mathematical library of
+scikit-learn grows. They are compared on x86_64, where they were made; the mathematical library of
 another machine may round otherwise. After a change of pins or of the physics that is meant, put in
 what the failing test prints, and say so in the message.
 """

@@ -39,13 +39,13 @@ PICTURES = {
 ours."""
 
 
-def camera(**said: float) -> Camera:
+def camera(**changed: float) -> Camera:
     numbers = {name: p.default for name, p in CAMERA.items()} | {
         "width_px": 160.0,
         "height_px": 90.0,
         "tag_mm": 6.0,
     }
-    return Camera(**(numbers | said))
+    return Camera(**(numbers | changed))
 
 
 def scene(tmp_path: Path, text: str) -> Scene:

@@ -44,7 +44,7 @@ def test_no_grip_is_above_the_ceiling_or_below_zero_or_faster_than_the_drive(
 
 
 @pytest.mark.parametrize("lag_ms", [0.0, 20.0, 50.0, 100.0])
-def test_a_drive_that_is_told_its_own_grip_stands_still(lag_ms: float) -> None:
+def test_a_drive_whose_target_is_its_own_grip_stands_still(lag_ms: float) -> None:
     actuator = drive_of(lag_ms=lag_ms)
     made = grips(actuator, actuator.own_n)
     assert (made == actuator.own_n).all()

@@ -124,10 +124,10 @@ def test_a_rate_that_a_user_gives_is_blamed_on_the_user_s_option_and_not_on_the_
 ):
     with pytest.raises(UsageError) as error:
         read_card("thesis", rate_hz=rate_hz, rate_option="--rate ")
-    said = str(error.value)
-    assert said.startswith(f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give ")
-    assert allowed in said
-    assert "record." not in said
+    message = str(error.value)
+    assert message.startswith(f"--rate {rate_hz:g} is not a sampling rate of thesis; next: give ")
+    assert allowed in message
+    assert "record." not in message
 
 
 def test_a_card_that_is_not_there_names_those_that_are():

@@ -140,15 +140,15 @@ def test_a_set_of_twenty_sensors_is_written_and_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("said", "named"),
+    ("line", "named"),
     [
         ("thumb = 1", ["hand.thumb", "1", "2 to 20"]),
         ("finger = 1.5", ["hand.finger", "1.5", "whole number"]),
         ("fingers = 2", ["hand", "fingers", "finger"]),
     ],
 )
-def test_a_hand_that_cannot_be_is_refused(tmp_path, said, named):
+def test_a_hand_that_cannot_be_is_refused(tmp_path, line, named):
     with pytest.raises(CardError) as error:
-        scene(tmp_path, ROWS + f"[hand]\n{said}\n")
+        scene(tmp_path, ROWS + f"[hand]\n{line}\n")
     for word in named:
         assert word in str(error.value)

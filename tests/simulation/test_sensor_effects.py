@@ -457,7 +457,7 @@ def test_noise_is_as_the_data_sheet_says_and_falls_with_the_root_of_averages(ave
     assert noise(averages=averages).std(axis=0) / sigma == pytest.approx(1.0, abs=0.025)
 
 
-def test_noise_has_32_averages_unless_told() -> None:
+def test_noise_has_32_averages_unless_the_card_says_otherwise() -> None:
     assert np.array_equal(noise(), noise(averages=32))
 
 
@@ -530,7 +530,7 @@ def test_no_sample_overtakes_another(sd_ms: float) -> None:
     assert late_s[0] == late_s[-1] == 0.0
 
 
-def test_samples_are_late_and_early_by_as_much_as_told() -> None:
+def test_samples_are_late_and_early_by_as_much_as_the_card_says() -> None:
     late_ms = 1e3 * (
         apply("timing_jitter", wandering(5000), sd_ms=0.5).t_s - np.arange(5000) / RATE_HZ
     )

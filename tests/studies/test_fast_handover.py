@@ -55,7 +55,9 @@ TRIALS = {"thesis": 30, "broad": 18, "p1": 30, "p2": 30, "daily": 6, "perturbed-
 def coarse(name: str) -> Card:
     """A card in long steps: the study asks for streams, not for slip times to the millisecond."""
     card = read_card(name, rate_hz=50)
-    kept = {name: told for name, told in card.effects.items() if name not in SLOW_EFFECTS}
+    kept = {
+        name: parameters for name, parameters in card.effects.items() if name not in SLOW_EFFECTS
+    }
     return replace(card, step_s=0.01, effects=kept)
 
 
@@ -152,20 +154,20 @@ def test_an_object_left_out_is_in_no_window(folder):
 
 
 def test_who_knows_the_truth_at_once_is_always_right_and_who_is_late_is_worse(folder):
-    asked = streams(folder / "author", "balanced", "default")
-    late = [row["f1_author"] for row in bounds(asked)]
+    evaluated = streams(folder / "author", "balanced", "default")
+    late = [row["f1_author"] for row in bounds(evaluated)]
     assert late[0] == 1.0
     assert late == sorted(late, reverse=True)
     assert late[-1] < 0.98
 
 
 def test_windows_just_past_a_change_can_be_left_out(folder):
-    asked = streams(folder / "author", "balanced", "default")
-    first = np.flatnonzero((asked.truth == 3) & (np.roll(asked.truth, 1) != 3))
-    wrong = asked.truth.copy()
+    evaluated = streams(folder / "author", "balanced", "default")
+    first = np.flatnonzero((evaluated.truth == 3) & (np.roll(evaluated.truth, 1) != 3))
+    wrong = evaluated.truth.copy()
     wrong[first] = 1
-    assert macro_f1(replace(asked, row=first), wrong) == 0.0
-    both = replace(asked, row=np.sort([*first, *(first + 2)]))
+    assert macro_f1(replace(evaluated, row=first), wrong) == 0.0
+    both = replace(evaluated, row=np.sort([*first, *(first + 2)]))
     assert macro_f1(both, wrong) < 1.0
     assert macro_f1(both, wrong, past_s=1.5 / 50) == 1.0
 
@@ -199,9 +201,9 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         Idea("boosting", learner=lambda: Boosting(10, 8, bins=8)),
         Idea("context", learner=lambda: Forest(SMALL), features="with context"),
     ]
-    said: list[str] = []
-    figures: dict[str, Any] = study(folder, 0, said.append, chosen)
-    assert said == [idea.name for idea in chosen]
+    messages: list[str] = []
+    figures: dict[str, Any] = study(folder, 0, messages.append, chosen)
+    assert messages == [idea.name for idea in chosen]
     for row in figures["rows"]:
         assert 0.3 < row["f1_author"] <= 1.0
         assert row["learner_us"] > 0.0

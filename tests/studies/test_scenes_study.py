@@ -81,10 +81,10 @@ SMALL = ways(
 
 @dataclass(frozen=True)
 class Studied:
-    """One rate's study, and every line it said on the way."""
+    """One rate's study, and every message on the way."""
 
     rate: RateStudy
-    said: list[str]
+    messages: list[str]
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,8 @@ def data(folder: Path) -> DataSet:
 
 @pytest.fixture(scope="module")
 def studied(folder: Path) -> Studied:
-    said: list[str] = []
-    return Studied(study_rate(folder / "50hz", SMALL, 0, said.append), said)
+    messages: list[str] = []
+    return Studied(study_rate(folder / "50hz", SMALL, 0, messages.append), messages)
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +212,10 @@ def test_calls_are_the_share_of_each_situation_that_is_called_risky(data: DataSe
 def test_a_confusion_matrix_counts_truth_in_rows_and_answers_in_columns() -> None:
     counts = confusion(np.array([2, 2, 5]), one_hot(np.array([2, 7, 5])))
     assert counts.shape == (8, 8)
-    assert {(int(was), int(said)): int(counts[was, said]) for was, said in np.argwhere(counts)} == {
+    assert {
+        (int(was), int(messages)): int(counts[was, messages])
+        for was, messages in np.argwhere(counts)
+    } == {
         (2, 2): 1,
         (2, 7): 1,
         (5, 5): 1,
@@ -327,16 +330,16 @@ def test_the_shear_rate_threshold_is_causal(data: DataSet) -> None:
         (recording.samples for recording in data.recordings),
         key=lambda one: shear_rate_fires(one).sum(),
     )
-    said = shear_rate_fires(samples)
-    assert said.any()
+    messages = shear_rate_fires(samples)
+    assert messages.any()
     for row in (2, len(samples) // 2, len(samples) - 1):
         changed = samples.copy()
         changed[row:] += 50.0 * np.random.default_rng(row).standard_normal(changed[row:].shape)
-        np.testing.assert_array_equal(shear_rate_fires(changed)[:row], said[:row])
+        np.testing.assert_array_equal(shear_rate_fires(changed)[:row], messages[:row])
         assert shear_rate_fires(changed)[row]
 
 
-def test_the_shear_rate_threshold_is_asked_at_a_windows_last_sample_or_anywhere_in_its_reach() -> (
+def test_the_shear_rate_threshold_is_read_at_a_windows_last_sample_or_anywhere_in_its_reach() -> (
     None
 ):
     # says slip at rows 3 and 4
@@ -461,7 +464,7 @@ def test_a_thesis_in_another_unit_is_refused(folder: Path, tmp_path: Path) -> No
         read_trained(tmp_path / "50hz", 0)
 
 
-def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_asked_about(
+def test_every_method_stands_in_every_table_and_only_present_cards_are_evaluated(
     studied: Studied,
 ) -> None:
     figures = studied.rate.figures
@@ -476,7 +479,7 @@ def test_every_line_stands_in_every_table_and_only_cards_that_are_there_are_aske
 
 def test_the_study_says_as_many_stages_as_it_promises_for_every_card(studied: Studied) -> None:
     # p1 and p2 are not there, so no style is left out either
-    assert len(studied.said) == STAGES - 5
+    assert len(studied.messages) == STAGES - 5
 
 
 # Retrainings
@@ -521,7 +524,7 @@ def test_the_spread_is_the_largest_recall_minus_the_smallest_of_each_class_there
 # The decision
 
 
-def test_the_hand_is_asked_to_act_exactly_where_the_decision_would() -> None:
+def test_an_act_is_requested_exactly_where_the_decision_would() -> None:
     two_then_released = [
         RISKY_SLIP,
         GRASP,
@@ -615,7 +618,7 @@ def test_the_page_loads_nothing_else_and_shows_the_figures_of_the_json(
         assert f"<b>{figure:.3f}</b>" in commanded.page
 
 
-def test_a_second_rate_has_a_section_and_a_leak_is_said_loudly(
+def test_a_second_rate_has_a_section_and_a_leak_stands_on_top(
     studied: Studied, tmp_path: Path
 ) -> None:
     quiet = studied.rate.figures

@@ -58,7 +58,7 @@ class CameraProcess:
 
 
 @contextmanager
-def heard(file: BinaryIO, *descriptors: int) -> Iterator[None]:
+def captured(file: BinaryIO, *descriptors: int) -> Iterator[None]:
     """What is written to the descriptors meanwhile, by Python or by a library, goes to the file."""
     kept = [os.dup(one) for one in descriptors]
     for one in descriptors:
@@ -76,7 +76,7 @@ def heard(file: BinaryIO, *descriptors: int) -> Iterator[None]:
 def answered(words: list[str]) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of one request."""
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        with heard(out, 1), heard(err, 2):
+        with captured(out, 1), captured(err, 2):
             code = done(words)
         texts = []
         for file in (out, err):

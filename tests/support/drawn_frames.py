@@ -26,8 +26,10 @@ FPS, N_FRAMES = 60.0, 90
 COVERED, TWICE = range(60, 66), range(70, 72)
 
 
-def camera(**said: float) -> Camera:
-    return Camera(**({name: parameter.default for name, parameter in CAMERA.items()} | SIZE | said))
+def camera(**changed: float) -> Camera:
+    return Camera(
+        **({name: parameter.default for name, parameter in CAMERA.items()} | SIZE | changed)
+    )
 
 
 def settings(environment: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -117,8 +119,8 @@ def motion_m(t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     return thing, hand
 
 
-def write_frames(path: Path, stamps_s: FloatArray, frames: Frames, **said: float) -> Path:
-    numbers: dict[str, Any] = {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0} | said
+def write_frames(path: Path, stamps_s: FloatArray, frames: Frames, **changed: float) -> Path:
+    numbers: dict[str, Any] = {"fps": FPS, "exposure_ms": 2.0, "tag_mm": 10.0} | changed
     np.savez(path, frames=frames, time_s=stamps_s, **numbers)
     return path
 
@@ -153,7 +155,7 @@ def recorded(
 
 
 def two_sizes(path: Path, n: int = 30) -> Path:
-    """Frames of the object's tag at 10 mm and the hand's at 8, both said to be 10."""
+    """Frames of the object's tag at 10 mm and the hand's at 8, both declared as 10."""
     stamps_s = np.arange(1, n + 1) / FPS
     away = np.array([1e4, 0.0])
     both = camera().draw(np.zeros(2), away) + camera(tag_mm=8.0).draw(away, np.zeros(2)) - GREY

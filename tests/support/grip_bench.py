@@ -107,8 +107,8 @@ def command(sequence: int, mode: Any = "tighten") -> GripCommand:
 
 
 @contextmanager
-def opened(url: str, clock: Hands, said: list[str]) -> Iterator[LineSink]:
-    with line_sink(url, "--grip", last_line, said.append, clock.now_ns) as sink:
+def opened(url: str, clock: Hands, messages: list[str]) -> Iterator[LineSink]:
+    with line_sink(url, "--grip", last_line, messages.append, clock.now_ns) as sink:
         yield sink
 
 

@@ -22,7 +22,7 @@ PERIOD_NS = round(1e9 / 150)
 
 @dataclass
 class Bench:
-    """A virtual hand, its driver, and what the driver said."""
+    """A virtual hand, its driver, and the driver's messages."""
 
     faults: tuple[str, ...] = ()
     track: Track | None = None
@@ -44,7 +44,7 @@ class Bench:
         self.backend = VirtualBackend(
             VirtualFt232h(virtual), self.clock, virtual.faults, virtual.power_off
         )
-        self.said: list[str] = []
+        self.messages: list[str] = []
         self.hand = Hand(
             self.open_bus,
             read_layout(self.layout),
@@ -52,7 +52,7 @@ class Bench:
             crc=self.crc,
             now_ns=self.clock.now_ns,
             pause=lambda seconds: self.clock.spend(round(1e9 * seconds)),
-            say=self.said.append,
+            say=self.messages.append,
         )
 
     def open_bus(self) -> Bus:
@@ -78,10 +78,10 @@ class Listener:
     """Hangs on the wire and notes every address, 7 bits; acknowledges none."""
 
     def __init__(self) -> None:
-        self.heard: list[int] = []
+        self.addresses: list[int] = []
 
     def addressed(self, address: int, *, read: bool) -> bool:
-        self.heard += [] if read else [address]
+        self.addresses += [] if read else [address]
         return False
 
     def write(self, byte: int) -> bool:
@@ -98,7 +98,7 @@ def listen(bench: Bench) -> list[int]:
     """Addresses written to from now on."""
     listener = Listener()
     bench.virtual.wire.targets.append(listener)
-    return listener.heard
+    return listener.addresses
 
 
 def bad(readings: list[Reading], finger: int | None = None) -> list[Reading]:

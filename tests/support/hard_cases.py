@@ -75,7 +75,7 @@ def pytest_runtest_makereport(
 
 class Catalogue:
     """Gathers the reports of marked tests, whichever process ran them, and writes the files that
-    were asked for."""
+    the options name."""
 
     def __init__(self, config: pytest.Config) -> None:
         self.paths: dict[str, Path | None] = {
@@ -85,8 +85,8 @@ class Catalogue:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Note one test down."""
-        for mark, said in getattr(report, "catalogued", {}).items():
-            self.rows[mark][report.place] = said | {
+        for mark, details in getattr(report, "catalogued", {}).items():
+            self.rows[mark][report.place] = details | {
                 "test": report.nodeid,
                 "outcome": report.outcome,
                 "measured": dict(report.user_properties),
@@ -115,10 +115,10 @@ def hazard(mark: pytest.Mark) -> dict[str, Any]:
 def details_of(mark: pytest.Mark) -> dict[str, Any]:
     """What a mark says. Raises ValueError for an area there is not, and TypeError for a sentence
     that lacks."""
-    return _told(*mark.args, **mark.kwargs)
+    return _details(*mark.args, **mark.kwargs)
 
 
-def _told(
+def _details(
     area: str, case: str, *, elsewhere: str, here: str, unguarded: bool = False
 ) -> dict[str, Any]:
     if area not in AREAS:

@@ -158,7 +158,7 @@ NO_EVIDENCE = Hazard(
     "A false alarm keeps the hand tight",
     "An act without fresh evidence ends after a time that the model's card states, "
     "and the answer says so",
-    "Giving the grip back slowly",
+    "Giving the grip back slowly, where the run sends no grip commands",
 )
 SILENT_SENDER = Hazard(
     DECISIONS,
@@ -209,6 +209,12 @@ RUN_DIES = Hazard(
     "The run dies while the hand grips an object",
     "However a run ends, its last grip command is `hold`; a guardian process sends it where the "
     "run was killed",
+    "Keeping the grip on `hold`, and following the wearer's own commands",
+)
+NO_GRIP_COMMAND = Hazard(
+    LIVE,
+    "No grip command reaches the hand, not even the last one",
+    "Every command says that it expires after 300 ms; the virtual hand then holds its grip",
     "The hand's own controller holds where no command comes for 300 ms",
 )
 WIRE_FAILS = Hazard(

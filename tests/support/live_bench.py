@@ -47,14 +47,14 @@ class Steady:
 def go(
     model: Model, source: Any, clock: VirtualClock, **options: Any
 ) -> tuple[Summary, list[Prediction], list[Sample]]:
-    said: list[tuple[Prediction, Sample]] = []
+    answered: list[tuple[Prediction, Sample]] = []
     summary = run_live(
         source,
         GripMonitor(model, clock.now_ns),
         Tare(model.card.preparation, 18),
         clock,
-        lambda prediction, sample, measured: said.append((prediction, sample)),
+        lambda prediction, sample, measured: answered.append((prediction, sample)),
         stopped=options.pop("stopped", lambda: False),
         **options,
     )
-    return summary, [one for one, _ in said], [one for _, one in said]
+    return summary, [one for one, _ in answered], [one for _, one in answered]

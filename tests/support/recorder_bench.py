@@ -95,16 +95,16 @@ def arguments_of(*words: object) -> argparse.Namespace:
 
 def cup_pull(out: Path) -> list[object]:
     """Words of the verb: the virtual hand at rest, a pull at a cup."""
-    asked = f"--source {REST} --person p01 --object cup --action pull"
-    return [*asked.split(), "--out", out]
+    argv = f"--source {REST} --person p01 --object cup --action pull"
+    return [*argv.split(), "--out", out]
 
 
 def recorded(out: Path, *words: object, source: object = REST, person: str = "p01") -> list[str]:
-    """One run of the verb on a clock that costs nothing, without a key; what it said."""
-    said: list[str] = []
+    """One run of the verb on a clock that costs nothing, without a key; its messages."""
+    messages: list[str] = []
     args = arguments_of("--source", source, "--out", out, "--person", person, "--at-once", *words)
-    record_trials(args, VirtualClock(7_000_000_000), Keys(None), said.append, never)
-    return said
+    record_trials(args, VirtualClock(7_000_000_000), Keys(None), messages.append, never)
+    return messages
 
 
 def one_pull(out: Path, *words: object, **where: Any) -> list[str]:
@@ -165,19 +165,19 @@ def session(
     at_once: bool = True,
     seconds: float | None = None,
     stopped: Callable[[], bool] = never,
-    said: list[str] | None = None,
+    messages: list[str] | None = None,
 ) -> tuple[int, list[str]]:
-    said = [] if said is None else said
+    messages = [] if messages is None else messages
     made = Session(
         SessionOptions(out, "p01", 100.0, seconds, at_once, {}),
         source,
         source.clock,
         keys,
-        said.append,
+        messages.append,
         bias=np.zeros(18),
         about={"unit": "N"},
     )
-    return made.run(tasks, stopped), said
+    return made.run(tasks, stopped), messages
 
 
 PULL = Task("soft-ball", "pull")
@@ -235,7 +235,7 @@ def start(*words: object, stdin: Any = subprocess.DEVNULL, **options: Any) -> Ki
     )
 
 
-def heard(run: subprocess.Popen[str], word_: str) -> str:
+def wait_for(run: subprocess.Popen[str], word_: str) -> str:
     assert run.stderr is not None
     return next(line for line in run.stderr if word_ in line)
 
@@ -246,7 +246,7 @@ def terminal_of_its_own() -> None:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
-def told_on(master: int, word_: str) -> None:
+def wait_on_terminal_for(master: int, word_: str) -> None:
     """Read a terminal's screen until a word is on it."""
     screen = b""
     while word_.encode() not in screen:

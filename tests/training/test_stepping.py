@@ -21,7 +21,7 @@ def recordings_of(lengths: list[int]) -> list[Recording]:
     ]
 
 
-def test_threads_change_no_bit_and_every_share_done_is_told() -> None:
+def test_threads_change_no_bit_and_every_share_done_is_reported() -> None:
     recordings = recordings_of([9, 3, 7, 5, 8])
     rows = [np.arange(len(one.samples)) for one in recordings]
     session = open_session(feature_graph(spec(rate_hz=100.0)).SerializeToString())
