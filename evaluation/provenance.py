@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import os
 import platform
-from typing import Any
+from dataclasses import dataclass
 
 
-def host() -> dict[str, Any]:
-    """What the figures were measured on."""
-    return {"machine": platform.machine(), "system": platform.system(), "cpus": os.cpu_count()}
+@dataclass(frozen=True)
+class Host:
+    """A machine. machine: its instruction set. cpus: logical ones, None where not known."""
+
+    machine: str
+    system: str
+    cpus: int | None
+
+
+def host() -> Host:
+    """This machine."""
+    return Host(platform.machine(), platform.system(), os.cpu_count())

@@ -6,13 +6,14 @@ without one fold of people, and it is evaluated on these people only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import DataNotFound, NotAModel
 from edge_runtime.monitor import Model
 from edge_runtime.reading import json_of, text_of
+from evaluation.eflesh_figures import EfleshFigures
 from evaluation.evaluate import evaluate_events
 from evaluation.evaluation_figures import Evaluation
 from evaluation.request import EvaluationRequest
@@ -45,17 +46,18 @@ class RealSetsMissing:
 
 @dataclass(frozen=True)
 class RealFigures:
-    """Figures of unseen people, and what `make real` wrote of eflesh_slip (JSON), if it did."""
+    """Figures of unseen people, and what `make real` wrote of eflesh_slip, if it did."""
 
     human: Evaluation
     people: list[str]
-    eflesh: dict[str, Any] | None
+    eflesh: EfleshFigures | None
     note: str = NOTE
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in figures.json."""
         human = self.human.to_json() | {"people": self.people}
-        return {HUMAN: human, EFLESH: self.eflesh, "note": self.note}
+        eflesh = None if self.eflesh is None else asdict(self.eflesh)
+        return {HUMAN: human, EFLESH: eflesh, "note": self.note}
 
 
 def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
@@ -65,12 +67,13 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
         return RealSetsMissing()
     try:
         written = json_of(text_of(metrics))
+        eflesh = EfleshFigures.from_json(written[EFLESH]) if EFLESH in written else None
         data, model = load(HUMAN), Model(file)
-    except (OSError, ValueError, DataNotFound, NotAModel) as error:
+    except (OSError, ValueError, KeyError, TypeError, DataNotFound, NotAModel) as error:
         return RealSetsMissing(why=str(error))
     people = held_out_people(data, int(written["seed"]))
     human = evaluate_events(model, EvaluationRequest((HUMAN,), people=people, seed=seed))
-    return RealFigures(human, sorted(people), written.get(EFLESH))
+    return RealFigures(human, sorted(people), eflesh)
 
 
 def held_out_people(data: DataSet, seed: int) -> frozenset[str]:

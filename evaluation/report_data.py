@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import html
-from typing import Any
 
 from edge_runtime.contract import SITUATIONS
 from evaluation.camera import onsets_in_words
 from evaluation.cells import number
+from evaluation.eflesh_figures import EfleshFigures
 from evaluation.evaluation_figures import Evaluation
 from evaluation.labels import shown
 from evaluation.page import Row, table
@@ -62,17 +62,20 @@ here is a rotation that turns back before 15 degrees; no intention is known.
 {_eflesh(real.eflesh)}"""
 
 
-def _eflesh(figures: dict[str, Any] | None) -> str:
+def _eflesh(figures: EfleshFigures | None) -> str:
     if figures is None:
         return ""
     rows = "".join(
-        f"{name}: {1e3 * one['p50']:.0f} ms ({1e3 * one['p5']:.0f} to {1e3 * one['p95']:.0f}) "
-        f"after the field departs, {figures['held_trials_with_an_alarm'][name]} held trials with "
-        "an alarm; "
-        for name, one in figures["delay_s"].items()
+        f"{name}: {_ms(one.p50)} ms ({_ms(one.p5)} to {_ms(one.p95)}) after the field departs, "
+        f"{figures.held_trials_with_an_alarm[name]} held trials with an alarm; "
+        for name, one in figures.delay_s.items()
     )
     return f"""<h3>eflesh_slip</h3><p>From <code>make real</code>, blocks held out,
-{figures["n_trials"]} trials: {rows} {html.escape(figures["caveat"])}</p>"""
+{figures.n_trials} trials: {rows} {html.escape(figures.caveat)}</p>"""
+
+
+def _ms(seconds: float | None) -> str:
+    return number(None if seconds is None else 1e3 * seconds, 0)
 
 
 def data_section(of: Evaluation) -> str:

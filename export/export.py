@@ -15,11 +15,14 @@ if not __package__:
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, run_script, show
 from edge_runtime.errors import OutputError
 from edge_runtime.visible import visible
+
+if TYPE_CHECKING:
+    from export.verification import HeadVerification
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,11 +42,11 @@ def run(args: argparse.Namespace) -> int:
 
     require_replaceable(args.artifact, args.out or args.artifact / MODEL_NAME, force=args.force)
     path, report = export_artifact(args.artifact, args.out, say=_say_stage)
-    for name, head in report["heads"].items():
+    for name, head in report.heads.items():
         show(f"{name}: {_agreement(head)}")
-    rows, samples = report["single_rows"], report["stream_samples"]
+    rows, samples = report.single_rows, report.stream_samples
     print(f"one at a time equals a batch, bit for bit: {rows} rows and {samples} samples")
-    show(f"model: {path} ({report['bytes'] / 1e6:.1f} MB)")
+    show(f"model: {path} ({report.bytes / 1e6:.1f} MB)")
     return 0
 
 
@@ -51,13 +54,13 @@ def _say_stage(line: str) -> None:
     sys.stderr.write(f"  {line}\n")
 
 
-def _agreement(head: dict[str, Any]) -> str:
+def _agreement(head: HeadVerification) -> str:
     """How a head of the file compares with the reference, and that with scikit-learn's predict."""
-    plain = head["predict_disagreement"]
-    share = f"{1.0 - plain['share_off_ties']:.4%}".replace("100.0000%", "100 %")
-    labels = f"{head['label_mismatches']} labels differ from the reference"
-    agreement = f"agreement with scikit-learn predict: {share} ({plain['ties']} ties)"
-    return f"{head['rows']} rows, {labels}; {agreement}"
+    plain = head.predict_disagreement
+    share = f"{1.0 - plain.share_off_ties:.4%}".replace("100.0000%", "100 %")
+    labels = f"{head.label_mismatches} labels differ from the reference"
+    agreement = f"agreement with scikit-learn predict: {share} ({plain.ties} ties)"
+    return f"{head.rows} rows, {labels}; {agreement}"
 
 
 def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:

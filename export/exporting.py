@@ -19,6 +19,7 @@ from export.heads import Head, add_heads
 from export.seal import model_card, seal
 from export.spec import StepSpec
 from export.step_graph import add_step
+from export.verification import ExportReport
 from export.verify import verify
 
 MODEL_NAME = "holdfast.onnx"
@@ -36,8 +37,8 @@ def export_artifact(
     out: str | Path | None = None,
     *,
     say: Callable[[str], None] = lambda line: None,
-) -> tuple[Path, dict[str, Any]]:
-    """Export an artifact folder; returns the path of the file and the verification report.
+) -> tuple[Path, ExportReport]:
+    """Export an artifact folder; returns the path of the file, and what was verified.
 
     The card is written beside the file. say: called with what begins now.
     """
@@ -52,13 +53,13 @@ def export_artifact(
     require_writable(path.parent)
     say("building the graph")
     model = whole_graph(artifact.spec, artifact.heads)
-    report = verify(model, artifact.spec, artifact.heads, artifact.rows, say=say)
+    verification = verify(model, artifact.spec, artifact.heads, artifact.rows, say=say)
     say("sealing: card, golden sequences, SHA-256")
     card = model_card(artifact)
     data = seal(model, card, artifact.spec)
     write_whole(path, data)
     write_whole(path.with_suffix(CARD_SUFFIX), readable_card(card, path.name, data))
-    return path, {**report, "bytes": len(data)}
+    return path, ExportReport.of(verification, len(data))
 
 
 def readable_card(card: dict[str, Any], name: str, data: bytes) -> str:

@@ -31,6 +31,7 @@ from export.reference import (
 )
 from export.spec import StepSpec
 from export.structure import require_same_trees
+from export.verification import HeadVerification, PredictDisagreement, Verification
 
 SINGLE_ROWS = 2_000
 PROBABILITY_TOLERANCE = 1e-5
@@ -48,14 +49,14 @@ def verify(
     seed: int = 0,
     *,
     say: Callable[[str], None] = lambda line: None,
-) -> dict[str, Any]:
+) -> Verification:
     """Compare file and reference; returns counts, raises VerificationFailed on any disagreement.
 
     rows: [N, F] feature rows of windows (in cross-validation: all held-out ones). say: called with
     what begins now.
     """
     forests = open_session(cut_forests(model))
-    report: dict[str, Any] = {"given_rows": len(rows), "heads": {}}
+    compared: dict[str, HeadVerification] = {}
     single = 0
     for head in heads:
         say(f"verifying head {head.name} on {len(rows)} rows and on its own thresholds")
@@ -64,13 +65,11 @@ def verify(
         )
         votes = _run(forests, hard, CHUNK)
         nodes = require_same_trees(model, head, _votes(head))
-        report["heads"][head.name] = {**_compare(head, hard, votes, len(rows)), "nodes": nodes}
+        compared[head.name] = _compare(head, hard, votes, len(rows), nodes)
         single += _compare_single(forests, hard, votes, seed)
     say("verifying ties, and streams of one hand against a batch")
-    report["ties_checked"] = _check_ties(model, heads)
-    report["single_rows"] = single
-    report["stream_samples"] = _compare_streams(model, spec, seed)
-    return report
+    ties = _check_ties(model, heads)
+    return Verification(len(rows), compared, ties, single, _compare_streams(model, spec, seed))
 
 
 def cut_forests(model: onnx.ModelProto) -> bytes:
@@ -98,8 +97,8 @@ def _run(session: Any, rows: FloatRows, chunk: int) -> dict[str, npt.NDArray[Any
 
 
 def _compare(
-    head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], given: int
-) -> dict[str, Any]:
+    head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], given: int, nodes: int
+) -> HeadVerification:
     expected = reference_votes(head.forest, rows, len(head.classes))
     got = answers[_votes(head)]
     wrong_votes = int(np.any(got != expected, axis=1).sum())
@@ -120,12 +119,8 @@ def _compare(
             cause="a converter or runtime that treats the trees differently",
             next_step="report the versions that holdfast doctor prints",
         )
-    return {
-        "rows": len(rows),
-        "label_mismatches": wrong,
-        "vote_mismatches": wrong_votes,
-        "predict_disagreement": _disagreement(head, rows[:given], expected[:given]),
-    }
+    plain = _disagreement(head, rows[:given], expected[:given])
+    return HeadVerification(len(rows), wrong, wrong_votes, plain, nodes)
 
 
 def _wrong_others(
@@ -151,17 +146,17 @@ def _far(got: npt.NDArray[Any], expected: npt.NDArray[np.float64]) -> int:
     return int(np.sum(~(apart <= PROBABILITY_TOLERANCE)))
 
 
-def _disagreement(head: Head, rows: FloatRows, votes: npt.NDArray[np.int64]) -> dict[str, Any]:
+def _disagreement(head: Head, rows: FloatRows, votes: npt.NDArray[np.int64]) -> PredictDisagreement:
     """How often scikit-learn's predict gives another class."""
     plain = np.asarray(head.forest.predict(rows))
     top = np.sort(votes, axis=1)
     tied = top[:, -1] == top[:, -2]
     differs = plain != riskier_argmax(votes)
-    return {
-        "share_off_ties": float((differs & ~tied).sum() / max(1, (~tied).sum())),
-        "ties": int(tied.sum()),
-        "differs_on_ties": int((differs & tied).sum()),
-    }
+    return PredictDisagreement(
+        share_off_ties=float((differs & ~tied).sum() / max(1, (~tied).sum())),
+        ties=int(tied.sum()),
+        differs_on_ties=int((differs & tied).sum()),
+    )
 
 
 def _compare_single(

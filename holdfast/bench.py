@@ -7,7 +7,7 @@ import json
 import os
 import platform
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -184,7 +184,7 @@ def _host(what: str) -> dict[str, Any]:
     from evaluation.provenance import host
 
     versions = {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
-    machine = {**host(), "cpu": _cpu()}
+    machine = {**asdict(host()), "cpu": _cpu()}
     return {"kind": MEASURES[what].kind, "seed": SEED, "host": machine, "versions": versions}
 
 

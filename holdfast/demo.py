@@ -47,8 +47,8 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     macro_f1 = trained.figures.situations.macro_f1
     print(f"macro F1 over four situations, trials held out: {macro_f1:.2f}", flush=True)
     path, verified = export_artifact(work / "model", out / "holdfast.onnx")
-    checked = verified["heads"]["situation"]
-    rows, differ = f"{checked['rows']:,} rows", f"{checked['label_mismatches']} labels differ"
+    checked = verified.heads["situation"]
+    rows, differ = f"{checked.rows:,} rows", f"{checked.label_mismatches} labels differ"
     print(f"exported {path}: {rows} checked, {differ}", flush=True)
     letters = ". nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)"
     print(f"\none character = {COLUMN_S} s; {letters}")

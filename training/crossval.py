@@ -8,7 +8,6 @@ row.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +19,7 @@ from export.forest import Forest
 from export.heads import Calibration, Head
 from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
 from export.spec import StepSpec
+from export.verification import Verification
 from export.verify import verify
 from training.featurise import FloatRows
 from training.plan import TASK_HEADS, TrainingPlan
@@ -39,7 +39,7 @@ class HeldOut:
     """
 
     votes: dict[str, IntArray]
-    verification: list[dict[str, Any]] = field(default_factory=list)
+    verification: list[Verification] = field(default_factory=list)
 
     def shares(self, task: str) -> npt.NDArray[np.float64]:
         """[M, K] vote shares, rows summing to one."""

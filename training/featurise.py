@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,14 +38,23 @@ def features_everywhere(data: DataSet, spec: StepSpec) -> list[FloatRows]:
     )
 
 
-def cpu_cost(data: DataSet, spec: StepSpec) -> dict[str, float]:
+@dataclass(frozen=True)
+class FeatureCost:
+    """CPU time of the features of all samples of a set, stepped in batches."""
+
+    cpu_s: float
+    samples: int
+    us_per_sample: float
+
+
+def cpu_cost(data: DataSet, spec: StepSpec) -> FeatureCost:
     """CPU time of stepping all features over every sample of a set."""
     last = [np.array([len(recording.samples) - 1]) for recording in data.recordings]
     started = time.process_time()
     _compute(data, spec, last)
     cpu_s = time.process_time() - started
     samples = sum(len(recording.samples) for recording in data.recordings)
-    return {"cpu_s": cpu_s, "samples": samples, "us_per_sample": 1e6 * cpu_s / samples}
+    return FeatureCost(cpu_s, samples, 1e6 * cpu_s / samples)
 
 
 def _compute(

@@ -6,13 +6,13 @@ One threshold does as well on this easy set, so its scores show no advantage.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
 from edge_runtime.decision import DecisionRules
+from evaluation.eflesh_figures import DelaySpread, EfleshFigures
 from export.reference import reference_votes, riskier_argmax
 from training.crossval import fit_forest
 from training.datasets.eflesh_slip import amplitude, detection_delay_s, threshold_baseline
@@ -33,7 +33,7 @@ tuned."""
 class EfleshStudy:
     """Figures for the table, and delays in s of the forest and of one threshold for the picture."""
 
-    figures: dict[str, Any]
+    figures: EfleshFigures
     delays_s: dict[str, list[float]]
 
 
@@ -57,21 +57,22 @@ def study_eflesh(data: DataSet, plan: TrainingPlan, seed: int = 0) -> EfleshStud
     ]
     delays = {"forest": _delays(data, alarms), "one threshold": _delays(data, simple)}
     scores = situation_scores(task.label, predicted, blocks, seed=seed)
-    figures = {
-        "n_trials": len(data.recordings),
-        "n_groups": len(data.groups()),
-        "window_accuracy": float(np.mean(predicted == task.label)),
-        "f1": {name: scores.f1[name] for name in ("grasp", "risky_slip")},
-        "f1_ci": {name: scores.f1_ci[name] for name in ("grasp", "risky_slip")},
-        "trial_vote_accuracy": _trial_vote(task.trial, predicted, task.label),
-        "one_threshold": threshold_baseline(data, seed=seed),
-        "delay_s": {name: _percentiles(values) for name, values in delays.items()},
-        "held_trials_with_an_alarm": {
+    slips = ("grasp", "risky_slip")
+    figures = EfleshFigures(
+        n_trials=len(data.recordings),
+        n_groups=len(data.groups()),
+        window_accuracy=float(np.mean(predicted == task.label)),
+        f1={name: scores.f1[name] for name in slips},
+        f1_ci={name: scores.f1_ci[name] for name in slips},
+        trial_vote_accuracy=_trial_vote(task.trial, predicted, task.label),
+        one_threshold=threshold_baseline(data, seed=seed),
+        delay_s={name: _spread(values) for name, values in delays.items()},
+        held_trials_with_an_alarm={
             "forest": _held(data, alarms),
             "one threshold": _held(data, simple),
         },
-        "caveat": data.caveat,
-    }
+        caveat=data.caveat,
+    )
     return EfleshStudy(figures, delays)
 
 
@@ -93,11 +94,10 @@ def _delays(data: DataSet, alarms: list[BoolArray]) -> list[float]:
     return [delay for delay in found if delay is not None]
 
 
-def _percentiles(delays: list[float]) -> dict[str, float | int | None]:
-    if not delays:
-        return {"n": 0, "p5": None, "p50": None, "p95": None}
-    low, middle, high = np.percentile(delays, [5, 50, 95])
-    return {"n": len(delays), "p5": float(low), "p50": float(middle), "p95": float(high)}
+def _spread(delays_s: list[float]) -> DelaySpread:
+    if not delays_s:
+        return DelaySpread(0, None, None, None)
+    return DelaySpread(len(delays_s), *(float(np.percentile(delays_s, p)) for p in (5, 50, 95)))
 
 
 def _held(data: DataSet, alarms: list[BoolArray]) -> str:

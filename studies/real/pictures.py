@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
@@ -14,32 +12,39 @@ from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from edge_runtime.contract import SITUATIONS
 from evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, STYLE, WARNING, Bar, bars, svg
+from studies.real.figures import prediction_of
 from studies.real.proactive import ReplayPicture
 from studies.row_names import row_class, shown
 from training.crossval import HeldOut
+from training.figures import HeadFigures, Interval
 from training.metrics import situation_scores
 from training.recording import DataSet
 
 TRIALS_SHOWN = 8
 
 
-def table_bars(rows: dict[str, Any]) -> str:
+def table_bars(rows: dict[str, HeadFigures]) -> str:
     """Macro F1 and AUC of every row of the table, with intervals over people."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 0.42 * len(rows) + 0.9))
         left, right = figure.subplots(1, 2, sharey=True)
-        f1, auc = ("situations", "macro_f1"), ("predict_250ms", "auc")
-        bars(left, _bars(rows, *f1), "macro F1, four situations", 0.45)
-        bars(right, _bars(rows, *auc), "AUC, risky within 0.25 s", 0.5)
+        situations = {name: one.situations for name, one in rows.items()}
+        f1 = {name: (one.macro_f1, one.macro_f1_ci) for name, one in situations.items()}
+        heads = {name: prediction_of(one) for name, one in rows.items()}
+        auc = {name: (one.auc, one.auc_ci) for name, one in heads.items()}
+        bars(left, _bars(f1), "macro F1, four situations", 0.45)
+        bars(right, _bars(auc), "AUC, risky within 0.25 s", 0.5)
         left.set_yticks(range(len(rows)), [shown(name) for name in rows])
         left.invert_yaxis()
         return svg(figure)
 
 
-def _bars(rows: dict[str, Any], task: str, figure: str) -> list[Bar]:
+def _bars(rows: dict[str, tuple[float | None, Interval | None]]) -> list[Bar]:
+    """A bar a row; a figure that is not defined has nothing to draw."""
+    nothing = (np.nan, np.nan)
     return [
-        Bar(row[task][figure], row[task][f"{figure}_ci"], row_class(name))
-        for name, row in rows.items()
+        Bar(np.nan if value is None else value, interval or nothing, row_class(name))
+        for name, (value, interval) in rows.items()
     ]
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.decision import DecisionRules
 from edge_runtime.monitor import Model
@@ -13,6 +13,7 @@ from evaluation.window_scores import evaluate, stream
 from export.artifact import Artifact, write_artifact
 from export.exporting import export_artifact
 from export.heads import Head
+from studies.real.figures import StreamedFold
 from training.crossval import HeldOut, fit_calibration, fit_forest
 from training.featurise import FloatRows, spec_for
 from training.plan import TASK_HEADS, TrainingPlan
@@ -29,7 +30,7 @@ def stream_one_fold(
     held_out: HeldOut,
     out: Path,
     seed: int,
-) -> dict[str, Any]:
+) -> StreamedFold:
     """Export the first fold and stream its held-out people through the sealed file.
 
     Returns the file's figures on these people, and how many of its labels differ from the table's.
@@ -54,8 +55,8 @@ def stream_one_fold(
     part = data.of_groups(held)
     answers = stream(model, part, ["situation"])["situations"]["situation"]
     expected = held_out.situations()[np.isin(data.group_of("situations"), sorted(held))]
-    figures = evaluate(model, part, seed=seed).to_json()
-    return figures | {"rows": len(answers), "label_mismatches": int((answers != expected).sum())}
+    windows = evaluate(model, part, seed=seed)
+    return StreamedFold(windows, len(answers), int((answers != expected).sum()))
 
 
 def _head(
@@ -63,7 +64,7 @@ def _head(
     features: FloatRows,
     plan: TrainingPlan,
     task: str,
-    train: Any,
+    train: npt.NDArray[np.int64],
     held_out: HeldOut,
     seed: int,
 ) -> Head:

@@ -13,17 +13,18 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.writing import require_writable, write_whole
+from evaluation.cells import interval, number
 from evaluation.provenance import host
 from export.artifact import Artifact, write_artifact
 from export.exporting import export_artifact
 from studies.real import baselines
 from studies.real.eflesh import study_eflesh
+from studies.real.figures import FinalModel, RealStudy, VerificationSums, prediction_of
 from studies.real.proactive import study_proactive
 from studies.real.report import Evidence, write_report
 from studies.real.streamed_fold import stream_one_fold
@@ -46,8 +47,8 @@ STAGES = 24
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
 
 
-def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
-    """Do everything; returns what metrics.json holds."""
+def run(out: Path, seed: int, say: Say) -> RealStudy:
+    """Do everything and write the report; returns what metrics.json holds."""
     started = time.perf_counter()
     plan = TrainingPlan()
     say(f"reading {HUMAN}")
@@ -56,29 +57,34 @@ def run(out: Path, seed: int, say: Say) -> dict[str, Any]:
     features = features_of(data, spec)
     held_out = cross_validate(data, features, plan, seed=seed, say=say, verify_spec=spec)
     ours = held_out_figures(data, held_out, seed)
-    figures = ours.to_json() | {
-        "data": data.name,
-        "kind": data.kind,
-        "channels": 18,
-        "clock_free": CLOCK_FREE,
-        "caveat": data.caveat,
-    }
-    figures["verification"] = verification_of(held_out)
-    figures["features_cost"] = cpu_cost(data, spec)
+    cost = cpu_cost(data, spec)
     say("one fold's file, sealed, loaded and streamed sample by sample")
-    figures["streamed_fold"] = stream_one_fold(data, features, plan, held_out, out, seed)
-    figures["rows"] = {
-        name: _row_json(row) for name, row in table_rows(data, ours, plan, seed, say).items()
-    }
+    streamed = stream_one_fold(data, features, plan, held_out, out, seed)
+    rows = table_rows(data, ours, plan, seed, say)
     say("eflesh_slip: blocks held out")
     eflesh = study_eflesh(load("eflesh_slip"), plan, seed)
-    figures["eflesh_slip"] = eflesh.figures
     say("proactive_slip_uskin: two slips replayed")
     pictures = study_proactive(load("proactive_slip_uskin"), plan, seed)
     say("final forests on all people, exported")
-    figures["model"] = final_model(final_artifact(data, features, held_out, ours, plan, seed), out)
-    figures |= {"seed": seed, "host": host(), "versions": versions()}
-    figures["seconds"] = round(time.perf_counter() - started, 1)
+    model = final_model(final_artifact(data, features, held_out, ours, plan, seed), out)
+    figures = RealStudy(
+        heads=ours,
+        data=data.name,
+        kind=data.kind,
+        channels=18,
+        clock_free=CLOCK_FREE,
+        caveat=data.caveat,
+        verification=verification_of(held_out),
+        features_cost=cost,
+        streamed_fold=streamed,
+        rows=rows,
+        eflesh_slip=eflesh.figures,
+        model=model,
+        seed=seed,
+        host=host(),
+        versions=versions(),
+        seconds=round(time.perf_counter() - started, 1),
+    )
     say("report")
     write_report(out / "report.html", Evidence(data, held_out, figures, eflesh, pictures))
     return figures
@@ -106,33 +112,27 @@ def table_rows(
     return rows
 
 
-def _row_json(row: HeadFigures) -> dict[str, Any]:
-    """A row of the table as it stands in metrics.json."""
-    figures = row.to_json()
-    return {task: figures[task] for task in ("situations", "predict_250ms")}
-
-
-def verification_of(held_out: HeldOut) -> dict[str, Any]:
+def verification_of(held_out: HeldOut) -> VerificationSums:
     """Sums over the folds of what export compared."""
-    heads = [head for fold in held_out.verification for head in fold["heads"].values()]
-    plain = [head["predict_disagreement"] for head in heads]
-    return {
-        "folds": len(held_out.verification),
-        "heldout_rows": sum(fold["given_rows"] for fold in held_out.verification),
-        "rows": sum(head["rows"] for head in heads),
-        "label_mismatches": sum(head["label_mismatches"] for head in heads),
-        "vote_mismatches": sum(head["vote_mismatches"] for head in heads),
-        "single_rows": sum(fold["single_rows"] for fold in held_out.verification),
-        "predict_disagreement_share": float(np.mean([p["share_off_ties"] for p in plain])),
-        "ties": sum(p["ties"] for p in plain),
-    }
+    heads = [head for fold in held_out.verification for head in fold.heads.values()]
+    plain = [head.predict_disagreement for head in heads]
+    return VerificationSums(
+        folds=len(held_out.verification),
+        heldout_rows=sum(fold.given_rows for fold in held_out.verification),
+        rows=sum(head.rows for head in heads),
+        label_mismatches=sum(head.label_mismatches for head in heads),
+        vote_mismatches=sum(head.vote_mismatches for head in heads),
+        single_rows=sum(fold.single_rows for fold in held_out.verification),
+        predict_disagreement_share=float(np.mean([one.share_off_ties for one in plain])),
+        ties=sum(one.ties for one in plain),
+    )
 
 
-def final_model(artifact: Artifact, out: Path) -> dict[str, Any]:
+def final_model(artifact: Artifact, out: Path) -> FinalModel:
     """The file for the hand, from all people; it is not scored on its own training windows."""
     write_artifact(out / "human", artifact)
     path, report = export_artifact(out / "human")
-    return {"path": str(path.relative_to(out)), "bytes": report["bytes"], "verification": report}
+    return FinalModel(str(path.relative_to(out)), report.bytes, report)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -146,14 +146,15 @@ def main(argv: Sequence[str]) -> int:
     require_writable(args.out)
     with stages(STAGES) as say:
         figures = run(args.out, args.seed, say)
-    write_whole(args.out / "metrics.json", json.dumps(figures, indent=2, allow_nan=False) + "\n")
-    situations, head = figures["situations"], figures["predict_250ms"]
+    text = json.dumps(figures.to_json(), indent=2, allow_nan=False)
+    write_whole(args.out / "metrics.json", text + "\n")
+    situations, head = figures.heads.situations, prediction_of(figures.heads)
     print(
-        f"macro F1 {situations['macro_f1']:.3f} {situations['macro_f1_ci']}, "
-        f"AUC {head['auc']:.3f} {head['auc_ci']}"
+        f"macro F1 {number(situations.macro_f1, 3)} ({interval(situations.macro_f1_ci, 3)}), "
+        f"AUC {number(head.auc, 3)} ({interval(head.auc_ci, 3)})"
     )
-    print(figures["caveat"])
-    print(f"{args.out / 'metrics.json'}, {args.out / 'report.html'} ({figures['seconds']} s)")
+    print(figures.caveat)
+    print(f"{args.out / 'metrics.json'}, {args.out / 'report.html'} ({figures.seconds} s)")
     return 0
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
-from evaluation.doc_tables import write_tables
+from evaluation.doc_tables import Json, write_tables
 from evaluation.page import markdown
 from studies.row_names import shown
 
@@ -19,7 +18,7 @@ FIGURES = {
 """Column -> task and figure."""
 
 
-def tables(figures: dict[str, Any]) -> dict[str, str]:
+def tables(figures: Json) -> dict[str, str]:
     """Every method with its figures, and what was checked in the same run."""
     return {
         "real": markdown([_row(name, row) for name, row in figures["rows"].items()]),
@@ -27,17 +26,17 @@ def tables(figures: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _row(name: str, row: dict[str, Any]) -> dict[str, str]:
+def _row(name: str, row: Json) -> dict[str, str]:
     cells = {head: _figure(row[task], figure) for head, (task, figure) in FIGURES.items()}
     return {"method": shown(name)} | cells
 
 
-def _figure(row: dict[str, Any], name: str) -> str:
+def _figure(row: Json, name: str) -> str:
     low, high = row[f"{name}_ci"]
     return f"{row[name]:.3f} ({low:.3f} to {high:.3f})"
 
 
-def _checks(figures: dict[str, Any]) -> list[dict[str, str]]:
+def _checks(figures: Json) -> list[dict[str, str]]:
     checked, cost = figures["verification"], figures["features_cost"]
     differing = f"{checked['label_mismatches']} of {checked['rows']:,}"
     rows = {

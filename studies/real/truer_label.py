@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from studies.row_names import CLOCK, OURS_18
 from training.crossval import cross_validate
 from training.datasets import find, human_slip_uskin
 from training.featurise import features_of, spec_for
+from training.figures import HeadFigures
 from training.fitting import held_out_figures
 from training.plan import TrainingPlan
 from training.progress import stages
@@ -25,7 +27,21 @@ from training.recording import DataSet
 from training.say import Say
 
 
-def truer_label(root: Path, seed: int, say: Say) -> dict[str, Any]:
+@dataclass(frozen=True)
+class TruerLabel:
+    """Figures by stored name of the method. windows: how many of each situation."""
+
+    kind: str
+    windows: dict[str, int]
+    rows: dict[str, HeadFigures]
+
+    def to_json(self) -> dict[str, Any]:
+        """truer.json."""
+        rows = {name: row.to_json() for name, row in self.rows.items()}
+        return {"kind": self.kind, "windows": self.windows, "rows": rows}
+
+
+def truer_label(root: Path, seed: int, say: Say) -> TruerLabel:
     """Rows as in `make real`: ours, the raw forest and the clock. root: the set's folder."""
     data, everything = (
         human_slip_uskin.load(root, channels=channels, in_hand=True) for channels in (18, 48)
@@ -38,8 +54,7 @@ def truer_label(root: Path, seed: int, say: Say) -> dict[str, Any]:
     rows["raw forest, 18 channels"] = baselines.raw_forest(data, seed=seed)
     say("timing-only baseline")
     rows[CLOCK] = baselines.clock(everything, seed=seed)
-    figures = {name: row.to_json() for name, row in rows.items()}
-    return {"kind": data.kind, "windows": _counts(data), "rows": figures}
+    return TruerLabel(data.kind, _counts(data), rows)
 
 
 def _counts(data: DataSet) -> dict[str, int]:
@@ -50,4 +65,4 @@ def _counts(data: DataSet) -> dict[str, int]:
 if __name__ == "__main__":
     with stages(3) as progress:
         figures = truer_label(find("human_slip_uskin"), 0, progress)
-    write_whole(Path(sys.argv[1]), json.dumps(figures, indent=1, allow_nan=False) + "\n")
+    write_whole(Path(sys.argv[1]), json.dumps(figures.to_json(), indent=1, allow_nan=False) + "\n")

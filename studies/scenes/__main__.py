@@ -12,6 +12,7 @@ import re
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def run(
     """Study every rate of a folder and write the report; returns what scenes.json holds."""
     started = time.perf_counter()
     studies = [study_rate(rate, chosen or ways(), seed, say) for rate in rate_folders(folder)]
-    figures = gathered(studies) | {"seed": seed, "host": host(), "versions": versions()}
+    figures = gathered(studies) | {"seed": seed, "host": asdict(host()), "versions": versions()}
     figures["seconds"] = round(time.perf_counter() - started, 1)
     say("report")
     last = studies[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         "kind": "simulated",
         "model": opened(str(args.model)).card.model_id,
         "trials": args.trials,
-        "host": host(),
+        "host": asdict(host()),
         "rows": [_row(row, runs) for row in wanted],
     }
     path = write_whole(args.out / "loop.json", json.dumps(figures, indent=1) + "\n")

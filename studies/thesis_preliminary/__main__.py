@@ -11,6 +11,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ def run(scene: Path, seed: int, say: Say) -> dict[str, Any]:
         "sets": sets,
         "repetitions": REPETITIONS,
         "seed": seed,
-        "host": host(),
+        "host": asdict(host()),
         "versions": versions(),
         "seconds": round(time.perf_counter() - started, 1),
     }

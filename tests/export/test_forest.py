@@ -115,9 +115,9 @@ def test_such_a_file_is_verified(name: str) -> None:
     report = verify(
         whole_graph(SPEC, [head_of(forest, classes)]), SPEC, [head_of(forest, classes)], rows
     )
-    assert report["heads"]["situation"]["label_mismatches"] == 0
-    assert report["heads"]["situation"]["rows"] > len(rows)
-    assert report["ties_checked"] > 0
+    assert report.heads["situation"].label_mismatches == 0
+    assert report.heads["situation"].rows > len(rows)
+    assert report.ties_checked > 0
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -420,7 +420,7 @@ def test_a_second_head_is_verified_as_the_first() -> None:
     yes = Head("p_risky_250ms", ("no", "yes"), question, Calibration(np.eye(2), np.zeros(2)))
     heads = [head_of(forest, SITUATIONS), yes]
     model = whole_graph(SPEC, heads)
-    assert verify(model, SPEC, heads, rows)["heads"]["p_risky_250ms"]["label_mismatches"] == 0
+    assert verify(model, SPEC, heads, rows).heads["p_risky_250ms"].label_mismatches == 0
     (node,) = [node for node in model.graph.node if node.output[0] == "votes_p_risky_250ms"]
     (weights,) = [a for a in node.attribute if a.name == "target_weights"]
     weights.floats[0] += 1.0

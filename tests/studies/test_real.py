@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from page_tables import require_tables_fit
 
+from evaluation.eflesh_figures import EfleshFigures
+from evaluation.provenance import host
+from evaluation.window_scores import WindowFigures
+from export.verification import ExportReport
 from studies.ablation import rows_of, table
 from studies.real import baselines
 from studies.real.eflesh import EfleshStudy, study_eflesh
+from studies.real.figures import FinalModel, RealStudy, StreamedFold
 from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_report
 from studies.real.streamed_fold import stream_one_fold
@@ -71,8 +77,8 @@ def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out
 ) -> None:
     data, _, held_out = small
     checked = verification_of(held_out)
-    assert checked["heldout_rows"] == sum(len(rows) for rows in data.tasks.values())
-    assert (checked["folds"], checked["label_mismatches"], checked["vote_mismatches"]) == (3, 0, 0)
+    assert checked.heldout_rows == sum(len(rows) for rows in data.tasks.values())
+    assert (checked.folds, checked.label_mismatches, checked.vote_mismatches) == (3, 0, 0)
 
 
 def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
@@ -80,9 +86,9 @@ def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
 ) -> None:
     data, features, held_out = small
     streamed = stream_one_fold(data, features, PLAN, held_out, tmp_path, 0)
-    assert streamed["label_mismatches"] == 0
-    assert streamed["trained_on_recordings"] == streamed["unknown_windows"] == 0
-    assert streamed["rows"] > 1000
+    assert streamed.label_mismatches == 0
+    assert streamed.windows.trained_on_recordings == streamed.windows.unknown_windows == 0
+    assert streamed.rows > 1000
 
 
 def test_a_leaky_split_flatters(small: Small, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,11 +107,19 @@ def test_eflesh_stands_beside_one_threshold_with_a_delay_for_every_tug_that_depa
     eflesh: EfleshStudy,
 ) -> None:
     figures = eflesh.figures
-    assert figures["one_threshold"]["trial_accuracy"] == pytest.approx(136 / 137)
-    assert 0.9 < figures["trial_vote_accuracy"] <= 1.0
-    for name, delay in figures["delay_s"].items():
-        assert delay["n"] == len(eflesh.delays_s[name]) > 90
-        assert delay["p5"] <= delay["p50"] <= delay["p95"] < 0.5
+    assert figures.one_threshold.trial_accuracy == pytest.approx(136 / 137)
+    assert 0.9 < figures.trial_vote_accuracy <= 1.0
+    for name, delay in figures.delay_s.items():
+        assert delay.n == len(eflesh.delays_s[name]) > 90
+        assert delay.p5 is not None
+        assert delay.p5 <= (delay.p50 or 0.0) <= (delay.p95 or 0.0) < 0.5
+
+
+def test_the_figures_of_eflesh_are_read_back_as_they_were_written(eflesh: EfleshStudy) -> None:
+    written = json.loads(json.dumps(asdict(eflesh.figures)))
+    again = EfleshFigures.from_json(written)
+    assert json.loads(json.dumps(asdict(again))) == written
+    assert again.delay_s == eflesh.figures.delay_s
 
 
 def test_two_slips_are_replayed_one_that_recovers_and_one_that_fails(
@@ -125,21 +139,26 @@ def evidence(
     small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture], tmp_path: Path
 ) -> Evidence:
     data, _, held_out = small
-    figures: dict[str, Any] = held_out_figures(data, held_out).to_json()
-    figures |= {
-        "data": data.name,
-        "caveat": data.caveat,
-        "clock_free": "nothing old",
-        "seed": 0,
-        "seconds": 1.0,
-    }
-    figures |= {
-        "rows": {OURS_18: dict(figures), CLOCK: dict(figures)},
-        "versions": versions(),
-    }
-    figures |= {"eflesh_slip": eflesh.figures, "verification": verification_of(held_out)}
-    figures["streamed_fold"] = {"rows": 1, "label_mismatches": 0}
-    figures["features_cost"] = cpu_cost(data, spec_for(data, PLAN.groups))
+    heads = held_out_figures(data, held_out)
+    windows = WindowFigures(heads, "model", data.name, data.kind, 0, 0, data.caveat, 0)
+    figures = RealStudy(
+        heads=heads,
+        data=data.name,
+        kind=data.kind,
+        channels=18,
+        clock_free="nothing old",
+        caveat=data.caveat,
+        verification=verification_of(held_out),
+        features_cost=cpu_cost(data, spec_for(data, PLAN.groups)),
+        streamed_fold=StreamedFold(windows, rows=1, label_mismatches=0),
+        rows={OURS_18: heads, CLOCK: heads},
+        eflesh_slip=eflesh.figures,
+        model=FinalModel("human/holdfast.onnx", 1, ExportReport.of(held_out.verification[0], 1)),
+        seed=0,
+        host=host(),
+        versions=versions(),
+        seconds=1.0,
+    )
     return Evidence(data, held_out, figures, eflesh, replays)
 
 
@@ -150,13 +169,13 @@ def test_the_report_is_one_file_that_loads_nothing_else_and_says_its_caveat(
     assert re.findall(r"""(?:src|href)=["']?(?!#|data:)[^"'#> ]+""", page) == []
     assert page.count("<svg") == 8
     assert evidence.data.caveat.replace("'", "&#x27;") in page
-    assert f"{evidence.figures['situations']['macro_f1']:.3f}" in page
+    assert f"{evidence.figures.heads.situations.macro_f1:.3f}" in page
 
 
 def test_the_readme_s_tables_show_every_method_and_what_was_checked(
     evidence: Evidence, tmp_path: Path
 ) -> None:
-    figures = evidence.figures
+    figures = json.loads(json.dumps(evidence.figures.to_json()))
     text = require_tables_fit("README.md", tables(figures), tmp_path)
     assert f"| {OURS_18} | {figures['situations']['macro_f1']:.3f} (" in text
     assert "| timing-only baseline |" in text

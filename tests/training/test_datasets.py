@@ -138,11 +138,7 @@ def test_an_eflesh_trial_is_held_or_tugged(tmp_path: Path) -> None:
 
 def test_one_threshold_separates_what_amplitude_separates(tmp_path: Path) -> None:
     figures = eflesh_slip.threshold_baseline(load(write_eflesh(tmp_path)), n_folds=4)
-    assert figures == {
-        "trial_accuracy": 1.0,
-        "trial_accuracy_in_sample": 1.0,
-        "window_accuracy": 1.0,
-    }
+    assert figures == eflesh_slip.ThresholdAccuracy(1.0, 1.0, 1.0)
 
 
 def test_a_threshold_lies_in_the_middle_of_the_widest_of_the_best_gaps() -> None:
@@ -246,9 +242,8 @@ def test_the_real_eflesh_set_falls_to_one_threshold(real_set: Callable[[str], Pa
     tugged = [recording for recording in data.recordings if recording.action == "tug"]
     assert len(tugged) == 103
     figures = eflesh_slip.threshold_baseline(data)
-    assert (
-        figures["trial_accuracy"] == figures["trial_accuracy_in_sample"] == pytest.approx(136 / 137)
-    )
+    assert figures.trial_accuracy == figures.trial_accuracy_in_sample
+    assert figures.trial_accuracy == pytest.approx(136 / 137)
     departed_s = [
         (eflesh_slip.departure_row(recording.samples) or 0) / 100.0 for recording in tugged
     ]

@@ -8,6 +8,7 @@ answers.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -75,16 +76,27 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
     )
 
 
+@dataclass(frozen=True)
+class ThresholdAccuracy:
+    """Accuracies of one threshold, 0 to 1.
+
+    trial_accuracy: largest amplitude in the last second, threshold from the other blocks.
+    trial_accuracy_in_sample: threshold from the same trials. window_accuracy: amplitude at each
+    window's last row, threshold from the other blocks' windows.
+    """
+
+    trial_accuracy: float
+    trial_accuracy_in_sample: float
+    window_accuracy: float
+
+
 def threshold_baseline(
     data: DataSet, *, n_folds: int | None = None, seed: int = 0
-) -> dict[str, float]:
+) -> ThresholdAccuracy:
     """Accuracy of one threshold on the amplitude of the field (norm over channels): a baseline.
 
-    trial_accuracy: largest amplitude in the last second, threshold from the other blocks;
-    trial_accuracy_in_sample: threshold from the same trials; window_accuracy: amplitude at each
-    window's last row, threshold from the other blocks' windows. n_folds: None leaves out one block
-    at a time, which needs no luck; with 6 folds the seed moves trial_accuracy between 0.971 and
-    0.993. Raises TooFewGroups.
+    n_folds: None leaves out one block at a time, which needs no luck; with 6 folds the seed moves
+    trial_accuracy between 0.971 and 0.993. Raises TooFewGroups.
     """
     field = [amplitude(recording.samples) for recording in data.recordings]
     largest = np.array([trial[LAST_SECOND].max() for trial in field])
@@ -95,15 +107,13 @@ def threshold_baseline(
     at_window = np.array(
         [field[trial][row] for trial, row in zip(rows.trial, rows.row, strict=True)]
     )
-    return {
-        "trial_accuracy": _held_out_accuracy(largest, tugged, blocks, n_folds, seed),
-        "trial_accuracy_in_sample": float(
-            np.mean((largest > fit_threshold(largest, tugged)) == tugged)
-        ),
-        "window_accuracy": _held_out_accuracy(
-            at_window, rows.label == RISKY_SLIP, data.group_of("situations"), n_folds, seed
-        ),
-    }
+    risky, groups = rows.label == RISKY_SLIP, data.group_of("situations")
+    in_sample = float(np.mean((largest > fit_threshold(largest, tugged)) == tugged))
+    return ThresholdAccuracy(
+        trial_accuracy=_held_out_accuracy(largest, tugged, blocks, n_folds, seed),
+        trial_accuracy_in_sample=in_sample,
+        window_accuracy=_held_out_accuracy(at_window, risky, groups, n_folds, seed),
+    )
 
 
 def amplitude(samples: FloatArray) -> FloatArray:

@@ -1,0 +1,98 @@
+"""Figures of `make real`; `RealStudy.to_json` gives metrics.json."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from evaluation.eflesh_figures import EfleshFigures
+from evaluation.provenance import Host
+from evaluation.window_scores import WindowFigures
+from export.verification import ExportReport
+from training.featurise import FeatureCost
+from training.figures import HeadFigures, PredictionFigures
+
+
+@dataclass(frozen=True)
+class VerificationSums:
+    """Sums over the folds of what export compared.
+
+    heldout_rows: windows. rows: these, rows on thresholds and edges. predict_disagreement_share:
+    mean over folds and heads of the share of rows off ties, 0 to 1.
+    """
+
+    folds: int
+    heldout_rows: int
+    rows: int
+    label_mismatches: int
+    vote_mismatches: int
+    single_rows: int
+    predict_disagreement_share: float
+    ties: int
+
+
+@dataclass(frozen=True)
+class StreamedFold:
+    """One fold's file on its held-out people. label_mismatches: windows unlike the table's."""
+
+    windows: WindowFigures
+    rows: int
+    label_mismatches: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in metrics.json."""
+        counts = {"rows": self.rows, "label_mismatches": self.label_mismatches}
+        return self.windows.to_json() | counts
+
+
+@dataclass(frozen=True)
+class FinalModel:
+    """The file from all people. path: below the study's folder. bytes: its size."""
+
+    path: str
+    bytes: int
+    verification: ExportReport
+
+
+@dataclass(frozen=True)
+class RealStudy:
+    """Everything that metrics.json holds. heads: the headline, people held out.
+
+    rows: by stored name of the method. seconds: wall time of the whole command.
+    """
+
+    heads: HeadFigures
+    data: str
+    kind: str
+    channels: int
+    clock_free: str
+    caveat: str
+    verification: VerificationSums
+    features_cost: FeatureCost
+    streamed_fold: StreamedFold
+    rows: dict[str, HeadFigures]
+    eflesh_slip: EfleshFigures
+    model: FinalModel
+    seed: int
+    host: Host
+    versions: dict[str, str]
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """metrics.json; the headline's figures stand on top."""
+        fields = asdict(self)
+        del fields["heads"]
+        fields["streamed_fold"] = self.streamed_fold.to_json()
+        fields["rows"] = {name: _row_json(row) for name, row in self.rows.items()}
+        return self.heads.to_json() | fields
+
+
+def prediction_of(row: HeadFigures) -> PredictionFigures:
+    """The figures of the 0.25 s prediction; each None where the method has no such head."""
+    return row.predict_250ms or PredictionFigures()
+
+
+def _row_json(row: HeadFigures) -> dict[str, Any]:
+    """A row of the table as it stands in metrics.json."""
+    figures = row.to_json()
+    return {task: figures[task] for task in ("situations", "predict_250ms")}
