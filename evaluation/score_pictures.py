@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from edge_runtime.contract import CLASSES
+from evaluation.scores import ClassScores, LevelScores
 from evaluation.stream_pictures import labelled
 from evaluation.style import FINGER_COLOURS, INK, OURS, QUIET, WARNING, Bar, bars, svg
 
@@ -83,7 +84,7 @@ def _cell(axes: Axes, row: int, column: int, value: float, half: float | None) -
         )
 
 
-def by_object(objects: dict[str, dict[str, Any]], kind: str) -> str:
+def by_object(objects: dict[str, dict[str, ClassScores]], kind: str) -> str:
     """Macro F1 of each object held out, one row an object, one mark a method.
 
     objects: shown name of the method -> object -> its scores.
@@ -94,12 +95,10 @@ def by_object(objects: dict[str, dict[str, Any]], kind: str) -> str:
         for place, (method, figures) in enumerate(objects.items()):
             colour, shift = METHOD_COLOURS[place % 3], 0.2 * (place - (len(objects) - 1) / 2)
             for row, name in enumerate(names):
-                one = figures[name]["four"]
+                one = figures[name].four
                 axes.plot(_edges(one), [row + shift] * 2, color=colour, linewidth=4, alpha=0.35)
                 label = _short(method) if row == 0 else None
-                axes.plot(
-                    one["macro_f1"], row + shift, "o", color=colour, markersize=5, label=label
-                )
+                axes.plot(_value(one), row + shift, "o", color=colour, markersize=5, label=label)
         axes.set_yticks(range(len(names)), names)
         axes.set(
             xlabel="macro F1, four situations, unseen object",
@@ -117,7 +116,7 @@ class RateCurve(NamedTuple):
     """Scores of four situations at every rate, under the name that is shown."""
 
     name: str
-    scores: Sequence[dict[str, Any]]
+    scores: Sequence[LevelScores]
 
 
 def over_rates(
@@ -142,16 +141,21 @@ def over_rates(
 
 
 def _over(
-    axes: Axes, hz: Sequence[float], figures: Sequence[dict[str, Any]], colour: str, label: str
+    axes: Axes, hz: Sequence[float], figures: Sequence[LevelScores], colour: str, label: str
 ) -> None:
     low, high = np.array([_edges(one) for one in figures]).T
     axes.fill_between(list(hz), low, high, color=colour, alpha=0.15, linewidth=0)
-    axes.plot(list(hz), [one["macro_f1"] for one in figures], "o-", color=colour, label=label)
+    axes.plot(list(hz), [_value(one) for one in figures], "o-", color=colour, label=label)
 
 
-def _edges(figure: dict[str, Any]) -> list[float]:
+def _value(of: LevelScores) -> float:
+    """Macro F1, or nothing to draw where it is not defined."""
+    return np.nan if of.macro_f1 is None else of.macro_f1
+
+
+def _edges(of: LevelScores) -> list[float]:
     """The interval, or nothing to draw where one trial alone gives none."""
-    return figure["macro_f1_ci"] or [np.nan, np.nan]
+    return list(of.macro_f1_ci or (np.nan, np.nan))
 
 
 def _short(name: str) -> str:

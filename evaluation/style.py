@@ -49,6 +49,12 @@ class Bar(NamedTuple):
     row_class: str = ""
 
 
+def bar(value: float | None, interval: Sequence[float] | None, row_class: str = "") -> Bar:
+    """A bar; there is nothing to draw where the figure or its interval is not defined."""
+    nothing = float("nan")
+    return Bar(nothing if value is None else value, interval or (nothing, nothing), row_class)
+
+
 def bars(axes: Axes, rows: Sequence[Bar], title: str, start: float) -> None:
     """One figure a row with its interval; this model and warnings in colours of their own."""
     for place, (value, interval, row_class) in enumerate(rows):

@@ -37,6 +37,7 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     from export.exporting import export_artifact
     from holdfast.demo_grip import close_the_loop, section
     from holdfast.demo_watch import COLUMN_S, show, watch
+    from studies.scenes.figures import MadeBy
     from studies.scenes.report import demo_report
     from training.datasets.thesis import load
     from training.fitting import train, versions
@@ -59,9 +60,9 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     hands = close_the_loop(Model(Path(__file__).parents[1] / RELEASED))
     print(f"\nthe loop closed, with {RELEASED} (two trials chosen to show it):")
     print("\n".join(f"  {one.sentence}" for one in hands))
-    about = {"seed": 0, "versions": versions(), "command": "make demo"}
+    made = MadeBy(seed=0, versions=versions(), command="make demo")
     loop, held_out = section(hands), trained.held_out
-    report = demo_report(out / "report.html", data, held_out, about, pictures, loop)
+    report = demo_report(out / "report.html", data, held_out, made, pictures, loop)
     print(f"\nreport: {report}")
 
 

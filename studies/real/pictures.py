@@ -11,7 +11,18 @@ from matplotlib.figure import Figure
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
 from edge_runtime.contract import SITUATIONS
-from evaluation.style import INK, OURS, QUIET, SITUATION_COLOURS, STYLE, WARNING, Bar, bars, svg
+from evaluation.style import (
+    INK,
+    OURS,
+    QUIET,
+    SITUATION_COLOURS,
+    STYLE,
+    WARNING,
+    Bar,
+    bar,
+    bars,
+    svg,
+)
 from studies.real.figures import prediction_of
 from studies.real.proactive import ReplayPicture
 from studies.row_names import row_class, shown
@@ -40,12 +51,7 @@ def table_bars(rows: dict[str, HeadFigures]) -> str:
 
 
 def _bars(rows: dict[str, tuple[float | None, Interval | None]]) -> list[Bar]:
-    """A bar a row; a figure that is not defined has nothing to draw."""
-    nothing = (np.nan, np.nan)
-    return [
-        Bar(np.nan if value is None else value, interval or nothing, row_class(name))
-        for name, (value, interval) in rows.items()
-    ]
+    return [bar(value, interval, row_class(name)) for name, (value, interval) in rows.items()]
 
 
 def confusion(data: DataSet, held_out: HeldOut) -> str:

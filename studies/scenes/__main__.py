@@ -14,15 +14,15 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.errors import DataNotFound
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.provenance import host
+from evaluation.scores import LeakCheck
 from studies.row_names import OURS
-from studies.scenes.candidate import Candidate
-from studies.scenes.evidence import SceneEvidence, between
+from studies.scenes.evidence import SceneEvidence, between, number
+from studies.scenes.figures import MadeBy, ScenesFigures
 from studies.scenes.report import write_scene_report
 from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
 from training.fitting import versions
@@ -32,20 +32,16 @@ from training.say import Say
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
 
 
-def run(
-    folder: Path, out: Path, seed: int, say: Say, chosen: dict[str, Candidate] | None = None
-) -> dict[str, Any]:
-    """Study every rate of a folder and write the report; returns what scenes.json holds."""
+def run(folder: Path, out: Path, seed: int, say: Say) -> tuple[ScenesFigures, MadeBy]:
+    """Study every rate of a folder and write the report."""
     started = time.perf_counter()
-    studies = [study_rate(rate, chosen or ways(), seed, say) for rate in rate_folders(folder)]
-    figures = gathered(studies) | {"seed": seed, "host": asdict(host()), "versions": versions()}
-    figures["seconds"] = round(time.perf_counter() - started, 1)
+    studies = [study_rate(rate, ways(), seed, say) for rate in rate_folders(folder)]
+    figures, last = gathered(studies), studies[-1]
+    made = MadeBy(seed, versions(), seconds=round(time.perf_counter() - started, 1))
     say("report")
-    last = studies[-1]
-    write_scene_report(
-        out / "report.html", SceneEvidence(figures, last.data, last.held_out, last.streams)
-    )
-    return figures
+    evidence = SceneEvidence(figures, made, last.data, last.held_out, last.streams)
+    write_scene_report(out / "report.html", evidence)
+    return figures, made
 
 
 def rate_folders(folder: Path) -> list[Path]:
@@ -63,29 +59,26 @@ def rate_folders(folder: Path) -> list[Path]:
     return [path for _, path in sorted(found)]
 
 
-def gathered(studies: Sequence[RateStudy]) -> dict[str, Any]:
+def gathered(studies: Sequence[RateStudy]) -> ScenesFigures:
     """The figures of all rates; the fastest rate is the headline."""
-    rates = {f"{study.figures.rate_hz:g}": study.figures.to_json() for study in studies}
+    rates = {f"{study.figures.rate_hz:g}": study.figures for study in studies}
     kinds = {study.data.kind for study in studies}
-    return {
-        "kind": kinds.pop() if len(kinds) == 1 else "mixed",
-        "caveat": CAVEAT,
-        "headline_hz": list(rates)[-1],
-        "leak": any(study.figures.leak.leak for study in studies),
-        "rates": rates,
-    }
+    return ScenesFigures(kinds.pop() if len(kinds) == 1 else "mixed", CAVEAT, rates)
 
 
-def leak_lines(figures: dict[str, Any]) -> list[str]:
+def leak_lines(figures: ScenesFigures) -> list[str]:
     """One line for each rate at which the weight leaks."""
-    return [
+    checks = {rate: one.leak for rate, one in figures.rates.items()}
+    return [_leak_line(rate, one) for rate, one in checks.items() if one is not None and one.leak]
+
+
+def _leak_line(rate: str, one: LeakCheck) -> str:
+    return (
         f"LEAK at {rate} Hz: the weight is known where no signal carries it: eight classes "
-        f"{one['eight_class_accuracy']:.3f} (99 %: {between(one['eight_class_accuracy_ci99'])}, "
-        f"ceiling {one['ceiling']}), weight within nothing {one['weight_within_nothing']:.3f} "
-        f"(99 %: {between(one['weight_within_nothing_ci99'])}, chance 0.5)"
-        for rate, one in ((rate, study["leak"]) for rate, study in figures["rates"].items())
-        if one["leak"]
-    ]
+        f"{number(one.eight_class_accuracy)} (99 %: {between(one.eight_class_accuracy_ci99)}, "
+        f"ceiling {one.ceiling}), weight within nothing {number(one.weight_within_nothing)} "
+        f"(99 %: {between(one.weight_within_nothing_ci99)}, chance 0.5)"
+    )
 
 
 def main(argv: Sequence[str]) -> int:
@@ -102,14 +95,20 @@ def main(argv: Sequence[str]) -> int:
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)
     with stages(1 + STAGES * len(rate_folders(args.folder))) as say:
-        figures = run(args.folder, args.out, args.seed, say)
-    write_whole(args.out / "scenes.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
-    best = figures["rates"][figures["headline_hz"]]["rows"][OURS]["four"]
+        figures, made = run(args.folder, args.out, args.seed, say)
+    written = figures.to_json() | {
+        "seed": made.seed,
+        "host": asdict(host()),
+        "versions": made.versions,
+        "seconds": made.seconds,
+    }
+    write_whole(args.out / "scenes.json", json.dumps(written, indent=1, allow_nan=False) + "\n")
+    best = figures.rates[figures.headline_hz].scores(OURS).four
     lines = [
-        f"{figures['kind']}, {figures['headline_hz']} Hz, trials held out: macro F1 over four "
-        f"situations {best['macro_f1']:.3f} ({between(best['macro_f1_ci'])})",
+        f"{figures.kind}, {figures.headline_hz} Hz, trials held out: macro F1 over four "
+        f"situations {number(best.macro_f1)} ({between(best.macro_f1_ci)})",
         *leak_lines(figures),
-        f"{args.out / 'scenes.json'}, {args.out / 'report.html'} ({figures['seconds']} s)",
+        f"{args.out / 'scenes.json'}, {args.out / 'report.html'} ({made.seconds} s)",
     ]
     sys.stdout.write("\n".join(lines) + "\n")
     return 0

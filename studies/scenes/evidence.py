@@ -5,36 +5,38 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
+from evaluation.scores import LevelScores
 from evaluation.streams import StreamPicture
+from studies.scenes.figures import MadeBy, RateFigures, ScenesFigures
 from training.crossval import HeldOut
+from training.figures import Interval
 from training.recording import DataSet
 
 
 @dataclass(frozen=True)
 class SceneEvidence:
-    """Everything the report shows: figures as in scenes.json, and the headline rate's data.
+    """Everything the report shows. data, held_out, streams: of the headline's rate.
 
     closed_loop: HTML of a further section; the demo shows its closed loop there.
     """
 
-    figures: dict[str, Any]
+    figures: ScenesFigures
+    made: MadeBy
     data: DataSet
     held_out: HeldOut
     streams: list[StreamPicture]
     closed_loop: str = ""
 
     @property
-    def headline(self) -> dict[str, Any]:
+    def headline(self) -> RateFigures:
         """The figures of the headline's rate."""
-        rate: dict[str, Any] = self.figures["rates"][self.figures["headline_hz"]]
-        return rate
+        return self.figures.rates[self.figures.headline_hz]
 
     @property
     def kind(self) -> str:
         """The kind of data, shown beside every number."""
-        return str(self.figures["kind"])
+        return self.figures.kind
 
 
 def heading(evidence: SceneEvidence, title: str) -> str:
@@ -47,16 +49,14 @@ def number(value: float | None) -> str:
     return "none" if value is None else f"{value:.3f}"
 
 
-def between(interval: list[float] | None, joint: str = " to ") -> str:
+def between(interval: Interval | None, joint: str = " to ") -> str:
     """An interval."""
     return joint.join(f"{edge:.3f}" for edge in interval) if interval else "no interval"
 
 
-def macro_f1(row: dict[str, Any], level: str) -> str:
-    """Macro F1 at a level of classes with its interval; empty where the row lacks the level."""
-    if level not in row:
-        return ""
-    return f"{number(row[level]['macro_f1'])} ({between(row[level]['macro_f1_ci'], '-')})"
+def macro_f1(scores: LevelScores) -> str:
+    """Macro F1 at a level of classes with its interval."""
+    return f"{number(scores.macro_f1)} ({between(scores.macro_f1_ci, '-')})"
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -1,8 +1,8 @@
-"""Figures of the study of simulated scenes; `to_json` gives a rate's part of scenes.json."""
+"""Figures of the study of simulated scenes; `to_json` gives their part of scenes.json."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from evaluation.scores import ClassScores, LeakCheck, RecallSpread, RiskyCalls
@@ -15,8 +15,8 @@ class DescribedSet:
     name: str
     kind: str
     n_trials: int
-    made_from: dict[str, Any]
-    counts: dict[str, Any]
+    made_from: dict[str, Any] = field(default_factory=dict)
+    counts: dict[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in scenes.json."""
@@ -44,6 +44,10 @@ class OtherSetFigures:
 
     data: DescribedSet
     rows: Rows
+
+    def scores(self, method: str) -> ClassScores:
+        """The row of a method that answers with classes."""
+        return _scores(self.rows, method)
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in scenes.json."""
@@ -95,19 +99,23 @@ class Retraining:
 class RateFigures:
     """All figures of one rate. objects: method -> object held out. others: by card.
 
-    styles: None where only one style is there.
+    leak: None where it was not checked. styles: None where only one style is there.
     """
 
     rate_hz: float
     window_samples: int
     data: DescribedSet
     rows: Rows
-    leak: LeakCheck
-    objects: dict[str, dict[str, ClassScores]]
-    others: dict[str, OtherSetFigures]
-    styles: dict[str, StyleLeftOut] | None
-    learning_curve: list[LearningPoint]
     retrainings: dict[str, Retraining]
+    leak: LeakCheck | None = None
+    objects: dict[str, dict[str, ClassScores]] = field(default_factory=dict)
+    others: dict[str, OtherSetFigures] = field(default_factory=dict)
+    styles: dict[str, StyleLeftOut] | None = None
+    learning_curve: list[LearningPoint] = field(default_factory=list)
+
+    def scores(self, method: str) -> ClassScores:
+        """The row of a method that answers with classes."""
+        return _scores(self.rows, method)
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in scenes.json."""
@@ -116,7 +124,7 @@ class RateFigures:
             "window_samples": self.window_samples,
             "data": self.data.to_json(),
             "rows": rows_json(self.rows),
-            "leak": asdict(self.leak),
+            "leak": None if self.leak is None else asdict(self.leak),
             "objects": {name: rows_json(one) for name, one in self.objects.items()},
             "others": {card: one.to_json() for card, one in self.others.items()},
         }
@@ -128,6 +136,52 @@ class RateFigures:
         }
 
 
+@dataclass(frozen=True)
+class ScenesFigures:
+    """The figures of all rates by rate in Hz, slowest first; the fastest is the headline."""
+
+    kind: str
+    caveat: str
+    rates: dict[str, RateFigures]
+
+    @property
+    def headline_hz(self) -> str:
+        """The name of the headline's rate."""
+        return list(self.rates)[-1]
+
+    @property
+    def leak(self) -> bool:
+        """Whether the weight leaks at any rate."""
+        return any(one.leak is not None and one.leak.leak for one in self.rates.values())
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in scenes.json."""
+        return {
+            "kind": self.kind,
+            "caveat": self.caveat,
+            "headline_hz": self.headline_hz,
+            "leak": self.leak,
+            "rates": {rate: one.to_json() for rate, one in self.rates.items()},
+        }
+
+
+@dataclass(frozen=True)
+class MadeBy:
+    """How figures were made. versions: of libraries. seconds: wall time, None where unknown."""
+
+    seed: int = 0
+    versions: dict[str, str] = field(default_factory=dict)
+    command: str = "python -m studies.scenes FOLDER --out DIR"
+    seconds: float | None = None
+
+
 def rows_json(rows: Rows | dict[str, ClassScores]) -> dict[str, Any]:
     """Rows as they stand in scenes.json."""
     return {name: asdict(row) for name, row in rows.items()}
+
+
+def _scores(rows: Rows, method: str) -> ClassScores:
+    row = rows[method]
+    if not isinstance(row, ClassScores):
+        raise TypeError(f"{method} does not answer with classes")
+    return row

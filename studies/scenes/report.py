@@ -7,25 +7,31 @@ small set.
 from __future__ import annotations
 
 import html
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from evaluation import stream_pictures as draw
 from evaluation.page import key, write_page
 from evaluation.score_pictures import confusion_spread
-from evaluation.scores import confusion, scores
+from evaluation.scores import ClassScores, LeakCheck, confusion, scores
 from evaluation.streams import StreamPicture
 from evaluation.style import SITUATION_COLOURS
 from export.reference import IntArray
+from export.spec import window_samples
 from studies.real.pictures import confusion as four_by_four
 from studies.row_names import LINE, OURS, row_class, shown
 from studies.scenes import pictures
 from studies.scenes.evidence import SceneEvidence, between, heading, number
+from studies.scenes.figures import (
+    DescribedSet,
+    MadeBy,
+    RateFigures,
+    ScenesFigures,
+    ShearRateFigures,
+)
 from studies.scenes.study import CAVEAT, retraining
 from studies.scenes.unseen_report import (
-    LEVEL_FIGURES,
     curve_section,
+    level_figures,
     objects_section,
     others_section,
     rates_section,
@@ -59,127 +65,119 @@ def demo_report(
     path: Path,
     data: DataSet,
     held_out: HeldOut,
-    figures: dict[str, Any],
+    made: MadeBy,
     streams: list[StreamPicture],
     closed_loop: str = "",
 ) -> Path:
     """The same page from one set, with our forest alone and without objects and rates.
 
-    data, held_out: with the task "classes". figures: seed, seconds, versions, command, whichever
-    are known. streams: of `held_out_streams`. closed_loop: HTML. Raises OutputError.
+    data, held_out: with the task "classes". streams: of `held_out_streams`. closed_loop: HTML.
+    Raises OutputError.
     """
     votes: IntArray = held_out.votes["classes"]
-    matrix, seed = confusion(data.tasks["classes"].label, votes), int(figures.get("seed", 0))
-    rate = {
-        "rate_hz": data.rate_hz,
-        "data": {"name": data.name, "kind": data.kind, "n_trials": len(data.recordings)},
-        "rows": {OURS: asdict(scores(data, votes, seed=seed))},
-        "retrainings": {OURS: retraining([seed], [matrix]).to_json()},
-    }
-    name = f"{data.rate_hz:g}"
-    shown_figures = {
-        "kind": data.kind,
-        "caveat": CAVEAT,
-        **figures,
-        "headline_hz": name,
-        "rates": {name: rate},
-    }
-    evidence = SceneEvidence(shown_figures, data, held_out, streams, closed_loop)
+    matrix = confusion(data.tasks["classes"].label, votes)
+    rate = RateFigures(
+        rate_hz=data.rate_hz,
+        window_samples=window_samples(data.rate_hz),
+        data=DescribedSet(data.name, data.kind, len(data.recordings)),
+        rows={OURS: scores(data, votes, seed=made.seed)},
+        retrainings={OURS: retraining([made.seed], [matrix])},
+    )
+    figures = ScenesFigures(data.kind, CAVEAT, {f"{data.rate_hz:g}": rate})
+    evidence = SceneEvidence(figures, made, data, held_out, streams, closed_loop)
     return write_scene_report(path, evidence)
 
 
 def _summary(evidence: SceneEvidence) -> str:
-    best, kind = evidence.headline["rows"][OURS], html.escape(evidence.kind)
-    data = evidence.headline["data"]
+    best, kind = evidence.headline.scores(OURS), html.escape(evidence.kind)
+    data = evidence.headline.data
     return f"""<h1>Scenes: does a forest recognise a slip it was not trained on? All {kind}</h1>
-<p class=note>{html.escape(data["name"])}, {evidence.figures["headline_hz"]} Hz:
-{data["n_trials"]} trials, {best["n_windows"]} windows, as many of each class. Every answer is from
+<p class=note>{html.escape(data.name)}, {evidence.figures.headline_hz} Hz:
+{data.n_trials} trials, {best.n_windows} windows, as many of each class. Every answer is from
 a forest that was not trained on the trial.</p>
 <div class=answer>{_boxes(best, kind)}</div>
-<p><strong>Read with this:</strong> {html.escape(evidence.figures["caveat"])} Clock-free: no feature
+<p><strong>Read with this:</strong> {html.escape(evidence.figures.caveat)} Clock-free: no feature
 sees anything older than 0.5 s. Intervals are 95 %, over trials.</p>"""
 
 
-def _boxes(best: dict[str, Any], kind: str) -> str:
+def _boxes(best: ClassScores, kind: str) -> str:
     """The four headline figures."""
+    four, seven, calls = best.four, best.seven, best.calls
     places = (
-        ("macro F1 over four situations", best["four"], "macro_f1"),
-        ("accuracy over seven classes", best["seven"], "accuracy"),
-        ("risky windows called risky", best["calls"]["risky"], "share"),
-        ("safe slips called risky", best["calls"]["safe"], "share"),
+        ("macro F1 over four situations", four.macro_f1, four.macro_f1_ci),
+        ("accuracy over seven classes", seven.accuracy, seven.accuracy_ci),
+        ("risky windows called risky", calls.risky.share, calls.risky.share_ci),
+        ("safe slips called risky", calls.safe.share, calls.safe.share_ci),
     )
     return "".join(
-        f"<div><b>{number(row[figure])}</b>{name}, {kind}<br>"
-        f"<span class=note>{between(row[f'{figure}_ci'])}</span></div>"
-        for name, row, figure in places
+        f"<div><b>{number(value)}</b>{name}, {kind}<br>"
+        f"<span class=note>{between(interval)}</span></div>"
+        for name, value, interval in places
     )
 
 
 def _leak(evidence: SceneEvidence) -> str:
-    checks = {
-        rate: study["leak"] for rate, study in evidence.figures["rates"].items() if "leak" in study
-    }
+    rates = evidence.figures.rates
+    checks = {rate: one.leak for rate, one in rates.items() if one.leak is not None}
     if not checks:
         return ""
     verdict = (
         "LEAK: the weight is known where no signal carries it"
-        if evidence.figures.get("leak")
+        if evidence.figures.leak
         else "No leak of weight"
     )
     lines = "; ".join(f"{rate} Hz: {_leak_line(one)}" for rate, one in checks.items())
-    explained = html.escape(next(iter(checks.values()))["explanation"])
+    explained = html.escape(next(iter(checks.values())).explanation)
     return f"""{heading(evidence, verdict)}<p>{explained}</p>
 <p>Eight-class accuracy with its 99 % interval: {lines}.</p>"""
 
 
-def _leak_line(one: dict[str, Any]) -> str:
+def _leak_line(one: LeakCheck) -> str:
     return (
-        f"{number(one['eight_class_accuracy'])} ({between(one['eight_class_accuracy_ci99'])}), "
-        f"weight within nothing {number(one['weight_within_nothing'])} "
-        f"({between(one['weight_within_nothing_ci99'])})"
+        f"{number(one.eight_class_accuracy)} ({between(one.eight_class_accuracy_ci99)}), "
+        f"weight within nothing {number(one.weight_within_nothing)} "
+        f"({between(one.weight_within_nothing_ci99)})"
     )
 
 
 def _methods(evidence: SceneEvidence) -> str:
-    rows, kind = evidence.headline["rows"], html.escape(evidence.kind)
+    rows, kind = evidence.headline.rows, html.escape(evidence.kind)
     lines = "\n".join(_row(name, row) for name, row in rows.items())
     return f"""{heading(evidence, "Our forest beside baselines")}
 <p>Seven classes count "nothing" once, because no signal tells a light from a heavy object there. So
 accuracy over eight classes cannot pass 0.875 (dotted). Classes are balanced.
 {_threshold(rows.get(LINE))}</p>
 {pictures.level_bars(rows, evidence.kind)}
-<div class=wide><table><tr><th>{evidence.figures["headline_hz"]} Hz, trials held out, {kind}
+<div class=wide><table><tr><th>{evidence.figures.headline_hz} Hz, trials held out, {kind}
 <th>8, accuracy<th>95 %<th>7, accuracy<th>95 %<th>4, accuracy<th>95 %<th>4, F1<th>95 %
 <th>risky called risky<th>safe called risky
 {lines}</table></div>"""
 
 
-def _threshold(row: dict[str, Any] | None) -> str:
+def _threshold(row: ClassScores | ShearRateFigures | None) -> str:
     """What the shear-rate threshold does, where it is one of the rows."""
-    if row is None:
+    if not isinstance(row, ShearRateFigures):
         return ""
-    anywhere = row["calls_anywhere_in_the_window"]
+    anywhere = row.calls_anywhere_in_the_window
     return (
-        f"The shear-rate threshold {html.escape(row['law'])}. It is evaluated at a window's last "
+        f"The shear-rate threshold {html.escape(row.law)}. It is evaluated at a window's last "
         f"sample, as every method is. Anywhere in the window's 0.10 s it calls "
-        f"{number(anywhere['risky']['share'])} of the risky and "
-        f"{number(anywhere['safe']['share'])} of the safe-slip windows risky."
+        f"{number(anywhere.risky.share)} of the risky and "
+        f"{number(anywhere.safe.share)} of the safe-slip windows risky."
     )
 
 
-def _row(name: str, row: dict[str, Any]) -> str:
+def _row(name: str, row: ClassScores | ShearRateFigures) -> str:
     cells = "".join(
-        f"<td>{number(row[level][figure])}<td>{between(row[level][f'{figure}_ci'], '-')}"
-        if level in row
-        else "<td><td>"
-        for level, figure in LEVEL_FIGURES
+        f"<td>{number(value)}<td>{between(interval, '-')}" for value, interval in level_figures(row)
     )
-    called = "".join(f"<td>{number(row['calls'][kind]['share'])}" for kind in ("risky", "safe"))
-    return f"<tr class='{row_class(name)}'><td>{html.escape(shown(name))}{cells}{called}"
+    absent = "" if isinstance(row, ClassScores) else "<td>" * 8
+    called = "".join(f"<td>{number(one.share)}" for one in (row.calls.risky, row.calls.safe))
+    return f"<tr class='{row_class(name)}'><td>{html.escape(shown(name))}{cells}{absent}{called}"
 
 
 def _confusion(evidence: SceneEvidence) -> str:
-    retrainings = evidence.headline["retrainings"][OURS]
+    retrainings = evidence.headline.retrainings[OURS]
     several = (
         "Five retrainings with other seeds of split and forest: mean share, ± half the range. "
         + _spread(evidence)
@@ -187,8 +185,8 @@ def _confusion(evidence: SceneEvidence) -> str:
     once = "Trials held out, one training."
     data = with_situations(evidence.data)
     return f"""{heading(evidence, "Confusion of classes")}
-<p>{several if len(retrainings["seeds"]) > 1 else once}</p>
-{confusion_spread(retrainings["confusion"], evidence.kind)}
+<p>{several if len(retrainings.seeds) > 1 else once}</p>
+{confusion_spread(retrainings.confusion, evidence.kind)}
 <p>The four situations ({html.escape(evidence.kind)}), as the hand receives them:</p>
 {four_by_four(data, evidence.held_out)}"""
 
@@ -196,8 +194,8 @@ def _confusion(evidence: SceneEvidence) -> str:
 def _spread(evidence: SceneEvidence) -> str:
     parts = [
         f"{html.escape(shown(name))}: recall of a class changes by at most "
-        f"{100 * one['largest_spread']:.1f} points"
-        for name, one in evidence.headline["retrainings"].items()
+        f"{100 * one.spread.largest_spread:.1f} points"
+        for name, one in evidence.headline.retrainings.items()
     ]
     return (
         f"{'; '.join(parts)} (the thesis: within 10 % per class). The two classes of nothing are "
@@ -223,11 +221,9 @@ and loss of contact in the truth. Right: the action alone. {key(SITUATION_COLOUR
 
 
 def _made(evidence: SceneEvidence) -> str:
-    figures = evidence.figures
-    versions = ", ".join(
-        f"{name} {version}" for name, version in figures.get("versions", {}).items()
-    )
-    seconds = f", {figures['seconds']:.0f} s" if "seconds" in figures else ""
-    command = html.escape(figures.get("command", "python -m studies.scenes FOLDER --out DIR"))
+    made = evidence.made
+    versions = ", ".join(f"{name} {version}" for name, version in made.versions.items())
+    seconds = "" if made.seconds is None else f", {made.seconds:.0f} s"
     return f"""{heading(evidence, "How this was made")}
-<p><code>{command}</code>, seed {figures.get("seed", 0)}{seconds}; {html.escape(versions)}.</p>"""
+<p><code>{html.escape(made.command)}</code>, seed {made.seed}{seconds};
+{html.escape(versions)}.</p>"""

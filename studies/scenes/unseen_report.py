@@ -3,32 +3,45 @@
 from __future__ import annotations
 
 import html
-from typing import Any
 
+from evaluation.scores import ClassScores
 from studies.row_names import OURS, RAW, shown
 from studies.scenes import pictures
 from studies.scenes.evidence import SceneEvidence, heading, macro_f1, number, table
+from studies.scenes.figures import ShearRateFigures
+from training.figures import Interval
 
-LEVELS = ("four", "seven")
-LEVEL_FIGURES = (
-    ("eight", "accuracy"),
-    ("seven", "accuracy"),
-    ("four", "accuracy"),
-    ("four", "macro_f1"),
-)
-"""Columns of a table of methods: level of classes and figure."""
+Figure = tuple[float | None, Interval | None]
+"""A value and its 95 % interval."""
+
+
+def level_figures(row: ClassScores | ShearRateFigures) -> list[Figure]:
+    """Accuracy of eight and seven classes and four situations, macro F1 of four; none of calls."""
+    if not isinstance(row, ClassScores):
+        return []
+    levels = (row.eight, row.seven, row.four)
+    accuracies: list[Figure] = [(one.accuracy, one.accuracy_ci) for one in levels]
+    return [*accuracies, (row.four.macro_f1, row.four.macro_f1_ci)]
+
+
+def _macro_f1s(row: ClassScores | ShearRateFigures) -> list[str]:
+    """Macro F1 of four situations and of seven classes; empty where the row has none."""
+    if not isinstance(row, ClassScores):
+        return ["", ""]
+    return [macro_f1(row.four), macro_f1(row.seven)]
 
 
 def objects_section(evidence: SceneEvidence) -> str:
     """Each object held out in its turn; empty without such figures."""
-    objects = evidence.headline.get("objects")
+    objects = evidence.headline.objects
     if not objects:
         return ""
     ours, raw = objects[OURS], objects[RAW]
     heads = ("4, F1, ours", "4, F1, raw window", "7, F1, ours", "7, F1, raw window")
     rows = [
-        [html.escape(name), one["n_windows"], one["eight"]["present"]]
-        + [macro_f1(figures[name], level) for level in LEVELS for figures in (ours, raw)]
+        [html.escape(name), one.n_windows, one.eight.present]
+        + [macro_f1(figures[name].four) for figures in (ours, raw)]
+        + [macro_f1(figures[name].seven) for figures in (ours, raw)]
         for name, one in ours.items()
     ]
     return f"""{heading(evidence, "Unseen objects")}
@@ -47,40 +60,39 @@ def _method(what: str, name: str) -> str:
     return html.escape(f"{what}: {shown(name)}")
 
 
-def _called(row: dict[str, Any], *names: str) -> list[str]:
-    return [number(row["calls"][name]["share"]) for name in names]
+def _called(row: ClassScores | ShearRateFigures) -> list[str]:
+    """Shares of the risky, safe and grasp windows that are called risky."""
+    calls = row.calls
+    return [number(one.share) for one in (calls.risky, calls.safe, calls.grasp)]
 
 
 def others_section(evidence: SceneEvidence) -> str:
     """Cards that training did not use; empty without such figures."""
-    others = evidence.headline.get("others")
+    others = evidence.headline.others
     if not others:
         return ""
     rows = [
-        [_method(card, name), row["n_windows"]]
-        + [macro_f1(row, level) for level in LEVELS]
-        + _called(row, "risky", "safe", "grasp")
+        [_method(card, name), row.n_windows, *_macro_f1s(row), *_called(row)]
         for card, study in others.items()
-        for name, row in study["rows"].items()
+        for name, row in study.rows.items()
     ]
     called = ("risky called risky", "safe called risky", "grasp called risky")
     first = _first(evidence, "evaluated on")
     return f"""{heading(evidence, "An unseen object and two unseen styles")}
-<p>Trained on every trial of {html.escape(evidence.headline["data"]["name"])}, evaluated on all
+<p>Trained on every trial of {html.escape(evidence.headline.data.name)}, evaluated on all
 windows of the others (not balanced). p1 and p2 are styles: ranges of parameters, not people.</p>
 {table((first, "windows", "4, F1", "7, F1", *called), rows)}"""
 
 
 def styles_section(evidence: SceneEvidence) -> str:
     """Each style left out in its turn; empty without such figures."""
-    styles = evidence.headline.get("styles")
+    styles = evidence.headline.styles
     if not styles:
         return ""
     rows = [
-        [_method(style, name), study["trained_on_trials"], row["n_windows"]]
-        + [macro_f1(row, level) for level in LEVELS]
+        [_method(style, name), study.trained_on_trials, row.n_windows, *_macro_f1s(row)]
         for style, study in styles.items()
-        for name, row in study["rows"].items()
+        for name, row in study.rows.items()
     ]
     first = _first(evidence, "style left out")
     return f"""{heading(evidence, "A style left out")}
@@ -91,16 +103,14 @@ balanced windows.</p>
 
 def curve_section(evidence: SceneEvidence) -> str:
     """Macro F1 by number of trials; empty without such figures."""
-    curve = evidence.headline.get("learning_curve")
+    curve = evidence.headline.learning_curve
     if not curve:
         return ""
-    names = [name for name in curve[0] if name not in ("trials", "windows")]
-    columns = [(name, level) for name in names for level in ("four", "eight")]
-    digit = {"four": "4", "eight": "8"}
-    heads = [f"{digit[level]}, F1, {html.escape(shown(name))}" for name, level in columns]
+    heads = [f"{digit}, F1, {html.escape(shown(name))}" for name in curve[0].rows for digit in "48"]
     rows = [
-        [row["trials"], row["windows"]] + [macro_f1(row[name], level) for name, level in columns]
-        for row in curve
+        [point.trials, point.windows]
+        + [macro_f1(level) for row in point.rows.values() for level in (row.four, row.eight)]
+        for point in curve
     ]
     return f"""{heading(evidence, "How many trials it takes")}
 <p>Forests trained on fewer of the trials, with held-out trials evaluated. The thesis recorded 600,
@@ -110,17 +120,17 @@ then 1000 trials.</p>
 
 def rates_section(evidence: SceneEvidence) -> str:
     """Every rate; empty where there is one alone."""
-    rates = evidence.figures["rates"]
+    rates = evidence.figures.rates
     if len(rates) < 2:
         return ""
+    scores = ("8, accuracy", "7, accuracy", "4, accuracy", "4, F1")
     rows = [
         [_method(f"{rate} Hz", name)]
-        + [number(row[level][f]) if level in row else "" for level, f in LEVEL_FIGURES]
-        + _called(row, "risky", "safe")
+        + ([number(value) for value, _ in level_figures(row)] or [""] * len(scores))
+        + _called(row)[:2]
         for rate, study in rates.items()
-        for name, row in study["rows"].items()
+        for name, row in study.rows.items()
     ]
-    scores = ("8, accuracy", "7, accuracy", "4, accuracy", "4, F1")
     first = _first(evidence, "trials held out")
     return f"""{heading(evidence, "Rates")}
 {pictures.rates(rates, evidence.kind)}

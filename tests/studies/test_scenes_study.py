@@ -51,6 +51,7 @@ from studies.scenes import __main__ as command
 from studies.scenes import pictures
 from studies.scenes.candidate import Candidate
 from studies.scenes.evidence import SceneEvidence
+from studies.scenes.figures import MadeBy
 from studies.scenes.generalising import learning_curve, styles_left_out
 from studies.scenes.report import demo_report, write_scene_report
 from studies.scenes.study import (
@@ -622,15 +623,16 @@ def test_a_second_rate_has_a_section_and_a_leak_stands_on_top(
     studied: Studied, tmp_path: Path
 ) -> None:
     quiet = studied.rate.figures
+    assert quiet.leak is not None
     leaking = replace(quiet, leak=replace(quiet.leak, leak=True), rate_hz=100.0)
     figures = command.gathered([studied.rate, replace(studied.rate, figures=leaking)])
-    assert (figures["leak"], figures["headline_hz"]) == (True, "100")
+    assert (figures.leak, figures.headline_hz) == (True, "100")
     lines = command.leak_lines(figures)
     assert len(lines) == 1
     assert lines[0].startswith("LEAK at 100 Hz")
     rate = studied.rate
     page = write_scene_report(
-        tmp_path / "r.html", SceneEvidence(figures, rate.data, rate.held_out, [])
+        tmp_path / "r.html", SceneEvidence(figures, MadeBy(), rate.data, rate.held_out, [])
     ).read_text()
     assert "<h2>LEAK: the weight is known where no signal carries it" in page
     assert "<h2>Rates <em class=note>(simulated)</em></h2>" in page
@@ -644,7 +646,7 @@ def test_the_demo_makes_the_same_page_from_one_set_and_leaves_out_what_is_not_th
     demo = replace(rate.data, kind="made <up>")
     held_out = HeldOut({"classes": rate.held_out.votes["classes"]})
     page = demo_report(
-        tmp_path / "demo.html", demo, held_out, {"seed": 0}, rate.streams[:1]
+        tmp_path / "demo.html", demo, held_out, MadeBy(), rate.streams[:1]
     ).read_text()
     ours = rate.figures.rows[OURS]
     assert isinstance(ours, ClassScores)
@@ -733,8 +735,13 @@ def test_a_page_without_its_markers_is_refused_and_left_as_it_is(tmp_path: Path)
         assert page.read_text() == text
 
 
-def test_an_object_met_in_one_trial_alone_has_no_interval_and_is_drawn_all_the_same() -> None:
-    alone = {"four": {"macro_f1": 0.5, "macro_f1_ci": None}}
+def test_an_object_of_one_trial_alone_has_no_interval_and_is_drawn_all_the_same(
+    studied: Studied,
+) -> None:
+    rate = studied.rate.figures
+    scores = rate.scores(OURS)
+    alone = replace(scores, four=replace(scores.four, macro_f1=0.5, macro_f1_ci=None))
     assert "<svg" in pictures.objects_left_out({"ours": {"a": alone}}, "simulated")
-    rate = {"rows": {"ours": alone}, "others": {"apple": {"rows": {"ours": alone}}}}
-    assert "<svg" in pictures.rates({"50": rate, "100": rate}, "simulated")
+    apple = replace(rate.others["apple"], rows={"ours": alone})
+    one = replace(rate, rows={"ours": alone}, others={"apple": apple})
+    assert "<svg" in pictures.rates({"50": one, "100": one}, "simulated")
