@@ -144,7 +144,7 @@ def _slips(sense: GripSense) -> Flag:
 class SlipSteps:
     """own + one step for each slip event; setting: the step, N."""
 
-    SETTING = 3.0
+    SETTING = 8.0
 
     def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
         self._lanes, self._step_n = lanes, setting
@@ -165,7 +165,7 @@ class SlipSteps:
 class SlipIntegral:
     """own + the integral of the slip signal; setting: N per s of slip."""
 
-    SETTING = 60.0
+    SETTING = 200.0
 
     def __init__(self, lanes: Lanes, rate_hz: float, setting: float) -> None:
         self._lanes, self._rise_n = lanes, setting / rate_hz

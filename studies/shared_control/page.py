@@ -8,6 +8,7 @@ from typing import Any
 
 from evaluation.doc_tables import table, with_interval, write_tables
 from studies.shared_control.plan import OURS, UNSEEN
+from studies.shared_control.targets import target_rows
 
 PAGE = Path("docs/shared-control.md")
 CONTROLLER_HEADS = {
@@ -46,6 +47,7 @@ TIME_HEADS = {
     "saved": "saved (95 %)",
     "blocked": "blocked (95 %)",
 }
+TARGET_HEADS = ("target", "aim", "measured", "reached")
 Row = dict[str, Any]
 
 
@@ -59,7 +61,8 @@ def fill_page(figures: dict[str, Any]) -> None:
         "parts": (_part(rows, "without"), PART_HEADS),
         "milliseconds": ([*_part(rows, "lag"), *_part(rows, "delay")], TIME_HEADS),
     }
-    made = {n: table([shown(r) for r in of], heads) for n, (of, heads) in chosen.items() if of}
+    made = {"targets": table(target_rows(rows), {h: h for h in TARGET_HEADS})}
+    made |= {n: table([shown(r) for r in of], heads) for n, (of, heads) in chosen.items() if of}
     write_tables(PAGE, made)
 
 

@@ -18,14 +18,16 @@ UNSEEN = ("p1", "p2", "quick", "slow")
 OURS = "holdfast"
 LAG_MS = 50.0
 SETTINGS: dict[str, tuple[float, ...]] = {
-    OURS: (4.0, 8.0, 12.0, 20.0),
-    "pd-shear": (0.5, 1.0, 2.0),
-    "smsp": (1.0, 3.0, 8.0),
-    "ismsp": (20.0, 60.0, 200.0),
+    OURS: (4.0, 8.0, 14.0, 22.0, 32.0),
+    "pd-shear": (0.5, 2.0, 6.0),
+    "smsp": (3.0, 8.0, 20.0),
+    "ismsp": (60.0, 200.0, 600.0),
 }
 """The curve of each controller: its one setting."""
-CURVE_SETS = ("author", "p1", "quick")
-LAGS_MS = (0.0, 20.0, 100.0)
+CURVE_SETS = ("p1", "quick")
+"""The unseen styles of the curves: what becomes of their objects is counted together."""
+STYLES = ("author", "p1", "p2", "quick", "slow")
+LAGS_MS = (20.0, 100.0)
 DELAYS = (1, 3, 8)
 """Samples by which targets act later: 7, 20 and 53 ms at 150 Hz."""
 WITHOUT = {
@@ -66,10 +68,11 @@ def sets(trials: int) -> dict[str, LoopSet]:
 def rows(trials: int) -> list[Row]:
     """Everything that the study runs."""
     by_name = sets(trials)
+    every = (*CONTROLLERS, VIBRATION, ORACLE)
     made = [
         Row("table", name, which, one, LoopRequest(which, lag_ms=LAG_MS))
         for name, one in by_name.items()
-        for which in (*CONTROLLERS, VIBRATION, ORACLE)
+        for which in (every if name in STYLES else SETTINGS)
     ]
     for name in CURVE_SETS:
         one = by_name[name]
@@ -79,9 +82,10 @@ def rows(trials: int) -> list[Row]:
             for setting in settings
         ]
         made += [
-            Row("lag", name, OURS, one, LoopRequest(OURS, setting, lag_ms))
+            Row("lag", name, which, one, LoopRequest(which, setting, lag_ms))
             for lag_ms in LAGS_MS
-            for setting in SETTINGS[OURS][1:3]
+            for which, settings in SETTINGS.items()
+            for setting in settings[-4::2]
         ]
         made += [
             Row("delay", name, OURS, one, LoopRequest(OURS, delay_samples=delay))

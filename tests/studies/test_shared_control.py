@@ -1,0 +1,101 @@
+"""The study of shared control: what it runs, what its figure shows, and its targets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from evaluation.loop_runs import CHOICES
+from studies.shared_control.__main__ import _chosen
+from studies.shared_control.page import shown
+from studies.shared_control.picture import curve, picture
+from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
+from studies.shared_control.targets import TARGETS, target_rows
+
+
+def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:
+    """A row of loop.json; figures: those that matter."""
+    whole: dict[str, Any] = {"part": part, "set": name, "controller": controller}
+    whole |= {"setting": None, "lag_ms": 50.0, "delay_samples": 0, "grip_excess": 1.0}
+    for target in TARGETS:
+        whole |= {target.key: target.bound, f"{target.key}_ci": [0.0, 1.0]}
+    return whole | figures
+
+
+def reached(*rows_of: dict[str, Any]) -> dict[str, str]:
+    return {one["target"]: one["reached"] for one in target_rows(rows_of)}
+
+
+def test_every_style_meets_every_controller_and_every_set_ours() -> None:
+    table = [one for one in rows(100) if one.part == "table"]
+    assert {one.set_name for one in table if one.label == OURS} == set(sets(100))
+    for style in ("author", "p1", "p2", "quick", "slow"):
+        assert {one.label for one in table if one.set_name == style} == set(CHOICES)
+
+
+def test_every_lag_of_the_figure_has_a_curve_of_every_controller() -> None:
+    for lag_ms in LAGS_MS:
+        lagged = [one for one in rows(100) if one.part == "lag" and one.request.lag_ms == lag_ms]
+        assert {one.label for one in lagged} == set(SETTINGS)
+        assert {one.set_name for one in lagged} == set(CURVE_SETS)
+
+
+def test_a_point_of_a_curve_counts_the_sets_together() -> None:
+    counts = {"saved": 1, "preventable": 10, "blocked": 0, "handovers": 5, "setting": 4.0}
+    more = counts | {"saved": 9, "blocked": 5}
+    points = curve([row("curve", "p1", OURS, **counts), row("curve", "quick", OURS, **more)])
+    assert points == [(0.5, 0.5)]
+
+
+def test_the_picture_has_a_panel_for_every_lag() -> None:
+    counts = {"saved": 1, "preventable": 2, "blocked": 1, "handovers": 4}
+    made = [
+        row("lag", "p1", which, lag_ms=lag_ms, setting=setting, **counts)
+        for lag_ms in (50.0, *LAGS_MS)
+        for which in SETTINGS
+        for setting in (1.0, 2.0)
+    ]
+    drawn = picture({"rows": made})
+    assert all(f"drive with a lag of {lag_ms:g} ms" in drawn for lag_ms in (20, 50, 100))
+
+
+def test_a_target_is_reached_at_its_bound_and_not_beyond() -> None:
+    at = {"saved_share": 0.95, "blocked_share": 0.02}
+    assert set(reached(row("table", "author", OURS, **at)).values()) == {"yes"}
+    beyond = row("table", "author", OURS, blocked_share=0.021, saved_share=0.94)
+    assert [t for t, r in reached(beyond).items() if r == "no"] == [
+        "drops saved, author's style",
+        "hand-overs blocked, author's style",
+    ]
+
+
+def test_of_several_unseen_styles_the_worst_counts() -> None:
+    good, bad = row("table", "p1", OURS, saved_share=1.0), row("table", "p2", OURS, saved_share=0.5)
+    assert reached(good)["drops saved, worst unseen style"] == "yes"
+    assert reached(good, bad)["drops saved, worst unseen style"] == "no"
+
+
+@pytest.mark.parametrize(("excess", "verdict"), [(2.0, "yes"), (1.9, "no")])
+def test_our_grip_above_need_is_held_against_that_of_the_rivals(
+    excess: float, verdict: str
+) -> None:
+    rival = row("table", "p1", "smsp", grip_excess=excess)
+    verdicts = reached(row("table", "p1", OURS), rival)
+    assert verdicts["grip above need over that of smsp, all styles"] == verdict
+
+
+def test_rows_are_chosen_by_part_set_and_controller() -> None:
+    class Options:
+        parts, sets, controllers = ("table",), ("p1",), (OURS,)
+
+    (one,) = _chosen(rows(100), Options())  # type: ignore[arg-type]
+    assert (one.part, one.set_name, one.label) == ("table", "p1", OURS)
+
+
+def test_a_figure_that_is_not_there_is_a_dash_in_the_tables() -> None:
+    figures: dict[str, Any] = dict.fromkeys(("drops", "preventable", "handovers"), 0)
+    figures |= dict.fromkeys(("disturbed_share", "disturbed_share_ci", "tightenings_per_min"))
+    none = dict.fromkeys(("saved_share", "slip_mm_p50", "crushed_share", "extra_force_n_p50"))
+    printed = shown(row("table", "holds", OURS, **(figures | none)))
+    assert (printed["saved"], printed["slip"], printed["crushed"]) == (None, None, None)
