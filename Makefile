@@ -19,6 +19,8 @@ FAST_HANDOVER := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:p
     author:thesis:300:1000 p1:p1:450:1003 p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
 # Tests run in a process a core, a file at a time: what a file sets up is set up once.
 ACROSS := -n auto --dist loadfile
+# A process a core: numpy's own threads would only wait for each other.
+test hard-cases safety: export OPENBLAS_NUM_THREADS := 1
 ROOMS  := $(wildcard edge_runtime drivers export training evaluation studies simulation holdfast benchmarks)
 
 # Deaf to settings of the machine that could pick another interpreter or environment;

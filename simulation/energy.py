@@ -14,8 +14,8 @@ TINY = 1e-300
 
 def kinetic_j(body: Body, state: State) -> FloatArray:
     """[B] energy of motion."""
-    v = state.velocity_m_s
-    energy: FloatArray = 0.5 * body.mass_kg * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    squares = state.velocity_m_s * state.velocity_m_s
+    energy: FloatArray = 0.5 * body.mass_kg * (squares[0] + squares[1] + squares[2])
     return energy
 
 
@@ -31,7 +31,7 @@ def brush_j(body: Body, state: State) -> FloatArray:
 def normal_j(body: Body, closure_m: FloatArray, x_m: FloatArray, recess: FloatArray) -> FloatArray:
     """[B] energy in the normal springs, the object at x_m [B] and its surface recessed [S, B]."""
     depth = np.maximum(closure_m - recess - body.side * x_m, 0.0)
-    energy: FloatArray = 0.5 * (body.stiffness_n_per_m * (depth * depth)).sum(axis=0)
+    energy: FloatArray = 0.5 * np.add.reduce(body.stiffness_n_per_m * (depth * depth), axis=0)
     return energy
 
 
@@ -75,7 +75,7 @@ def keep_the_balance(
     )
     moving_j, state.brush_j = kinetic_j(body, state), brush_j(body, state)
     still_j = state.brush_j + normal_j(body, closure_m, state.position_m[0], state.recess_m)
-    too_much = np.flatnonzero(moving_j + still_j > had_j + given_j)
+    too_much = (moving_j + still_j > had_j + given_j).nonzero()[0]
     if not too_much.size:
         return
     left_j = (had_j + given_j - still_j)[too_much]

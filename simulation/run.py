@@ -158,7 +158,7 @@ def _step_on(
         _note(tape, start + k, lanes.first, state, travel)
         if mean is not None:
             mean.add(lanes.body, state, at_s[k], dt_s)
-        ends = np.flatnonzero(sample[k, lanes.first :] >= 0)
+        ends = (sample[k, lanes.first :] >= 0).nonzero()[0]
         if ends.size:
             rows = tape.starts[lanes.first + ends] + sample[k, lanes.first + ends]
             _sample(tape, rows, ends, lanes.body, state, mean)
@@ -199,7 +199,7 @@ def _note(tape: _Tape, k: int, first: int, state: State, travel: FloatArray) -> 
 
 def forces_of(body: Body, state: State) -> FloatArray:
     """[S, 3, B] on the fingertips: shear x, y, normal; shear points the way the object moves."""
-    shear = (body.brush_n_per_m * state.stretch_m).sum(axis=1)
+    shear = np.add.reduce(body.brush_n_per_m * state.stretch_m, axis=1)
     forces = np.empty((len(state.normal_n), 3, shear.shape[2]))
     forces[:, 0], forces[:, 1], forces[:, 2] = shear[0], shear[1] * -body.side, state.normal_n
     return forces
@@ -245,7 +245,7 @@ def _sample(
 ) -> None:
     forces = forces_of(body, state)[..., lanes] if mean is None else mean.take(lanes)
     tape.position[rows] = state.position_m[:, lanes].T
-    tape.forces[rows] = np.moveaxis(forces, 2, 0)
+    tape.forces[rows] = forces.transpose(2, 0, 1)
 
 
 def _motion(tape: _Tape, rate_hz: float, lane: int, grid: Grid) -> TrialMotion:

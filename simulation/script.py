@@ -6,7 +6,7 @@ elsewhere; a trial's steps depend on the trial alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,8 @@ CATCH_S = 0.5
 """Time before the hand opens at which the person of a disturbed hold comes back."""
 DAMPING_RATIO = 0.7
 Interval = tuple[float, float]
+Person = tuple[FloatArray, ...]
+"""Fields of Pull, each [n, .., B] at the ends of n steps."""
 
 
 def smooth(u: FloatArray) -> FloatArray:
@@ -218,22 +220,25 @@ class Script:
     def chunk(self, t_s: FloatArray) -> list[Inputs]:
         """Inputs at the ends of n steps, t_s [n, B]."""
         shut, pulse = self._shut(t_s), self._pulse(t_s)
-        people = [self._giver(t_s)]
-        if self.takes.any():
-            people.append(self._taker(t_s))
-        if self.holds.any():
-            people.append(self._disturber(t_s, pulse))
+        people = [(person, _acts(person)) for person in self._people(t_s, pulse)]
         floor = self._box(t_s) if self.boxed else None
         return [
             Inputs(
                 self._closure(shut[k], pulse[k], self.grip_share(k)),
-                tuple(Pull(*(part[k] for part in person)) for person in people),
+                tuple(Pull(*(part[k] for part in one)) for one, acts in people if acts[k]),
                 None
                 if floor is None
                 else Floor(BOX_N_PER_M, BOX_DAMPING, BOX_SIDEWAYS, floor[0][k], floor[1][k]),
             )
             for k in range(len(t_s))
         ]
+
+    def _people(self, t_s: FloatArray, pulse: FloatArray) -> Iterator[Person]:
+        yield self._giver(t_s)
+        if self.takes.any():
+            yield self._taker(t_s)
+        if self.holds.any():
+            yield self._disturber(t_s, pulse)
 
     def _shut(self, t_s: FloatArray) -> FloatArray:
         closing = smooth((t_s - self.t["close"]) / self.d("closing_s", 1.0))
@@ -265,7 +270,7 @@ class Script:
         """[n, B] 1 while the person who takes is there; in a closed loop people give up."""
         return 1.0
 
-    def _giver(self, t_s: FloatArray) -> tuple[FloatArray, ...]:
+    def _giver(self, t_s: FloatArray) -> Person:
         """The person who holds the object out until letting go; a fall's support just vanishes."""
         lasts = np.where(self.falls, self.d("vanish_s", 1.0), self.d("give_s", 1.0))
         there = 1.0 - smooth((t_s - self.t["give"]) / lasts)
@@ -283,7 +288,7 @@ class Script:
             still,
         )
 
-    def _taker(self, t_s: FloatArray) -> tuple[FloatArray, ...]:
+    def _taker(self, t_s: FloatArray) -> Person:
         """The person who takes the object (gently, with its weight) or tears at it."""
         grasped = self.takes & (t_s >= self.t["act"])
         start, move_s = self.t["act"] + self.d("wait_s"), self.d("move_s", 1.0)
@@ -303,7 +308,7 @@ class Script:
             speed[:, None] * self.push,
         )
 
-    def _disturber(self, t_s: FloatArray, pulse: FloatArray) -> tuple[FloatArray, ...]:
+    def _disturber(self, t_s: FloatArray, pulse: FloatArray) -> Person:
         """A force along the object, as a share of its weight, subtracted or added."""
         still = np.zeros((len(t_s), *self.push.shape))
         nothing = np.zeros_like(t_s)
@@ -318,3 +323,10 @@ class Script:
         height = np.where(self.sets_down & (t_s >= self.t["act"]), risen - BOX_GAP_M, -10.0)
         cap = self.d("press") * self.weight_n + self.d("excess_n")
         return height, np.broadcast_to(np.maximum(cap, 1e-9), t_s.shape)
+
+
+def _acts(person: Person) -> list[bool]:
+    """Whether a person does anything to any object in each of n steps: a spring, or a weight."""
+    stiffness, _, _, weight = person[:4]
+    acts: list[bool] = ((stiffness != 0.0) | (weight != 0.0)).any(axis=1).tolist()
+    return acts

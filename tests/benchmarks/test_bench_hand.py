@@ -41,9 +41,12 @@ def test_every_bridge_has_its_row_and_only_serves_rates_that_leave_it_time(scans
 
 @pytest.fixture(scope="module")
 def faults():
-    """Runs of 4.5 s: every fault is over after 3.5 s, and the hand settles within 0.7 s."""
+    """Runs of 2.4 s, with faults from 1 s to 1.5 s: the hand settles within 0.7 s."""
+    early = {fault.replace("@3", "@1"): what for fault, what in FAULTS.items()}
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(hand, "FAULT_RUN_S", 4.5)
+        for name, value in {"FAULTS": early, "FAULT_AT_S": 1.0, "FAULT_RUN_S": 2.4}.items():
+            patched.setattr(hand, name, value)
+        patched.setattr(hand, "PHASES_FROM_S", 0.8)
         return fault_table(MODEL, compute_ms=0.5, phases=2)
 
 

@@ -35,21 +35,22 @@ from training.datasets import load
 from training.featurise import FloatRows
 from training.plan import ForestPlan
 
-SMALL = {"train": ("thesis", 15, 0), "choose": ("daily", 5, 1), "ask": ("daily", 10, 2)}
+SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 6, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
 TIMES = ("forest_us", "step_us")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def in_long_steps() -> Iterator[None]:
-    """Trials are simulated in steps of a sample: nothing here depends on the millisecond of a
-    slip."""
+    """Trials are simulated at 100 Hz in steps of a sample: nothing here depends on the millisecond
+    of a slip."""
 
     def card(name: str, rate_hz: float) -> Card:
         return replace(read_card(name, rate_hz=rate_hz), step_s=1 / rate_hz)
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(recordings, "read_card", card)
+        patched.setattr(recordings, "FASTEST_HZ", 100.0)
         yield
 
 
@@ -182,25 +183,25 @@ def test_the_first_trees_of_a_large_forest_are_the_small_one_fitted_alone(kind, 
 
 
 def test_a_slower_reading_is_every_nth_sample_of_the_same_hand(tmp_path):
-    parts = {"ask": ("daily", 5, 2)}
-    recordings.simulate(tmp_path, "ask", [300.0, 100.0], parts)
-    fast, slow = (load(tmp_path / f"{rate}hz-ask", windows="natural") for rate in (300, 100))
-    assert (fast.rate_hz, slow.rate_hz) == (pytest.approx(300.0), pytest.approx(100.0))
+    parts = {"ask": ("daily", 3, 2)}
+    recordings.simulate(tmp_path, "ask", [100.0, 50.0], parts)
+    fast, slow = (load(tmp_path / f"{rate}hz-ask", windows="natural") for rate in (100, 50))
+    assert (fast.rate_hz, slow.rate_hz) == (pytest.approx(100.0), pytest.approx(50.0))
     for one, other in zip(fast.recordings, slow.recordings, strict=True):
         assert [event.onset_s for event in other.events] == [event.onset_s for event in one.events]
-    every, third = (
-        read_trial(tmp_path / f"{rate}hz-ask/soft-ball/daily/trial_1.csv") for rate in (300, 100)
+    every, second = (
+        read_trial(tmp_path / f"{rate}hz-ask/soft-ball/daily/trial_1.csv") for rate in (100, 50)
     )
-    np.testing.assert_array_equal(third.t_s, every.t_s[::3])
-    np.testing.assert_array_equal(third.raw, every.raw[::3])
-    with pytest.raises(UsageError, match=r"300 Hz over 2\.5"):
-        recordings.simulate(tmp_path, "ask", [120.0], parts)
+    np.testing.assert_array_equal(second.t_s, every.t_s[::2])
+    np.testing.assert_array_equal(second.raw, every.raw[::2])
+    with pytest.raises(UsageError, match=r"100 Hz over 2\.5"):
+        recordings.simulate(tmp_path, "ask", [40.0], parts)
 
 
 def test_half_a_simulation_is_begun_anew_and_a_whole_one_is_kept(tmp_path):
-    (tmp_path / "300hz-ask.half").mkdir()
-    (tmp_path / "300hz-ask.half" / "card.toml").write_text("torn")
-    parts = {"ask": ("daily", 5, 2)}
+    (tmp_path / "100hz-ask.half").mkdir()
+    (tmp_path / "100hz-ask.half" / "card.toml").write_text("torn")
+    parts = {"ask": ("daily", 2, 2)}
     recordings.simulate(tmp_path, "ask", [100.0], parts)
     written = sorted((path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.csv"))
     recordings.simulate(tmp_path, "ask", [100.0], parts)

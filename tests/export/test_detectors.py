@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_runtime.contract import BoolArray, FloatArray, Unit
-from edge_runtime.graph import open_session, run_recording
+from edge_runtime.graph import open_session, run_recording, run_recordings
 from export.detectors import detector_names
 from export.spec import NOISE_RMS, DetectorSpec, StepSpec
 from export.step_graph import feature_graph
@@ -22,6 +22,7 @@ RATE_HZ = 100.0
 SENSORS = 2
 RULES = DetectorSpec()
 BURST_HZ = 20.0
+LOUDER = (1.0, 10.0, 100.0)
 
 
 @cache
@@ -61,6 +62,34 @@ def burst(
     return shaken
 
 
+def long_streams() -> dict[str, tuple[FloatArray, BoolArray]]:
+    """Streams of 90 or 100 s, by name: (values, valid)."""
+    small = 40.0 * NOISE_RMS["N"]
+    values = {f"{louder:g} times as noisy": quiet(90.0) for louder in LOUDER}
+    for louder, name in zip(LOUDER, values, strict=True):
+        values[name][:, 0] *= louder
+        values[name] = burst(values[name], 85.0, 0.5, small * louder)
+    loud, noise = quiet(90.0), quiet(100.0)
+    loud[:, 0] *= 100.0
+    noise[at(5.0) :, 3] *= 100.0
+    values |= {f"burst on {k}": burst(loud, 85.0, 0.5, small, channel=k) for k in (0, 4)}
+    values |= {"noise": noise, "tone": burst(quiet(100.0), 5.0, 95.0, 2.0), "lost": loud}
+    valid = {name: np.ones((len(one), SENSORS), dtype=np.bool_) for name, one in values.items()}
+    valid["lost"][at(65.0) : at(85.0), 0] = False
+    return {name: (values[name], valid[name]) for name in values}
+
+
+@cache
+def band_pass() -> dict[str, BoolArray]:
+    """Name of a long stream -> [T] whether the band-pass detector fires; all in one batch."""
+    streams = long_streams()
+    values, valid = (list(part) for part in zip(*streams.values(), strict=True))
+    rows = [np.arange(len(one)) for one in values]
+    outputs = run_recordings(session_of("N"), values, valid, ["detectors"], rows)
+    column = detector_names(StepSpec(SENSORS, RATE_HZ, "N", ("now",))).index("band_pass")
+    return {name: out["detectors"][:, column] for name, out in zip(streams, outputs, strict=True)}
+
+
 @given(seed=st.integers(0, 2**16), cut=st.integers(1, 299))
 @settings(max_examples=10)
 def test_later_samples_change_no_earlier_detection(seed: int, cut: int) -> None:
@@ -77,25 +106,16 @@ def test_noise_alone_fires_nothing_in_any_unit(unit: Unit) -> None:
     assert not any(fired.any() for fired in detect(quiet(60.0, unit), unit).values())
 
 
-@pytest.mark.parametrize("louder", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("louder", LOUDER)
 def test_one_setting_serves_a_channel_however_noisy_and_a_burst_still_fires(louder: float) -> None:
-    values = quiet(90.0)
-    values[:, 0] *= louder
-    fired = detect(burst(values, 85.0, 0.5, 40.0 * louder * NOISE_RMS["N"]))["band_pass"]
+    fired = band_pass()[f"{louder:g} times as noisy"]
     assert not fired[at(60.0) : at(85.0)].any()
     assert fired[at(85.0) : at(85.5)].any()
 
 
 def test_the_floor_is_each_channels_own() -> None:
-    values = quiet(90.0)
-    values[:, 0] *= 100.0
-    small = 40.0 * NOISE_RMS["N"]
-    assert detect(burst(values, 85.0, 0.5, small, channel=4))["band_pass"][
-        at(85.0) : at(85.5)
-    ].any()
-    assert not detect(burst(values, 85.0, 0.5, small, channel=0))["band_pass"][
-        at(85.0) : at(85.5)
-    ].any()
+    assert band_pass()["burst on 4"][at(85.0) : at(85.5)].any()
+    assert not band_pass()["burst on 0"][at(85.0) : at(85.5)].any()
 
 
 def test_vibration_along_the_normal_is_not_shear() -> None:
@@ -104,16 +124,14 @@ def test_vibration_along_the_normal_is_not_shear() -> None:
 
 @EVENTS.mark
 def test_lasting_noise_cannot_lock_the_alarm_on_for_ever() -> None:
-    values = quiet(100.0)
-    values[at(5.0) :, 3] *= 100.0
-    fired = detect(values)["band_pass"]
+    fired = band_pass()["noise"]
     assert fired[at(5.0) : at(6.0)].any()
     assert not fired[at(80.0) :].any()
 
 
 @EVENTS.mark
 def test_a_lasting_tone_cannot_lock_the_alarm_on_for_ever() -> None:
-    fired = detect(burst(quiet(100.0), 5.0, 95.0, 2.0))["band_pass"]
+    fired = band_pass()["tone"]
     assert fired[at(5.5) : at(10.0)].all()
     assert not fired[at(90.0) :].any()
 
@@ -249,11 +267,7 @@ def test_no_vibration_is_reported_before_a_finger_has_settled() -> None:
 
 
 def test_the_floor_stands_still_while_a_finger_is_lost() -> None:
-    values = quiet(90.0)
-    values[:, 0] *= 100.0
-    valid = np.ones((len(values), SENSORS), dtype=np.bool_)
-    valid[at(65.0) : at(85.0), 0] = False
-    fired = detect(values, valid=valid)["band_pass"]
+    fired = band_pass()["lost"]
     assert not fired[at(60.0) :].any()  # as loud as ever after 20 s: nothing new
 
 

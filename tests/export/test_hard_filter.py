@@ -218,13 +218,28 @@ def test_ten_minutes_of_silence_leave_exact_zeros_and_no_subnormal_number(
     graph = StepGraph(open_session(bank_model(spec)))
     loud = np.random.default_rng(0).normal(0.0, 1000.0, (3000, spec.n_channels))
     with_signal = step_us(graph, loud)
-    minutes = [step_us(graph, np.repeat(loud[-1:], round(60 * RATE_HZ), axis=0)) for _ in range(10)]
+    minutes = silent_minutes(graph, loud[-1:])
     record_property(
         "cost_on_silence_over_cost_on_signal",
         float(np.median(minutes[-1]) / np.median(with_signal)),
     )
     assert not graph.out["rectified"].any()
     assert not subnormal(graph.state).any()
+
+
+def silent_minutes(graph: StepGraph, held: FloatArray) -> list[FloatArray]:
+    """Microseconds of every step in ten minutes of one sample.
+
+    Where a step leaves the state as it was, all later ones would too: the rest is left out.
+    """
+    minutes = []
+    for _ in range(10):
+        minutes.append(step_us(graph, np.repeat(held, round(60 * RATE_HZ), axis=0)))
+        before = graph.state.tobytes()
+        graph.step()
+        if graph.state.tobytes() == before:
+            break
+    return minutes
 
 
 def step_us(graph: StepGraph, values: FloatArray) -> FloatArray:

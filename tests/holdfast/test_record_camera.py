@@ -147,7 +147,7 @@ def recorded_with_film(*words: object) -> None:
 
 def test_a_scene_that_is_felt_and_filmed_at_once_gives_the_onset_that_it_had(tmp_path, capsys):
     recorded_with_film(
-        *words_of(tmp_path, size=SHARP, close_at_s=2.0, step_s=0.0008), "--seconds", "4"
+        *words_of(tmp_path, size=SHARP, close_at_s=2.0, step_s=0.003), "--seconds", "4"
     )
     folder = trial_in(tmp_path)
     scene = json.loads((folder / "tactile.truth.json").read_text())

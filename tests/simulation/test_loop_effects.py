@@ -144,13 +144,13 @@ def test_a_slide_over_texture_vibrates_with_speed_over_wavelength(
     texture = make("texture", wavelength_mm=wavelength_mm, depth=0.2)
     _, shear_n = run(
         what,
-        4e-4,
-        3000,
+        8e-4,
+        1500,
         PhysicsEffects(textures=(texture,)),
         inputs=lambda t: Inputs(shut(), (carry(speed_m_s=speed_m_s, t_s=t),)),
         watch=lambda state: what.brush_n_per_m[0, 0, 0] * state.stretch_m[0, 0, 0, 0],
     )
-    steady = shear_n[-2500:]  # one second: a bin is a hertz
+    steady = shear_n[-1250:]  # one second: a bin is a hertz
     tone = np.abs(np.fft.rfft(steady - steady.mean())) * 2.0 / len(steady)
     assert tone.argmax() == pytest.approx(speed_m_s / (1e-3 * wavelength_mm), abs=1.0)
     assert tone.max() == pytest.approx(0.2 * 0.6 * 1000.0 * DEPTH_M, rel=0.05)
@@ -166,35 +166,35 @@ def test_the_elements_of_a_texture_are_out_of_step() -> None:
 
 
 def test_a_held_finger_relaxes_with_the_time_constant_of_its_silicone() -> None:
-    what, time_s, dt_s = body(gravity_m_s2=0.0), 0.2, 2e-4
+    what, time_s, dt_s = body(gravity_m_s2=0.0), 0.2, 5e-4
     lag = make("lag", ratio=0.4, time_s=time_s)
     state = at_rest(what, shut(depth_m=0.0))
     _, normal_n = run(
         what,
         dt_s,
-        3000,
+        1200,
         PhysicsEffects(lags=(lag,)),
         watch=lambda state: state.normal_n[:, 0].copy(),
         state=state,
     )
-    t_s = dt_s * np.arange(1, 3001)[:, None]
+    t_s = dt_s * np.arange(1, 1201)[:, None]
     expected = FINGERS * DEPTH_M * (1.0 + 0.4 * np.exp(-t_s / time_s))
     assert np.allclose(normal_n, expected, rtol=2e-3)
 
 
 def test_pressing_in_and_out_loses_what_a_standard_solid_loses() -> None:
-    what, time_s, dt_s = body(gravity_m_s2=0.0), 0.1, 2e-4
+    what, time_s, dt_s = body(gravity_m_s2=0.0), 0.1, 5e-4
     omega, swing_m, ratio = 2.0 * np.pi * 2.0, 1e-3, 0.4
     lag = make("lag", ratio=ratio, time_s=time_s)
     _, seen = run(
         what,
         dt_s,
-        5000,
+        2000,
         PhysicsEffects(lags=(lag,)),
         inputs=lambda t: Inputs(shut(depth_m=DEPTH_M + swing_m * np.sin(omega * t))),
         watch=lambda state: (state.normal_n[:, 0].copy(), state.depth_m[:, 0].copy()),
     )
-    force, depth = seen[-2501:, 0], seen[-2501:, 1]  # one turn of 0.5 s
+    force, depth = seen[-1001:, 0], seen[-1001:, 1]  # one turn of 0.5 s
     lost_j = (0.5 * (force[1:] + force[:-1]) * np.diff(depth, axis=0)).sum(axis=0)
     expected = np.pi * ratio * FINGERS * swing_m**2 * omega * time_s / (1.0 + (omega * time_s) ** 2)
     assert np.allclose(lost_j, expected, rtol=0.01)
@@ -209,7 +209,7 @@ def test_a_finger_that_left_remembers_nothing() -> None:
     assert not lag.held_n.any()
 
 
-@pytest.mark.parametrize("dt_s", [2e-4, 8e-4, 5e-3])
+@pytest.mark.parametrize("dt_s", [4e-4, 2e-3, 5e-3])
 def test_a_branch_that_never_relaxes_is_a_stiffer_finger_while_the_hand_closes(dt_s: float) -> None:
     # the thumb pushes the object aside
     reach = np.array([1.0, 1.0, 0.2, 0.2, 0.2, 0.2])[:, None] * np.ones(2)
@@ -245,15 +245,15 @@ def test_friction_that_can_hold_an_offset_weight_holds_it_and_nothing_creeps() -
     what = body(elements=5)
     rotation = make("rotation", offset_y_mm=10.0, offset_z_mm=4.0)
     turns = PhysicsEffects(turns=(rotation,))
-    state, _ = run(what, 1e-3, 2000, turns)
+    state, _ = run(what, 1e-3, 500, turns)
     for dt_s in (1e-2, 1e-3):
-        run(what, dt_s, 1500, turns, state=state)
+        run(what, dt_s, 600, turns, state=state)
     angle, stretch = rotation.angle.copy(), state.stretch_m.copy()
     assert (np.abs(angle) > 1e-4).all()  # it gives way elastically
     y_m = rotation.place_m()[0]
     assert torque_nm(what, state) == pytest.approx(0.1 * 9.81 * y_m, rel=1e-6)
     for dt_s in (1e-3, 1e-2):
-        run(what, dt_s, 500, turns, state=state)
+        run(what, dt_s, 300, turns, state=state)
     assert np.abs(rotation.angle - angle).max() < 1e-15
     assert np.abs(state.stretch_m - stretch).max() < 1e-15
     assert np.abs(rotation.rate).max() < 1e-15
@@ -263,7 +263,7 @@ def test_friction_that_cannot_hold_it_lets_it_swing_down() -> None:
     near = ALONG / 3.0
     rotation = make("rotation", lanes=2, offset_y_mm=40.0, offset_z_mm=0.0)
     what = body(elements=5, mass_kg=0.3, at_m=near)
-    state, _ = run(what, 5e-4, 4000, PhysicsEffects(turns=(rotation,)))
+    state, _ = run(what, 1e-3, 2000, PhysicsEffects(turns=(rotation,)))
     assert (state.normal_n > 0.0).all()
     assert np.abs(state.position_m).max() < 0.01  # the weight itself is held
     assert (rotation.angle < -0.5).all()  # and turns the way gravity asks
@@ -274,14 +274,14 @@ def test_a_weight_on_a_pivot_swings_as_a_pendulum() -> None:
     rotation = make("rotation", offset_y_mm=0.0, offset_z_mm=-50.0)
     rotation.angle[:] = 0.05
     _, angle = run(
-        what, 5e-4, 4000, PhysicsEffects(turns=(rotation,)), watch=lambda _: rotation.angle[0]
+        what, 1e-3, 2000, PhysicsEffects(turns=(rotation,)), watch=lambda _: rotation.angle[0]
     )
     falling = np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))
     assert len(falling) > 3
     inertia_m2 = gyration_m2(OBJECTS["basket-ball"]) + 0.05**2
     expected_s = 2.0 * np.pi * np.sqrt(inertia_m2 / (9.81 * 0.05))
-    assert np.diff(falling).mean() * 5e-4 == pytest.approx(expected_s, rel=0.01)
-    assert np.abs(angle[-2000:]).max() > 0.04
+    assert np.diff(falling).mean() * 1e-3 == pytest.approx(expected_s, rel=0.01)
+    assert np.abs(angle[-1000:]).max() > 0.04
 
 
 def test_an_object_turns_freely_only_where_no_person_holds_it() -> None:
@@ -347,11 +347,11 @@ def test_an_arm_asks_for_fine_steps_in_every_movement_and_only_there() -> None:
 @pytest.mark.parametrize("frequency_hz", [4.0, 8.0, 12.0])
 def test_a_tremor_trembles_at_its_frequency(frequency_hz: float) -> None:
     tremor = make("tremor", lanes=20, frequency_hz=frequency_hz, amplitude_m_s2=0.5)
-    values = over(tremor, 2e-3 * np.arange(20000), lanes=20)
-    power = (np.abs(np.fft.rfft(values * np.hanning(20000)[:, None, None], axis=0)) ** 2).sum(
+    values = over(tremor, 2e-3 * np.arange(10000), lanes=20)
+    power = (np.abs(np.fft.rfft(values * np.hanning(10000)[:, None, None], axis=0)) ** 2).sum(
         axis=1
     )
-    bins_hz = np.fft.rfftfreq(20000, 2e-3)
+    bins_hz = np.fft.rfftfreq(10000, 2e-3)
     near = (bins_hz > 0.84 * frequency_hz) & (bins_hz < 1.16 * frequency_hz)
     assert (power[near].sum(axis=0) > 0.999 * power.sum(axis=0)).all()
     assert np.linalg.norm(values, axis=1).max() <= 0.5
@@ -403,7 +403,7 @@ def gains_j(step_s: float, elements: int, lagging: bool) -> tuple[FloatArray, Fl
     state.velocity_m_s += rng.normal(size=(3, lanes)) * 0.1
     rotation.rate += rng.normal(size=lanes) * 5.0
     energy, gripped = [held_j(what, state, rotation, lag)], []
-    for _ in range(400):
+    for _ in range(200):
         dt_s = step_s * 10.0 ** rng.uniform(-0.5, 0.0, lanes)
         step(what, state, Inputs(shut(lanes)), dt_s, dt_s, effects)
         energy.append(held_j(what, state, rotation, lag))
@@ -445,7 +445,7 @@ def test_a_lane_has_the_same_numbers_in_any_batch() -> None:
     for numbers in ([0, 1, 2, 3, 4, 5, 6], [3, 5], [5, 2, 3]):
         effects, rotation = all_of(numbers)
         what = body(len(numbers), 5, per_m=1.0 / 0.03, damping_s=2e-3, mass_kg=0.2)
-        state, _ = run(what, 1e-3, 600, effects)
+        state, _ = run(what, 1e-3, 300, effects)
         ends.append(
             {
                 number: (

@@ -3,6 +3,7 @@ the bytes of all other hands as before."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from edge_runtime.errors import CardError
 from edge_runtime.trial_file import read_trial
 from simulation.body import SIDE, sides
 from simulation.card import read_card
+from simulation.effects import EFFECTS
 from simulation.folder import write_set
 from simulation.hand import HandLayout
 from simulation.protocol import PlannedTrial
@@ -26,7 +28,7 @@ ROWS = """
 [record]
 rate_hz = 60
 [physics]
-step_s = 0.001
+step_s = 0.006
 [[trials]]
 objects = ["soft-ball", "full-bottle"]
 action = "pull"
@@ -59,6 +61,12 @@ def scene(tmp_path: Path, text: str) -> Scene:
     return Scene(read_card(str(path)), 0)
 
 
+@pytest.fixture
+def texture_in_any_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Texture takes part in steps that are too long for its physics."""
+    monkeypatch.setitem(EFFECTS, "texture", replace(EFFECTS["texture"], longest_step_s=math.inf))
+
+
 def trials_of(tmp_path: Path, text: str) -> list[SimulatedTrial]:
     made = scene(tmp_path, text)
     return made.run_together(made.trials())
@@ -84,6 +92,7 @@ def test_the_thesis_hand_is_the_default(tmp_path):
     assert SIDE.tolist() == sides(6, 2).tolist() == [[1.0], [1.0], [-1.0], [-1.0], [-1.0], [-1.0]]
 
 
+@pytest.mark.usefixtures("texture_in_any_step")
 def test_a_card_that_says_the_default_hand_gives_the_same_bytes(tmp_path):
     text = ROWS + EVERY_LOOP_EFFECT + SENSOR
     for one, other in zip(
@@ -127,6 +136,7 @@ def test_along_a_bottle_the_places_stand_finger_by_finger():
     assert np.diff(along_mm[4:]) == pytest.approx(np.full(15, -5.5))
 
 
+@pytest.mark.usefixtures("texture_in_any_step")
 def test_every_effect_knows_a_hand_of_twenty(tmp_path):
     for one in trials_of(tmp_path, ROWS + FOURS + EVERY_LOOP_EFFECT + SENSOR):
         assert one.signal.values.shape[1:] == (20, 3)

@@ -170,10 +170,10 @@ holding = {
 
 @pytest.fixture(scope="module")
 def held_long() -> tuple[np.ndarray, State]:
-    """Where objects were that are held at SHARES, a lane each, and their state 6000 steps later."""
+    """Where objects were that are held at SHARES, a lane each, and their state 2000 steps later."""
     held, state, closure = held_still(SHARES, 4000)
     before = state.position_m.copy()
-    go(held, state, Inputs(closure), 1e-3, 6000)
+    go(held, state, Inputs(closure), 1e-3, 2000)
     return before, state
 
 
@@ -182,7 +182,7 @@ def held_long() -> tuple[np.ndarray, State]:
 def test_a_held_object_does_not_creep(held_long, share):
     before, state = held_long
     lane = SHARES.index(share)
-    assert np.abs(state.position_m - before)[:, lane].max() < 1e-12
+    assert np.abs(state.position_m - before)[:, lane].max() < 3e-13
     assert not state.slip_m_s[..., lane].any()
 
 
@@ -206,7 +206,7 @@ def test_the_contacts_of_a_held_object_carry_its_weight(gravity):
     held = body(gravity=gravity)
     closure = closed(held, 8.0)
     state = at_rest(held, closure)
-    go(held, state, Inputs(closure), 1e-3, 5000)
+    go(held, state, Inputs(closure), 5e-3, 1000)
     shear = (held.brush_n_per_m * state.stretch_m).sum(axis=(1, 2))
     squeeze = (held.curvature_per_m[:, None] * state.offset_m * state.normal_n).sum(axis=1)
     normal = (SIDE * state.normal_n).sum(axis=0)
@@ -246,9 +246,9 @@ def test_a_pull_beyond_friction_accelerates_by_what_kinetic_friction_leaves():
 def test_a_slow_load_slips_at_the_static_limit_and_not_before():
     held = body(gravity=(0.0, 0.0, 0.0), elements=1)
     closure = closed(held, 10.0)
-    still = pulled(held, closure, 0.6 * 20.0 * 0.49, 3000, 1e-3)
+    still = pulled(held, closure, 0.6 * 20.0 * 0.49, 600, 5e-3)
     assert np.abs(still.velocity_m_s).max() < 1e-9
-    moving = pulled(held, closure, 0.6 * 20.0 * 1.02, 1500, 1e-3)
+    moving = pulled(held, closure, 0.6 * 20.0 * 1.02, 300, 5e-3)
     assert moving.position_m[2].min() > 0.05
 
 
@@ -284,11 +284,11 @@ def test_a_box_ends_up_with_the_whole_weight():
     held = body()
     closure = closed(held, 8.0)
     state = at_rest(held, closure)
-    go(held, state, Inputs(closure), 1e-3, 3000)
+    go(held, state, Inputs(closure), 5e-3, 600)
     floor = Floor(4e3, 40.0, 300.0, np.full(2, 0.001), np.full(2, 50.0))
     for opened in np.linspace(0.0, 1.0, 400):
         go(held, state, Inputs(closure - 0.03 * opened, (), floor), 1e-3, 1)
-    go(held, state, Inputs(closure - 0.03, (), floor), 1e-3, 1500)
+    go(held, state, Inputs(closure - 0.03, (), floor), 5e-3, 300)
     assert not state.normal_n.any()
     assert state.agents_n[2] == pytest.approx(np.full(2, 0.2 * G), rel=1e-6)
 
@@ -299,7 +299,7 @@ def test_a_pull_is_never_harder_than_its_cap():
     state = at_rest(held, closure)
     zero, far = np.zeros(2), np.array([[0.0, 0.0], [0.0, 0.0], [-5.0, -5.0]])
     pull = Pull(zero + 1e3, zero, zero + 4.0, zero, far, far * 0.0)
-    go(held, state, Inputs(closure, (pull,)), 1e-3, 3000)
+    go(held, state, Inputs(closure, (pull,)), 5e-3, 600)
     assert state.agents_n[2] == pytest.approx(np.full(2, -4.0), rel=1e-3)
     assert not state.slip_m_s.any()
 
@@ -335,8 +335,8 @@ def slip_time_s(dt_s: float, grips_n: np.ndarray) -> np.ndarray:
 )
 def test_slip_time_is_first_order_in_the_step():
     grips_n = np.random.default_rng(0).uniform(5.0, 12.0, 40)
-    reference = slip_time_s(5e-5, grips_n)
-    steps = np.array([2e-3, 1e-3, 5e-4, 2.5e-4])
+    reference = slip_time_s(1e-4, grips_n)
+    steps = np.array([2e-3, 1e-3, 5e-4])
     errors = [np.median(np.abs(slip_time_s(dt_s, grips_n) - reference)) for dt_s in steps]
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 0.6 < order < 1.4

@@ -58,7 +58,7 @@ def coarse(name: str) -> Card:
     kept = {
         name: parameters for name, parameters in card.effects.items() if name not in SLOW_EFFECTS
     }
-    return replace(card, step_s=0.01, effects=kept)
+    return replace(card, step_s=0.02, effects=kept)
 
 
 @pytest.fixture(scope="module")

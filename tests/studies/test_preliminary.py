@@ -371,7 +371,7 @@ def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path
     from simulation.folder import write_set
     from simulation.scene import Scene
 
-    card = replace(read_card("twenty-sensors"), step_s=0.009)
+    card = replace(read_card("twenty-sensors"), step_s=0.017)
     write_set(Scene(card, 0), tmp_path / "scene", 40)
     data = program.read_scene(tmp_path / "scene")
     assert (data.n_sensors, data.rate_hz) == (20, 60.0)

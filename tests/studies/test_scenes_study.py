@@ -103,7 +103,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     only."""
     made = tmp_path_factory.mktemp("scenes")
     for name, trials in (("thesis", 60), ("apple", 12)):
-        card = replace(read_card(name, rate_hz=50.0), step_s=0.004)
+        card = replace(read_card(name, rate_hz=50.0), step_s=0.01)
         write_set(Scene(card, 0), made / "50hz" / name, trials)
     return made
 
@@ -204,9 +204,11 @@ def test_votes_that_know_everything_score_one_and_of_the_wrong_weight_only_situa
 def test_calls_are_the_share_of_each_situation_that_is_called_risky(data: DataSet) -> None:
     situation = data.tasks["classes"].label // 2
     called = (situation == RISKY_SLIP) | (situation == SAFE_SLIP)
-    called[np.flatnonzero(situation == SAFE_SLIP)[::4]] = False
+    safe = np.flatnonzero(situation == SAFE_SLIP)
+    called[safe[::4]] = False
     shares = calls(data, called)
-    assert (shares.risky.share, shares.safe.share) == (1.0, 0.75)
+    assert shares.risky.share == 1.0
+    assert shares.safe.share == pytest.approx(1.0 - len(safe[::4]) / len(safe))
     assert shares.grasp.share == shares.nothing.share == 0.0
 
 

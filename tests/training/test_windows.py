@@ -83,7 +83,7 @@ def tables(draw: st.DrawFn) -> pd.DataFrame:
 
 
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, seed: int) -> None:
     balanced = balance(windows, seed)
     assert set(class_counts(balanced).values()) == {min(class_counts(windows).values())}
@@ -92,7 +92,7 @@ def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, see
 
 
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_the_cells_of_a_class_give_as_equally_as_they_can(windows: pd.DataFrame, seed: int) -> None:
     keys = ["label", *STRATA]
     had = windows.groupby(keys).size()
