@@ -56,6 +56,9 @@ class Preparation:
 
     def _bias(self, turned: FloatArray) -> FloatArray:
         first = turned[: self.bias_rows]
+        if self.statistic == "median" and len(first) and np.isfinite(first).all():
+            together: FloatArray = np.median(first, axis=0)
+            return together
         middle = np.mean if self.statistic == "mean" else np.median
         bias = np.zeros(turned.shape[1])
         for channel in range(turned.shape[1]):

@@ -35,7 +35,7 @@ from training.datasets import load
 from training.featurise import FloatRows
 from training.plan import ForestPlan
 
-SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 6, 2)}
+SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 8, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)
 TIMES = ("forest_us", "step_us")
 
