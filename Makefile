@@ -17,8 +17,9 @@ EVALUATED := thesis:thesis:900:1000 thesis-texture:build/evaluate/thesis-texture
 # the same, for make fast-handover
 FAST_HANDOVER := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
     author:thesis:300:1000 p1:p1:450:1003 p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
-# Tests run in a process a core, a file at a time: what a file sets up is set up once.
-ACROSS := -n auto --dist loadfile
+# Tests run in a process a core, a file at a time: what a file sets up is set up once. The order of the
+# files is that of tests/support/longest_first.py.
+ACROSS := -n auto --dist loadfile --no-loadscope-reorder
 # A process a core: numpy's own threads would only wait for each other.
 test hard-cases safety: export OPENBLAS_NUM_THREADS := 1
 ROOMS  := $(wildcard edge_runtime drivers export training evaluation studies simulation holdfast benchmarks)

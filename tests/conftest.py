@@ -32,6 +32,7 @@ pytest_plugins = [
     "command_line",
     "drawn_frames",
     "frozen_heap",
+    "longest_first",
     "recorder_bench",
 ]
 """For their fixtures and hooks, which several files share."""

@@ -134,10 +134,8 @@ def test_two_slips_are_replayed_one_that_recovers_and_one_that_fails(
         assert (picture.answer[: picture.settled_from] == -1).all()
 
 
-@pytest.fixture
-def evidence(
-    small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture], tmp_path: Path
-) -> Evidence:
+@pytest.fixture(scope="module")
+def evidence(small: Small, eflesh: EfleshStudy, replays: list[ReplayPicture]) -> Evidence:
     data, _, held_out = small
     heads = held_out_figures(data, held_out)
     windows = WindowFigures(heads, "model", data.name, data.kind, 0, 0, data.caveat, 0)
