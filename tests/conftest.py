@@ -19,6 +19,7 @@ from hard_cases import (  # noqa: F401  hooks: pytest finds them here by their n
     pytest_runtest_makereport,
 )
 from hypothesis import settings
+from made_once import made_once
 
 from edge_runtime.errors import DataNotFound
 from training.datasets import find, load
@@ -61,6 +62,9 @@ def real_set() -> Callable[[str], Path]:
     return folder
 
 
+MODEL_NAME = "holdfast.onnx"
+
+
 @dataclass(frozen=True)
 class Built:
     """A made-up set in the thesis' layout, the artifact trained on it, and the sealed file exported
@@ -77,15 +81,17 @@ def fixture_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The generated set, three trials a cell, at 50 Hz. Read only: many tests share it."""
     from training.fixture import write_fixture
 
-    folder = tmp_path_factory.mktemp("fixture")
-    write_fixture(folder, trials_per_cell=3)
-    return folder
+    return made_once(
+        tmp_path_factory, "fixture", lambda folder: write_fixture(folder, trials_per_cell=3)
+    )
 
 
 @pytest.fixture(scope="session")
 def eight_classes(fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """A small model of eight classes, so one that knows light and heavy. Read only."""
-    return _built(load(fixture_folder), fixture_folder, tmp_path_factory.mktemp("eight_classes"))
+    data = load(fixture_folder)
+    out = made_once(tmp_path_factory, "eight_classes", lambda folder: _build(data, folder))
+    return Built(data, fixture_folder, out, out / MODEL_NAME)
 
 
 @pytest.fixture(scope="session")
@@ -96,14 +102,16 @@ def four_situations(fixture_folder: Path, tmp_path_factory: pytest.TempPathFacto
     """
     from training.fitting import with_situations
 
-    rows = with_situations(load(fixture_folder)).tasks["situations"]
+    loaded = load(fixture_folder)
+    rows = with_situations(loaded).tasks["situations"]
     risky = replace(rows, label=(rows.label == 3).astype(rows.label.dtype), classes=("no", "yes"))
-    data = replace(load(fixture_folder), tasks={"situations": rows, "predict_250ms": risky})
-    return _built(data, fixture_folder, tmp_path_factory.mktemp("four_situations"))
+    data = replace(loaded, tasks={"situations": rows, "predict_250ms": risky})
+    out = made_once(tmp_path_factory, "four_situations", lambda folder: _build(data, folder))
+    return Built(data, fixture_folder, out, out / MODEL_NAME)
 
 
-def _built(data: DataSet, fixture: Path, out: Path) -> Built:
-    """Trained and exported by the real pipeline, with forests of a few trees."""
+def _build(data: DataSet, out: Path) -> None:
+    """Train and export by the real pipeline, with forests of a few trees."""
     from export.exporting import export_artifact
     from export.spec import BandsLeftOut
     from training.fitting import train
@@ -113,4 +121,4 @@ def _built(data: DataSet, fixture: Path, out: Path) -> Built:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BandsLeftOut)  # 50 Hz carries three of the ten bands
         train(data, out, TrainingPlan(situation=few, prediction=few, folds=2))
-    return Built(data, fixture, out, export_artifact(out)[0])
+    export_artifact(out, out / MODEL_NAME)
