@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median, quantiles
 
 import pytest
-from rooms import MAY_IMPORT, ROOT
+from rooms import MAY_IMPORT, ROOT, nodes_of
 
 FILES = sorted(path for room in MAY_IMPORT for path in (ROOT / room).rglob("*.py"))
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in FILES}
@@ -19,7 +19,7 @@ def function_lines() -> dict[str, int]:
     return {
         f"{path.relative_to(ROOT)}:{node.name}": (node.end_lineno or 0) - node.lineno + 1
         for path in FILES
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in nodes_of(path)
         if isinstance(node, ast.FunctionDef)
     }
 
@@ -40,7 +40,7 @@ def test_files_hold_one_idea() -> None:
 def imported(path: Path) -> set[str]:
     """Our modules that a file imports, in functions too."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,10 +40,21 @@ def calls_by_name(node: ast.AST) -> Iterator[str]:
             yield node.args[0].value
 
 
+@cache
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    """All of a file's syntax tree."""
+    return tuple(ast.walk(ast.parse(path.read_text("utf-8"))))
+
+
 def imports_of(source: str, room: str) -> set[str]:
     """Top-level names imported anywhere in the source, in functions too."""
+    return imports_in(ast.walk(ast.parse(source)), room)
+
+
+def imports_in(nodes: Iterable[ast.AST], room: str) -> set[str]:
+    """The same of a syntax tree."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes:
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -54,4 +66,4 @@ def imports_of(source: str, room: str) -> set[str]:
 
 def imports_by_file(room: str) -> dict[str, set[str]]:
     files = sorted((ROOT / room).rglob("*.py"))
-    return {str(f.relative_to(ROOT)): imports_of(f.read_text("utf-8"), room) for f in files}
+    return {str(f.relative_to(ROOT)): imports_in(nodes_of(f), room) for f in files}
