@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -140,7 +140,7 @@ def grip_output(
     scene = wire = cue = None
     with ExitStack() as stack:
         if is_virtual(args.grip):
-            scene = _scene(args)
+            scene = _scene(args, clock)
         else:
             wire = stack.enter_context(line_sink(args.grip, "--grip", last_line, say, clock.now_ns))
             _report_slow_wire(wire, card.rate_hz, say)
@@ -156,10 +156,10 @@ def _report_slow_wire(wire: LineSink, rate_hz: float, say: Say) -> None:
         say(f"{wire.name}: {carried}; the others are left out (baud=460800 carries them)")
 
 
-def _scene(args: argparse.Namespace) -> LiveScene:
+def _scene(args: argparse.Namespace, clock: Any) -> LiveScene:
     from holdfast.live_scene import live_scene
 
     drive = drive_of(args.grip)
     if args.ceiling is not None:
         drive = replace(drive, ceiling_n=min(drive.ceiling_n, args.ceiling))
-    return live_scene(args.source, drive)
+    return live_scene(args.source, drive, getattr(clock, "still", nullcontext))

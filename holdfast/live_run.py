@@ -23,10 +23,10 @@ from edge_runtime.sample_file import SampleFile, sample_file
 from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
 from edge_runtime.visible import visible
-from holdfast.grip_options import require_grip
+from holdfast.grip_options import is_virtual, require_grip
 from holdfast.live_options import force_of, resting_of
 from holdfast.live_sources import open_live
-from holdfast.real_time import RunClock, first_in_line
+from holdfast.real_time import RunClock, SceneClock, first_in_line
 from holdfast.stopping import output_from_the_background, stop_signals, until
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ Emit = Callable[[Prediction, Sample, SourceReading], int | None]
 def run_live_verb(args: argparse.Namespace) -> int:
     """Run until stopped; returns the exit code."""
     require_grip(args)
-    clock, model = RunClock(), Model(args.model)
+    clock = SceneClock() if is_virtual(args.grip) else RunClock()
+    model = Model(args.model)
     with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
         summary, failures = _run_until_stopped(args, clock, model, beside)
         say_summary(summary, beside)

@@ -6,13 +6,15 @@ period is computed, while the live loop waits for it. So the real driver reads, 
 answers, and the answer moves the emulated drive.
 
 The hand in the scene follows the rules of docs/shared-control.md: where no command comes for
-EXPIRES_MS, it holds its grip. A machine that is too slow for the physics loses samples, as it would
-with a real hand, and the summary counts them as overruns.
+EXPIRES_MS, it holds its grip. The physics share a core with the loop, and no time passes for them:
+the loop's clock stands still (holdfast/real_time.py), so what they cost delays no sample.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +36,7 @@ from simulation.truth import Truth, truth_of
 ROWS_HZ = 300.0
 STEP_S = 1.0 / ROWS_HZ
 """One step a row: coarser than a recorded scene's, so that a small machine keeps up."""
+Still = Callable[[], AbstractContextManager[None]]
 LANES = 2
 """A lane twice: numpy sums one lane in another order than many."""
 
@@ -65,11 +68,14 @@ class SceneOutcome:
 class LiveScene:
     """A trial of a scene as a field source that is stepped as it is read.
 
-    began_ns is to be set to the start of the scene on the clock of the commands.
+    began_ns is to be set to the start of the scene on the clock of the commands. still: a block in
+    which that clock stands still.
     """
 
-    def __init__(self, scene: Scene, trial: PlannedTrial, drive: Drive) -> None:
-        trials, self.trial = [trial] * LANES, trial
+    def __init__(
+        self, scene: Scene, trial: PlannedTrial, drive: Drive, still: Still = nullcontext
+    ) -> None:
+        trials, self.trial, self._still = [trial] * LANES, trial, still
         grid = grid_of(trial, ROWS_HZ, STEP_S)
         rows = grid.n_samples
         of_lanes = (0, round(grid.start_s * ROWS_HZ), int(grid.sample[-1]), rows)
@@ -105,6 +111,11 @@ class LiveScene:
     def advance(self, until_s: float) -> None:
         """Step the scene to the first row at or after until_s, or to its end."""
         last = min(math.ceil(until_s * ROWS_HZ), self._periods)
+        if self._row < last:
+            with self._still():
+                self._step_to(last)
+
+    def _step_to(self, last: int) -> None:
         while self._row < last:
             self._world.advance(self._row, np.full(LANES, self._next_target_n()))
             self._row += 1
@@ -141,7 +152,7 @@ class LiveScene:
         return max(command.target_n, self._own_n)
 
 
-def live_scene(url: str, drive: Drive) -> LiveScene:
+def live_scene(url: str, drive: Drive, still: Still = nullcontext) -> LiveScene:
     """The scene of a virtual:// URL. Raises UsageError where it has none, CardError."""
     planned = planned_scene(url, ROWS_HZ, STEP_S)
     if planned is None:
@@ -149,7 +160,7 @@ def live_scene(url: str, drive: Drive) -> LiveScene:
             f"--grip virtual: the source {url!r} has no scene whose hand could be moved",
             next_step="--source 'virtual://ft232h?scene=pull-soft-ball&seed=1'",
         )
-    return LiveScene(*planned, drive)
+    return LiveScene(*planned, drive, still)
 
 
 def _require_strength(drive: Drive, trial: PlannedTrial) -> None:

@@ -17,6 +17,36 @@ class RunClock(MonotonicClock):
         self.wait_until(self.now_ns() + duration_ns)
 
 
+class SceneClock(RunClock):
+    """Real time, but for a scene that is computed in the loop: the clock stands still meanwhile.
+
+    No such time passes on a real hand. It is made up for where the loop would wait, so a machine
+    with time to spare keeps to real time, and a slower one takes longer without being late.
+    """
+
+    def __init__(self) -> None:
+        self._behind_ns = 0
+
+    def now_ns(self) -> int:
+        """ns; behind the machine's clock by what is not yet made up for."""
+        return super().now_ns() - self._behind_ns
+
+    def wait_until(self, t_ns: int) -> None:
+        """Go on to t_ns: first by what the clock is behind, then by waiting."""
+        remaining_ns = max(t_ns - self.now_ns(), 0)
+        self._behind_ns -= min(remaining_ns, self._behind_ns)
+        super().wait_until(t_ns)
+
+    @contextmanager
+    def still(self) -> Iterator[None]:
+        """A block that takes no time."""
+        began_ns = super().now_ns()
+        try:
+            yield
+        finally:
+            self._behind_ns += super().now_ns() - began_ns
+
+
 @contextmanager
 def first_in_line(say: Callable[[str], None]) -> Iterator[bool]:
     """Real-time priority, or one message that there is none."""

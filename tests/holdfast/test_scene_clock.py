@@ -1,0 +1,74 @@
+"""The clock of a run with a scene: what the scene costs is no time, and is made up for in waits."""
+
+from __future__ import annotations
+
+import pytest
+
+from edge_runtime.clock import MonotonicClock
+from holdfast.real_time import SceneClock
+
+
+class Machine:
+    """A machine whose clock goes on by what a test says, and by waiting. slept_ns: all waits."""
+
+    def __init__(self) -> None:
+        self.now_ns, self.slept_ns = 1_000, 0
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
+    one = Machine()
+
+    def wait_until(clock: MonotonicClock, t_ns: int) -> None:
+        remaining_ns = max(t_ns - clock.now_ns(), 0)
+        one.now_ns += remaining_ns
+        one.slept_ns += remaining_ns
+
+    monkeypatch.setattr(MonotonicClock, "now_ns", lambda clock: one.now_ns)
+    monkeypatch.setattr(MonotonicClock, "wait_until", wait_until)
+    return one
+
+
+def test_no_time_passes_while_a_scene_is_computed(machine: Machine) -> None:
+    clock = SceneClock()
+    with clock.still():
+        machine.now_ns += 500
+    assert clock.now_ns() == 1_000
+    machine.now_ns += 30
+    assert clock.now_ns() == 1_030
+
+
+def test_what_a_scene_cost_is_made_up_for_where_the_loop_waits(machine: Machine) -> None:
+    clock = SceneClock()
+    with clock.still():
+        machine.now_ns += 500
+    clock.wait_until(1_800)
+    assert (clock.now_ns(), machine.slept_ns) == (1_800, 300)
+    assert machine.now_ns == 1_800
+
+
+def test_a_machine_that_is_too_slow_takes_longer_and_is_not_late(machine: Machine) -> None:
+    clock = SceneClock()
+    for turn in range(1, 5):
+        with clock.still():
+            machine.now_ns += 900
+        clock.wait_until(1_000 + 600 * turn)
+        assert clock.now_ns() == 1_000 + 600 * turn
+    assert machine.now_ns == 1_000 + 4 * 900
+    assert machine.slept_ns == 0
+
+
+def test_time_that_is_spent_on_the_bus_makes_up_for_the_scene_too(machine: Machine) -> None:
+    clock = SceneClock()
+    with clock.still():
+        machine.now_ns += 100
+    clock.spend(250)
+    assert (clock.now_ns(), machine.slept_ns) == (1_250, 150)
+
+
+def test_a_time_that_has_passed_is_not_waited_for(machine: Machine) -> None:
+    clock = SceneClock()
+    with clock.still():
+        machine.now_ns += 100
+    clock.wait_until(900)
+    assert (clock.now_ns(), machine.slept_ns) == (1_000, 0)
