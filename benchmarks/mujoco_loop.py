@@ -1,0 +1,237 @@
+"""`make peers`: a pull and a fast hand-over with holdfast in the loop, in our core and in MuJoCo.
+
+Both worlds get the same trials, drive, people, sensors, model file, controller and supervisor; only
+what happens between two samples differs (mujoco_hand.py). Compared are the outcome, and the contact
+forces from load onset until the object is gone from one of the hands, or the puller has given up:
+for each finger the mean over time and the peak of the normal force, and the same of the force along
+the skin, all fingers' sum. Medians are in the JSON too. The can is taken upwards, along its axis.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.command import Parser, finish, path_argument
+from edge_runtime.contract import FloatArray
+from edge_runtime.errors import UsageError
+from edge_runtime.model import Model
+from edge_runtime.writing import require_writable, write_whole
+from evaluation.loop_scores import ThreeRuns
+from simulation.card import read_card
+from simulation.closed_loop.controllers import managed
+from simulation.closed_loop.loop import ClosedLoop
+from simulation.closed_loop.outcome import LoopOutcome
+from simulation.protocol import PlannedTrial
+from simulation.scene import Scene
+
+MODEL = Path("models/holdfast-150hz.onnx")
+SEED = 0
+CARD = """
+[record]
+rate_hz = 150
+[objects.can]
+mass_g = 200
+radius_mm = 60
+half_length_mm = 100
+friction = 0.6
+kinetic_share = 1
+[[trials]]
+objects = ["can"]
+action = "pull"
+count = 3
+close_at_s = 1
+hold_s = 1.5
+grip_n = 4
+weak_share = 0
+tilt_deg = 0
+roll_deg = 0
+offset_mm = 0
+friction_factor = 1
+cap_n = 5
+arm_n_per_m = 600
+move_s = 0.5
+[[trials]]
+objects = ["can"]
+action = "pass"
+count = 3
+close_at_s = 1
+hold_s = 1.5
+grip_n = 4
+weak_share = 0
+tilt_deg = 0
+roll_deg = 0
+offset_mm = 0
+friction_factor = 1
+cap_n = 12
+arm_n_per_m = 600
+distance_m = 0.08
+move_s = 0.5
+take_s = 0.2
+open_after_s = 0.25
+[effects.dipole]
+[effects.hall_noise]
+"""
+WATCHED_S = 1.2
+ALONG = "along the skin"
+
+
+@dataclass(frozen=True)
+class LoopRun:
+    """One trial in one world: its outcome, and forces_n [T, S, 3] at t_s [T]."""
+
+    outcome: LoopOutcome
+    t_s: FloatArray
+    forces_n: FloatArray
+
+
+@dataclass(frozen=True)
+class Fates:
+    """What became of a trial in one world; times in s after the action began, None for never."""
+
+    kept: bool
+    lost_s: float | None
+    onset_s: float | None
+    slip_mm: float
+    peak_grip_n: float
+    blocked: bool
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of one force over time, N."""
+
+    mean_n: float
+    median_n: float
+    peak_n: float
+
+
+@dataclass(frozen=True)
+class Force:
+    """One force in both worlds."""
+
+    name: str
+    ours: Figures
+    mujoco: Figures
+
+    @property
+    def difference(self) -> float:
+        """The larger of the differences of mean and peak, over ours."""
+        mean = abs(self.mujoco.mean_n / self.ours.mean_n - 1.0)
+        return max(mean, abs(self.mujoco.peak_n / self.ours.peak_n - 1.0))
+
+
+def compare(model: Model) -> list[dict[str, Any]]:
+    """Both trials in both worlds, in a hand that does nothing and in one that answers."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "peer.toml"
+        path.write_text(CARD, encoding="utf-8")
+        scene = Scene(read_card(str(path)), SEED)
+    upwards = [replace(trial, push=np.array([0.0, 0.0, 1.0])) for trial in scene.trials()]
+    return [_compared(scene, trial, model) for trial in upwards]
+
+
+def _compared(scene: Scene, trial: PlannedTrial, model: Model) -> dict[str, Any]:
+    runs = {
+        name: [_run(scene, trial, model, name, peer=peer) for peer in (False, True)]
+        for name in ("none", "holdfast")
+    }
+    ours, peer = runs["holdfast"]
+    compared = forces(ours, peer)
+    return {
+        "action": trial.action,
+        **{
+            world: {name: asdict(_fates(runs["none"][k], both[k])) for name, both in runs.items()}
+            for k, world in enumerate(("ours", "mujoco"))
+        },
+        "same_outcome": _same(_fates(runs["none"][0], ours), _fates(runs["none"][1], peer)),
+        "forces": [asdict(one) | {"difference": one.difference} for one in compared],
+        "largest_difference": max(one.difference for one in compared),
+    }
+
+
+def _run(scene: Scene, trial: PlannedTrial, model: Model, name: str, *, peer: bool) -> LoopRun:
+    loop = ClosedLoop(scene, [trial, trial], model, managed(scene, name))
+    if peer:
+        from benchmarks.mujoco_hand import MujocoWorld
+
+        loop.world = MujocoWorld(loop.world)  # type: ignore[assignment]
+    forces_n, grip_n = [], []
+    for period in range(loop.spans.periods):
+        target_n = loop.decide(period)
+        grip_n.append(loop.actuator.grip_n[0])
+        loop.world.advance(period, target_n)
+        forces_n.append(loop.world.forces_n[0].copy())
+    outcome = loop._outcome(0, np.array(grip_n, dtype=np.float32))
+    t_s = (loop.spans.begins[0] + 1 + np.arange(len(forces_n))) / loop.rate_hz
+    return LoopRun(outcome, t_s, np.array(forces_n))
+
+
+def forces(ours: LoopRun, peer: LoopRun) -> list[Force]:
+    """Normal force of each finger and the force along the skin, while both hands have contact."""
+    act_s = ours.outcome.act_s
+    until_s = min(ours.outcome.lost_s, peer.outcome.lost_s, act_s + WATCHED_S)
+    both = [
+        run.forces_n[(run.t_s >= run.outcome.onset_s) & (run.t_s < until_s)] for run in (ours, peer)
+    ]
+    names = [f"normal {k + 1}" for k in range(both[0].shape[1])]
+    normals = [Force(n, *(_figures(one[:, k, 2]) for one in both)) for k, n in enumerate(names)]
+    along = [np.sqrt((one[..., :2] ** 2).sum(axis=2)).sum(axis=1) for one in both]
+    return [*normals, Force(ALONG, *(_figures(one) for one in along))]
+
+
+def _figures(force_n: FloatArray) -> Figures:
+    return Figures(float(force_n.mean()), float(np.median(force_n)), float(force_n.max()))
+
+
+def _fates(bare: LoopRun, held: LoopRun) -> Fates:
+    one, act_s = held.outcome, held.outcome.act_s
+    since = [t - act_s if np.isfinite(t) else None for t in (one.lost_s, one.onset_s)]
+    blocked = one.trial.action == "pass" and ThreeRuns(bare.outcome, bare.outcome, one).blocked
+    return Fates(not one.dropped, *since, one.slip_mm, one.peak_grip_n, blocked)
+
+
+def _same(ours: Fates, peer: Fates) -> bool:
+    """Kept or lost in both, blocked or let go in both."""
+    return (ours.kept, ours.blocked) == (peer.kept, peer.blocked)
+
+
+def require_mujoco() -> str:
+    """The version. Raises UsageError."""
+    try:
+        import mujoco
+    except ModuleNotFoundError:
+        raise UsageError("this needs MuJoCo", next_step="make peers") from None
+    version: str = mujoco.__version__
+    return version
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run both, write the JSON, print a line a trial."""
+    parser = Parser(prog="mujoco_loop", description="holdfast in the loop, in MuJoCo and in ours")
+    default = Path("build/bench/mujoco-loop.json")
+    parser.add_argument("--out", type=path_argument, default=default, metavar="FILE")
+    parser.add_argument("--model", type=path_argument, default=MODEL, metavar="FILE")
+    args = parser.parse_args(argv)
+    version = require_mujoco()
+    require_writable(args.out.parent)
+    model = Model(args.model)
+    trials = compare(model)
+    figures = {"simulated": True, "mujoco": version, "model": model.card.model_id, "trials": trials}
+    write_whole(args.out, json.dumps(figures, indent=2) + "\n")
+    for one in trials:
+        outcome = "same" if one["same_outcome"] else "another"
+        forces_in_words = f"forces differ by {one['largest_difference']:.0%} at most"
+        sys.stdout.write(f"{one['action']}: {outcome} outcome; {forces_in_words}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(finish(main, sys.argv[1:]))
