@@ -75,15 +75,15 @@ class MujocoWorld:
     def _step(self, now: Inputs, t_s: float) -> None:
         model, data, pads = self._model, self._data, self._pads
         model.qpos_spring[pads[:, 0]] = now.closure_m[:, 0]
-        load_n = sum(self._person_n(one) for one in now.people)
+        load_n = sum((self._person_n(one) for one in now.people), start=np.zeros(3))
         data.qfrc_applied[:3] = load_n
         mujoco.mj_step(model, data)
         touching = self._touching()
         apart = data.qvel[1:3] - data.qvel[pads[:, 1:]]
         self._travel_m += np.sqrt((apart * apart).sum(axis=1)) * self._dt_s
         slip_m = float(self._travel_m[touching].mean()) if touching.any() else 0.0
-        self.state.agents_n[:] = np.reshape(load_n, (3, 1))
-        self._steps.append((t_s, np.array(load_n), bool(touching.any()), slip_m))
+        self.state.agents_n[:] = load_n[:, None]
+        self._steps.append((t_s, load_n, bool(touching.any()), slip_m))
 
     def _person_n(self, person: Pull) -> FloatArray:
         """[3] force of a person: a capped, damped spring to a target, and a share of the weight."""

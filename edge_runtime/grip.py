@@ -100,10 +100,11 @@ class PdShear:
         """The wanted grip, N a side; 0 for none."""
         lanes = self._lanes
         own_n = self._own.step(sense, given_n)
-        rate_n_s = (sense.load_n - self._load_n) * self._rate_hz
-        self._load_n = sense.load_n
-        above_n = sense.load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
-        self.fresh = (sense.load_n > self.THRESHOLD_N) & lanes.no(sense.empty)
+        load_n = lanes.choose(sense.known, sense.load_n, self._load_n)
+        rate_n_s = (load_n - self._load_n) * self._rate_hz
+        self._load_n = load_n
+        above_n = load_n - self.THRESHOLD_N + self.RATE_S * rate_n_s
+        self.fresh = (load_n > self.THRESHOLD_N) & lanes.no(sense.empty)
         return lanes.choose(self.fresh, own_n + self._kp * lanes.most(above_n, 0.0), 0.0)
 
 
@@ -157,7 +158,7 @@ class SlipSteps:
         own_n = self._own.step(sense, given_n)
         slips = _slips(sense)
         self.fresh = slips & lanes.no(self._slipped)
-        self._slipped = slips
+        self._slipped = lanes.choose(sense.known, slips, self._slipped)
         raised_n = lanes.most(given_n, own_n) + self._step_n
         return lanes.choose(self.fresh, raised_n, given_n)
 
@@ -265,12 +266,14 @@ class Holdfast:
     def _handed_over(self, sense: GripSense) -> Flag:
         """Whether the evidence says hand-over: safe slip, while the load changes."""
         lanes, rules = self._lanes, self.rules
-        change_n_s = (sense.load_n - self._load_n) * self._rate_hz
-        self._load_n = sense.load_n
-        self._change_n_s = self._change_n_s + self._share * (change_n_s - self._change_n_s)
+        load_n = lanes.choose(sense.known, sense.load_n, self._load_n)
+        change_n_s = (load_n - self._load_n) * self._rate_hz
+        self._load_n = load_n
+        smooth_n_s = self._change_n_s + self._share * (change_n_s - self._change_n_s)
+        self._change_n_s = lanes.choose(sense.known, smooth_n_s, self._change_n_s)
         moving = (self._change_n_s > rules.moving_n_s) | (self._change_n_s < -rules.moving_n_s)
-        safe = sense.known & moving & (sense.p_safe > rules.yield_p)
-        self._safe_run = lanes.choose(safe, self._safe_run + 1.0, 0.0)
+        run = lanes.choose(moving & (sense.p_safe > rules.yield_p), self._safe_run + 1.0, 0.0)
+        self._safe_run = lanes.choose(sense.known, run, self._safe_run)
         if not rules.revocable:
             return lanes.false()
         return self._safe_run >= rules.yield_samples

@@ -184,6 +184,22 @@ def test_holdfast_brakes_after_an_unknown_state_too() -> None:
     assert wanted == pytest.approx([BRAKED_N] * 3 + [7.0, 7.0])
 
 
+@pytest.mark.parametrize("name", EVERY)
+def test_a_sample_that_was_lost_leaves_the_controller_as_it_was(name: str) -> None:
+    """A loop steps it with an unknown state and no forces, a live run does not step it at all."""
+    lost: dict[str, Any] = {"known": False, "grip_n": 0.0, "load_n": 0.0}
+    stream: list[dict[str, Any]] = [
+        {"load_n": 2.0 + 0.05 * k, "p_safe": 0.8, "p_risky": 0.9 * (k > 3)} for k in range(8)
+    ]
+    whole = answers_of(after_a_hold(name), *stream, given_n=5.0)
+    for at in range(1, 8):
+        controller = after_a_hold(name)
+        before = answers_of(controller, *stream[:at], given_n=5.0)
+        controller.want(sense(**lost), before[-1], 0.0)  # the supervisor holds
+        after = answers_of(controller, *stream[at:], given_n=before[-1])
+        assert [*before, *after] == whole
+
+
 def test_holdfast_does_not_answer_an_unknown_state_or_an_empty_hand() -> None:
     for absent in ({"known": False}, {"empty": True}):
         assert answers_of(after_a_hold("holdfast"), {"p_risky": 1.0} | absent) == [0.0]
