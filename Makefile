@@ -124,8 +124,9 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)
 
-peers: $(PEERS)/.stamp  ## beside others: hold and pull in MuJoCo, the forest in treelite; an environment of its own, into build/bench
+peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)
+	$(PEERS)/bin/python -m benchmarks.mujoco_loop --out build/bench/mujoco-loop.json
 	$(PEERS)/bin/python -m holdfast bench latency
 
 lint: setup  ## ruff and mypy

@@ -4,7 +4,7 @@ Both worlds get the same trials, drive, people, sensors, model file, controller 
 what happens between two samples differs (mujoco_hand.py). Compared are the outcome, and the contact
 forces from load onset until the object is gone from one of the hands, or the puller has given up:
 for each finger the mean over time and the peak of the normal force, and the same of the force along
-the skin, all fingers' sum. Medians are in the JSON too. The can is taken upwards, along its axis.
+the skin, all fingers' sum. Medians are in the JSON too.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ tilt_deg = 0
 roll_deg = 0
 offset_mm = 0
 friction_factor = 1
-cap_n = 5
+cap_n = 3
 arm_n_per_m = 600
 move_s = 0.5
 [[trials]]
@@ -72,7 +72,7 @@ offset_mm = 0
 friction_factor = 1
 cap_n = 12
 arm_n_per_m = 600
-distance_m = 0.08
+distance_m = 0.25
 move_s = 0.5
 take_s = 0.2
 open_after_s = 0.25
@@ -134,8 +134,7 @@ def compare(model: Model) -> list[dict[str, Any]]:
         path = Path(folder) / "peer.toml"
         path.write_text(CARD, encoding="utf-8")
         scene = Scene(read_card(str(path)), SEED)
-    upwards = [replace(trial, push=np.array([0.0, 0.0, 1.0])) for trial in scene.trials()]
-    return [_compared(scene, trial, model) for trial in upwards]
+    return [_compared(scene, trial, model) for trial in scene.trials()]
 
 
 def _compared(scene: Scene, trial: PlannedTrial, model: Model) -> dict[str, Any]:
@@ -193,9 +192,9 @@ def _figures(force_n: FloatArray) -> Figures:
 
 def _fates(bare: LoopRun, held: LoopRun) -> Fates:
     one, act_s = held.outcome, held.outcome.act_s
-    since = [t - act_s if np.isfinite(t) else None for t in (one.lost_s, one.onset_s)]
+    lost_s, onset_s = (t - act_s if np.isfinite(t) else None for t in (one.lost_s, one.onset_s))
     blocked = one.trial.action == "pass" and ThreeRuns(bare.outcome, bare.outcome, one).blocked
-    return Fates(not one.dropped, *since, one.slip_mm, one.peak_grip_n, blocked)
+    return Fates(not one.dropped, lost_s, onset_s, one.slip_mm, one.peak_grip_n, blocked)
 
 
 def _same(ours: Fates, peer: Fates) -> bool:

@@ -46,6 +46,13 @@ SOLVER_HEADS = {
     "slip_8n_ms": "slip at 8 N, ms",
     "slip_16n_ms": "slip at 16 N, ms",
 }
+LOOP_HEADS = {
+    "action": "action",
+    "ours": "our core",
+    "mujoco": "MuJoCo",
+    "normal": "normal force of a finger, %",
+    "along": "force along the skin, %",
+}
 LEVELS = {"8 classes, accuracy": "eight", "7, accuracy": "seven", "4, accuracy": "four"}
 
 
@@ -63,9 +70,34 @@ def tables(bench: Path, study: Path) -> dict[str, str]:
         "by-elements": table(simulator["by_elements"], ELEMENT_HEADS),
         "plausibility": table(simulator["plausibility"], LEAD_HEADS),
         "solvers": table(simulator["hold_and_pull"], SOLVER_HEADS),
+        **mujoco_loop(bench / "mujoco-loop.json"),
         "friction": markdown([_friction_row(row) for row in simulator["friction"]]),
         **_study(json.loads(study.read_text("utf-8"))),
     }
+
+
+def mujoco_loop(file: Path) -> dict[str, str]:
+    """Of `make peers`; none where that was not run, so the page keeps its table."""
+    if not file.is_file():
+        return {}
+    trials = json.loads(file.read_text("utf-8"))["trials"]
+    return {"mujoco-loop": table([_loop_row(trial) for trial in trials], LOOP_HEADS)}
+
+
+def _loop_row(trial: dict[str, Any]) -> dict[str, Any]:
+    *normals, along = (100.0 * force["difference"] for force in trial["forces"])
+    fates = {world: _fate(trial["action"], trial[world]) for world in ("ours", "mujoco")}
+    return {"action": trial["action"], **fates, "normal": max(normals), "along": along}
+
+
+def _fate(action: str, hands: dict[str, Any]) -> str:
+    """What became of the object with holdfast, after what became of it in a bare hand."""
+    bare, held = hands["none"], hands["holdfast"]
+    if action == "pass":
+        gone = [f"taken after {1e3 * one['lost_s']:.0f} ms" for one in (bare, held)]
+        return f"{gone[0]}; {gone[1]}{', blocked' if held['blocked'] else ''}"
+    before, after = ("kept" if one["kept"] else "lost" for one in (bare, held))
+    return f"{before}; {after}, {held['slip_mm']:.1f} mm"
 
 
 def _sensor() -> str:
