@@ -11,9 +11,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.errors import DataNotFound
@@ -21,7 +19,7 @@ from edge_runtime.writing import require_writable, write_whole
 from evaluation.provenance import host
 from studies.real.study import HUMAN
 from studies.thesis_preliminary.cases import CASES
-from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
+from studies.thesis_preliminary.figures import PreliminaryStudy
 from studies.thesis_preliminary.report import summary, write_preliminary_report
 from studies.thesis_preliminary.study import REPETITIONS, study
 from training.datasets import load
@@ -34,9 +32,8 @@ STAGES = 1 + 2 * (3 + len(CASES))
 CARD = "twenty-sensors"
 
 
-def run(scene: Path, seed: int, say: Say) -> dict[str, Any]:
-    """Study both sets; returns what preliminary.json holds. Raises DataNotFound and what `study`
-    raises."""
+def run(scene: Path, seed: int, say: Say) -> PreliminaryStudy:
+    """Study both sets. Raises DataNotFound and what `study` raises."""
     started = time.perf_counter()
     sets = []
     for what, read in (
@@ -45,19 +42,8 @@ def run(scene: Path, seed: int, say: Say) -> dict[str, Any]:
     ):
         say(f"reading {what}")
         sets.append(study(read(), seed=seed, say=say))
-    return {
-        "thesis": {
-            "source": SOURCE,
-            "learners": list(LEARNERS),
-            "accuracy_percent": ACCURACY_PERCENT,
-        },
-        "sets": sets,
-        "repetitions": REPETITIONS,
-        "seed": seed,
-        "host": asdict(host()),
-        "versions": versions(),
-        "seconds": round(time.perf_counter() - started, 1),
-    }
+    seconds = round(time.perf_counter() - started, 1)
+    return PreliminaryStudy(sets, REPETITIONS, seed, host(), versions(), seconds)
 
 
 def read_scene(folder: Path) -> DataSet:
@@ -90,11 +76,10 @@ def main(argv: Sequence[str]) -> int:
     with stages(STAGES) as say:
         figures = run(args.scene or args.out / "scene", args.seed, say)
         say("report")
-    write_whole(
-        args.out / "preliminary.json", json.dumps(figures, indent=1, allow_nan=False) + "\n"
-    )
+    text = json.dumps(figures.to_json(), indent=1, allow_nan=False)
+    write_whole(args.out / "preliminary.json", text + "\n")
     page = write_preliminary_report(args.out / "report.html", figures)
-    where = f"{args.out / 'preliminary.json'}, {page} ({figures['seconds']} s)"
+    where = f"{args.out / 'preliminary.json'}, {page} ({figures.seconds} s)"
     sys.stdout.write("\n".join([*summary(figures), where]) + "\n")
     return 0
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+from studies.thesis_preliminary.figures import StudiedSet
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 
 COLOURS = (WARNING, OURS)
 """Simulated, then real."""
 
 
-def accuracies(sets: list[dict[str, Any]]) -> str:
+def accuracies(sets: list[StudiedSet]) -> str:
     """Accuracy in %: a panel for each published case, a line for each learner, bars of one standard
     deviation."""
     with mpl.rc_context(STYLE):
@@ -33,11 +32,10 @@ def accuracies(sets: list[dict[str, Any]]) -> str:
 
 
 def _panel(
-    axes: Axes, case: str, published: tuple[float | None, ...], sets: list[dict[str, Any]]
+    axes: Axes, case: str, published: tuple[float | None, ...], sets: list[StudiedSet]
 ) -> None:
-    axes.axvline(
-        100.0 * sets[0]["cases"][case]["chance"], color=QUIET, linestyle=":", linewidth=1.0
-    )
+    chance = 100.0 * sets[0].cases[case].chance
+    axes.axvline(chance, color=QUIET, linestyle=":", linewidth=1.0)
     known = [(value, place) for place, value in enumerate(published) if value is not None]
     axes.plot(
         *zip(*known, strict=True),
@@ -48,16 +46,16 @@ def _panel(
         label="thesis, published",
     )
     for one, colour, shift in zip(sets, COLOURS, (-0.18, 0.18), strict=True):
-        scores = [one["cases"][case]["learners"][name]["accuracy"] for name in LEARNERS]
+        scores = [one.cases[case].learners[name].accuracy for name in LEARNERS]
         axes.errorbar(
-            [100.0 * score["mean"] for score in scores],
+            [100.0 * score.mean for score in scores],
             [place + shift for place in range(len(LEARNERS))],
-            xerr=[100.0 * score["sd"] for score in scores],
+            xerr=[100.0 * score.sd for score in scores],
             fmt="o",
             color=colour,
             markersize=4,
             linewidth=1.0,
-            label=f"{one['data']} ({one['kind'].split(',')[0]})",
+            label=f"{one.data} ({one.kind.split(',')[0]})",
         )
     axes.set_title(f"case {case}", fontsize=9)
     axes.set_xlim(15.0, 102.0)

@@ -31,6 +31,7 @@ from threadpoolctl import threadpool_limits
 
 from edge_runtime.errors import ClassMissing
 from studies.thesis_preliminary.cases import CASES, Case
+from studies.thesis_preliminary.figures import CaseFigures, LearnerFigures, Repeated, StudiedSet
 from studies.thesis_preliminary.points import KINDS, SLIPPING, Points, points_of, windows
 from studies.thesis_preliminary.published import LEARNERS
 from training.recording import DataSet
@@ -62,7 +63,7 @@ class Draw:
 
 def study(
     data: DataSet, cases: Sequence[Case] = CASES, *, seed: int = 0, say: Say = lambda line: None
-) -> dict[str, Any]:
+) -> StudiedSet:
     """All figures of a set. Raises ClassMissing where a kind of point is missing, TooFewGroups."""
     points = points_of(data)
     say(f"{data.name}: {len(points)} critical points")
@@ -72,26 +73,25 @@ def study(
         say(f"{data.name}: case {case.name}")
     warned = case_figures(data, points, cases[0], seed, leaky=True)
     say(f"{data.name}: case {cases[0].name}, windows split at random")
-    return {
-        "data": data.name,
-        "kind": data.kind,
-        "rate_hz": data.rate_hz,
-        "sensors": data.n_sensors,
-        "groups": len(data.groups()),
-        "trials": len(data.recordings),
-        "caveat": data.caveat,
-        "points": dict(
-            zip(KINDS, np.bincount(points.kind, minlength=len(KINDS)).tolist(), strict=True)
-        ),
-        "late": late_share(points),
-        "cases": figures,
-        "leaky": warned,
-    }
+    counts = np.bincount(points.kind, minlength=len(KINDS)).tolist()
+    return StudiedSet(
+        data=data.name,
+        kind=data.kind,
+        rate_hz=data.rate_hz,
+        sensors=data.n_sensors,
+        groups=len(data.groups()),
+        trials=len(data.recordings),
+        caveat=data.caveat,
+        points=dict(zip(KINDS, counts, strict=True)),
+        late=late_share(points),
+        cases=figures,
+        leaky=warned,
+    )
 
 
 def case_figures(
     data: DataSet, points: Points, case: Case, seed: int, *, leaky: bool = False
-) -> dict[str, Any]:
+) -> CaseFigures:
     """Figures of one case: windows, chance, and accuracies of every learner."""
     samples, label = windows(data, points, case.first, case.last), case.labels(points.kind)
     draws = repetitions(points, case, seed, leaky=leaky)
@@ -108,24 +108,20 @@ def case_figures(
             scores[name].append(
                 (accuracy_score(truth, answer), balanced_accuracy_score(truth, answer))
             )
-    return {
-        "what": case.what,
-        "shape": list(case.features(samples[:1], samples[:1]).shape[1:]),
-        "classes": list(case.classes),
-        "windows": len(draws[0].train) + len(draws[0].test),
-        "test_windows": [len(draw.test) for draw in draws],
-        "chance": 1.0 / len(case.classes),
-        "largest_class": spread(
-            [np.bincount(label[draw.test]).max() / len(draw.test) for draw in draws]
-        ),
-        "learners": {
-            name: {
-                "accuracy": spread([accuracy for accuracy, _ in each]),
-                "balanced_accuracy": spread([balanced for _, balanced in each]),
-            }
+    largest = [np.bincount(label[draw.test]).max() / len(draw.test) for draw in draws]
+    return CaseFigures(
+        what=case.what,
+        shape=list(case.features(samples[:1], samples[:1]).shape[1:]),
+        classes=list(case.classes),
+        windows=len(draws[0].train) + len(draws[0].test),
+        test_windows=[len(draw.test) for draw in draws],
+        chance=1.0 / len(case.classes),
+        largest_class=repeated(largest),
+        learners={
+            name: LearnerFigures(*(repeated(values) for values in zip(*each, strict=True)))
             for name, each in scores.items()
         },
-    }
+    )
 
 
 def repetitions(points: Points, case: Case, seed: int, *, leaky: bool = False) -> list[Draw]:
@@ -172,10 +168,7 @@ def late_share(points: Points) -> float | None:
     return float((since >= 1.0).mean()) if len(since) else None
 
 
-def spread(values: Sequence[float]) -> dict[str, Any]:
+def repeated(values: Sequence[float]) -> Repeated:
     """Mean, standard deviation (of a sample), and each."""
-    return {
-        "mean": float(np.mean(values)),
-        "sd": float(np.std(values, ddof=1)),
-        "each": [float(v) for v in values],
-    }
+    each = [float(value) for value in values]
+    return Repeated(float(np.mean(values)), float(np.std(values, ddof=1)), each)

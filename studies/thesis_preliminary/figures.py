@@ -1,0 +1,83 @@
+"""Figures of the preliminary study; `PreliminaryStudy.to_json` gives preliminary.json."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from evaluation.provenance import Host
+from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """A figure in every repetition, its mean and its standard deviation (of a sample)."""
+
+    mean: float
+    sd: float
+    each: list[float]
+
+
+@dataclass(frozen=True)
+class LearnerFigures:
+    """Accuracies of one learner, 0 to 1."""
+
+    accuracy: Repeated
+    balanced_accuracy: Repeated
+
+
+@dataclass(frozen=True)
+class CaseFigures:
+    """Figures of one case. shape: samples and columns of a window. windows: in a repetition.
+
+    test_windows: in the test of each. chance: one over the number of classes. largest_class: share
+    of the largest class in the tests. learners: by name.
+    """
+
+    what: str
+    shape: list[int]
+    classes: list[str]
+    windows: int
+    test_windows: list[int]
+    chance: float
+    largest_class: Repeated
+    learners: dict[str, LearnerFigures]
+
+
+@dataclass(frozen=True)
+class StudiedSet:
+    """All figures of a set. points: critical points of each kind. cases: by name.
+
+    late: share of the risky predicting windows at whose end the event has begun, 0 to 1, None where
+    no onset is known. leaky: case 1 with windows split at random.
+    """
+
+    data: str
+    kind: str
+    rate_hz: float
+    sensors: int
+    groups: int
+    trials: int
+    caveat: str
+    points: dict[str, int]
+    late: float | None
+    cases: dict[str, CaseFigures]
+    leaky: CaseFigures
+
+
+@dataclass(frozen=True)
+class PreliminaryStudy:
+    """Every set beside the thesis. seconds: wall time of the whole command."""
+
+    sets: list[StudiedSet]
+    repetitions: int
+    seed: int
+    host: Host
+    versions: dict[str, str]
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """preliminary.json; what the thesis published stands first."""
+        percent = ACCURACY_PERCENT
+        thesis = {"source": SOURCE, "learners": list(LEARNERS), "accuracy_percent": percent}
+        return {"thesis": thesis, **asdict(self)}
