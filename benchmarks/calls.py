@@ -15,6 +15,19 @@ from edge_runtime.graph import StepGraph
 from edge_runtime.grip_control import GripControl
 from edge_runtime.monitor import GripMonitor, Model
 
+STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
+    "ours, whole step",
+    "ours, grip command",
+    "ours, bare forest",
+    "bare forest, 100 full-depth trees",
+    "scikit-learn, the same trees",
+    "the thesis' way",
+    "floor",
+    "a walk in C, the same trees",
+    "treelite, the same trees",
+)
+"""Names of the calls of `holdfast bench latency`, as latency.json has them."""
+
 
 def step_of(
     model: Model, stream: tuple[FloatArray, BoolArray] | None = None

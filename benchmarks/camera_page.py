@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.doc_tables import table, write_tables
 
 ERROR_HEADS = {
@@ -28,7 +28,7 @@ HELD_HEADS = {
 }
 
 
-def tables(figures: dict[str, Any]) -> dict[str, str]:
+def tables(figures: Json) -> dict[str, str]:
     """Every table by its marker."""
     return {
         "ramps": table([_errors(row) for row in figures["ramps"]], RAMP_HEADS),
@@ -37,7 +37,7 @@ def tables(figures: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _errors(row: dict[str, Any]) -> dict[str, Any]:
+def _errors(row: Json) -> Json:
     """A row with the percentiles of each error in one cell."""
     spread = {
         name: " / ".join(f"{row[f'{name}_p{q}_ms']:.1f}" for q in (5, 50, 95))

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from simulation.camera.frames import CAMERA, Camera
 from simulation.card import read_card
@@ -59,21 +58,24 @@ def scene_with(*names: str, effort: Effort = USUAL) -> Scene:
         return Scene(read_card(str(path)), 0)
 
 
-def prices(effort: Effort = USUAL) -> list[dict[str, Any]]:
-    """One row per effect: name, stage, ns_per_sample, and that over the core's; the core first."""
+@dataclass(frozen=True)
+class EffectPrice:
+    """CPU time that an effect adds to a sample, and that over the core's own."""
+
+    effect: str
+    stage: str
+    ns_per_sample: float
+    over_core: float
+
+
+def prices(effort: Effort = USUAL) -> list[EffectPrice]:
+    """The core alone, then every effect."""
     empty = scene_with(effort=effort)
     core = min(_run_ns(empty) for _ in range(effort.pairs))
-    rows = [{"effect": "(core alone)", "stage": "core", "ns_per_sample": core, "over_core": 1.0}]
+    rows = [EffectPrice("(core alone)", "core", core, 1.0)]
     for name, effect in EFFECTS.items():
         price = PRICED[effect.stage](name, effort)
-        rows.append(
-            {
-                "effect": name,
-                "stage": effect.stage,
-                "ns_per_sample": price,
-                "over_core": price / core,
-            }
-        )
+        rows.append(EffectPrice(name, effect.stage, price, price / core))
     return rows
 
 

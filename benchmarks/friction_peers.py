@@ -243,12 +243,27 @@ LAWS: dict[str, Law] = {
 would choose."""
 
 
-def table(held_s: float = HELD_S) -> list[dict[str, Any]]:
-    """Rows of `holdfast bench simulator`: law, share, vibration; creep in m, cost in ns a step.
+@dataclass(frozen=True)
+class CreepRow:
+    """How far a law lets the block move in held_s. share, vibration: of the friction limit.
 
-    lets_go: it moved so far that nothing is held any more; cost_ns_per_s: what a second of one
-    contact costs at the law's own step.
+    lets_go: it moved so far that nothing is held any more. cost_ns: CPU time of a step.
+    cost_ns_per_s: what a second of one contact costs at the law's own step.
     """
+
+    law: str
+    share: float
+    vibration: float
+    held_s: float
+    creep_m: float
+    lets_go: bool
+    step_s: float
+    cost_ns: float
+    cost_ns_per_s: float
+
+
+def table(held_s: float = HELD_S) -> list[CreepRow]:
+    """Rows of `holdfast bench simulator`: every law at every share and vibration."""
     shares, vibrations = (
         grid.ravel() for grid in np.meshgrid(SHARES, (0.0, VIBRATION), indexing="ij")
     )
@@ -257,16 +272,16 @@ def table(held_s: float = HELD_S) -> list[dict[str, Any]]:
         price, moved = cost_ns(law), creep(law, Task.of(shares, vibrations), held_s)
         for share, vibration, moved_m in zip(shares, vibrations, moved, strict=True):
             rows.append(
-                {
-                    "law": name,
-                    "share": float(share),
-                    "vibration": float(vibration),
-                    "held_s": held_s,
-                    "creep_m": float(moved_m),
-                    "lets_go": bool(abs(moved_m) > LOST_M),
-                    "step_s": law.step_s,
-                    "cost_ns": price,
-                    "cost_ns_per_s": price / law.step_s,
-                }
+                CreepRow(
+                    law=name,
+                    share=float(share),
+                    vibration=float(vibration),
+                    held_s=held_s,
+                    creep_m=float(moved_m),
+                    lets_go=bool(abs(moved_m) > LOST_M),
+                    step_s=law.step_s,
+                    cost_ns=price,
+                    cost_ns_per_s=price / law.step_s,
+                )
             )
     return rows

@@ -10,12 +10,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.hand_rows import FaultRow, LiveLatency, ProcessMemory, ScanCost
 from drivers.bridges import BRIDGES, open_virtual
 from drivers.bus import Bus, Reply, Transfer
 from drivers.hand import Hand
@@ -116,49 +117,44 @@ def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
     return device.traffic, Own
 
 
-def scan_costs() -> list[dict[str, Any]]:
-    """One row per bridge and way to read: transfers, bytes, ms per scan, fastest model."""
+def scan_costs() -> list[ScanCost]:
+    """One row per bridge and way to read."""
     ways = [(bridge, reads, "mux", 400_000) for bridge in (*BRIDGES, NATIVE) for reads in READS]
     ways += [("ft232h", reads, "mux", 1_000_000) for reads in READS]
     ways += [("ft232h", CHECKED, layout, 400_000) for layout in ("mux6", "moved")]
     rows = [_scan_cost(*way) for way in ways]
-    plain = {
-        (row["bridge"], row["bus_khz"]): row["scan_ms"] for row in rows if row["reads"] == "1-byte"
-    }
-    for row in rows:
-        compared = row["reads"] == CHECKED and row["layout"] == "mux"
-        row["crc_costs_us"] = (
-            1e3 * (row["scan_ms"] - plain[row["bridge"], row["bus_khz"]]) if compared else None
-        )
-    return rows
+    plain = {(row.bridge, row.bus_khz): row.scan_ms for row in rows if row.reads == "1-byte"}
+    return [
+        replace(row, crc_costs_us=1e3 * (row.scan_ms - plain[row.bridge, row.bus_khz]))
+        if row.reads == CHECKED and row.layout == "mux"
+        else row
+        for row in rows
+    ]
 
 
-def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> dict[str, Any]:
+def _scan_cost(bridge: str, reads: str, layout: str, bus_hz: int) -> ScanCost:
     bench = Bench(bridge, reads, layout, bus_hz)
     traffic, before_ns = bench.traffic, bench.clock.now_ns()
     traffic.transfers = traffic.bytes_out = traffic.bytes_in = 0
     for _ in range(SCANS):
         bench.hand.read()
     scan_s = 1e-9 * (bench.clock.now_ns() - before_ns) / SCANS
-    served = next((rate for rate in RATES_HZ if scan_s * rate < SPARE), None)
-    return {
-        "bridge": bridge,
-        "reads": reads,
-        "layout": layout,
-        "bus_khz": bus_hz // 1000,
-        "transfers": traffic.transfers / SCANS,
-        "bytes_out": traffic.bytes_out / SCANS,
-        "bytes_in": traffic.bytes_in / SCANS,
-        "scan_ms": 1e3 * scan_s,
-        "scans_hz": 1.0 / scan_s,
-        "serves_model_hz": served,
-    }
+    return ScanCost(
+        bridge=bridge,
+        reads=reads,
+        layout=layout,
+        bus_khz=bus_hz // 1000,
+        transfers=traffic.transfers / SCANS,
+        bytes_out=traffic.bytes_out / SCANS,
+        bytes_in=traffic.bytes_in / SCANS,
+        scan_ms=1e3 * scan_s,
+        scans_hz=1.0 / scan_s,
+        serves_model_hz=next((rate for rate in RATES_HZ if scan_s * rate < SPARE), None),
+    )
 
 
-def fault_table(
-    model_path: Path, compute_ms: float = 0.0, phases: int = PHASES
-) -> list[dict[str, Any]]:
-    """One row per fault at the model's rate: message, detection, states meanwhile, recovery, lost.
+def fault_table(model_path: Path, compute_ms: float = 0.0, phases: int = PHASES) -> list[FaultRow]:
+    """One row per fault at the model's rate.
 
     compute_ms: from the end of a read to the answer, which no virtual clock knows. phases:
     detection is measured for faults that begin at so many moments of a period, everything else
@@ -168,18 +164,13 @@ def fault_table(
     return [_fault_row(model, fault, compute_ms, phases) for fault in FAULTS]
 
 
-def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> dict[str, Any]:
+def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> FaultRow:
     bench = Bench(faults=(fault,))
     rows: list[tuple[float, bool, str]] = []
 
     def emit(prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
-        rows.append(
-            (
-                1e-9 * bench.clock.now_ns() + 1e-3 * compute_ms,
-                bool(sample.valid.all()),
-                prediction.state,
-            )
-        )
+        answered_s = 1e-9 * bench.clock.now_ns() + 1e-3 * compute_ms
+        rows.append((answered_s, bool(sample.valid.all()), prediction.state))
 
     end_ns = round(1e9 * FAULT_RUN_S)
     summary = _answered(bench, model, bench.clock, emit, lambda: bench.clock.now_ns() >= end_ns)
@@ -190,18 +181,18 @@ def _fault_row(model: Model, fault: str, compute_ms: float, phases: int) -> dict
     detected_ms = [
         _detected_ms(model, fault, phase / phases) + compute_ms for phase in range(phases)
     ]
-    return {
-        "fault": fault,
-        "what": FAULTS[fault],
-        "said": bench.messages[0].split(";")[0] if bench.messages else "",
-        "detected_ms": float(np.median(detected_ms)),
-        "detected_max_ms": max(detected_ms),
-        "meanwhile": ", ".join(sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})),
-        "whole_again_ms": 1e3 * (bad[-1] - ends_s),
-        "settled_again_ms": 1e3 * (unknown[-1] - ends_s),
-        "samples_lost": summary.overruns,
-        "ends": rows[-1][2],
-    }
+    return FaultRow(
+        fault=fault,
+        what=FAULTS[fault],
+        message=bench.messages[0].split(";")[0] if bench.messages else "",
+        detected_ms=float(np.median(detected_ms)),
+        detected_max_ms=max(detected_ms),
+        meanwhile=", ".join(sorted({state for t, _, state in after if bad[0] <= t <= bad[-1]})),
+        whole_again_ms=1e3 * (bad[-1] - ends_s),
+        settled_again_ms=1e3 * (unknown[-1] - ends_s),
+        samples_lost=summary.overruns,
+        ends=rows[-1][2],
+    )
 
 
 def _detected_ms(model: Model, fault: str, phase: float) -> float:
@@ -222,7 +213,7 @@ def _detected_ms(model: Model, fault: str, phase: float) -> float:
     return 1e3 * (found_s[0] - at_s) if found_s else float("inf")
 
 
-def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
+def latency(model_path: Path, rate_hz: float, seconds: float) -> LiveLatency:
     """Our share of a period by stage, us: real time on an FT232H whose transfers take no time.
 
     Reference for each period: a busy wait as long as the whole sample, on the same
@@ -237,14 +228,14 @@ def latency(model_path: Path, rate_hz: float, seconds: float) -> dict[str, Any]:
         summary = _answered(bench, model, clock, lambda *_: None, lambda: clock.now_ns() >= end_ns)
     stages_us = summary.latency_us()
     floor = time_in_turns({"floor": busy_wait(stages_us["read to emit"]["p50"])})["floor"]
-    return {
-        "rate_hz": rate_hz,
-        "samples": summary.samples,
-        "overruns": summary.overruns,
-        "latency_us": stages_us,
-        "share_of_period": stages_us["read to emit"]["p50"] * 1e-6 * rate_hz,
-        "floor_us": {f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)},
-    }
+    return LiveLatency(
+        rate_hz=rate_hz,
+        samples=summary.samples,
+        overruns=summary.overruns,
+        latency_us=stages_us,
+        share_of_period=stages_us["read to emit"]["p50"] * 1e-6 * rate_hz,
+        floor_us={f"p{p:g}": float(np.percentile(floor, p)) for p in (50.0, 99.0, 99.9)},
+    )
 
 
 class _Instant(VirtualClock):
@@ -289,18 +280,13 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 """
 
 
-def memory(model_path: Path) -> list[dict[str, Any]]:
-    """Resident MB and start s of two processes: libraries alone, live path with a model."""
+def memory(model_path: Path) -> list[ProcessMemory]:
+    """Two processes: libraries alone, and the live path with a model."""
     rows = []
     for name, program in (("floor", FLOOR), ("live path, default model", LIVE_PATH)):
         started = time.perf_counter()
         command = [sys.executable, "-c", program + TELL, str(model_path)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
-        rows.append(
-            {
-                "process": name,
-                "resident_mb": int(done.stdout) / 1024,
-                "start_s": time.perf_counter() - started,
-            }
-        )
+        took_s = time.perf_counter() - started
+        rows.append(ProcessMemory(name, int(done.stdout) / 1024, took_s))
     return rows

@@ -9,11 +9,11 @@ is assumed; how long it takes, docs/evaluation.md says.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from benchmarks.hand import CHECKED, RATES_HZ, Bench
+from benchmarks.hand_rows import ActDelay, ScanCost
 from drivers.virtual.hand import REST_UT, Track
 from edge_runtime.contract import FloatArray
 
@@ -29,47 +29,43 @@ STEP_UT = np.array([0.0, 0.0, 10e3])
 
 
 def delays(
-    scan_costs: list[dict[str, Any]], compute_ms: float, act_samples: int, steps: int = STEPS
-) -> list[dict[str, Any]]:
+    scan_costs: list[ScanCost], compute_ms: float, act_samples: int, steps: int = STEPS
+) -> list[ActDelay]:
     """One row per bridge and rate that it serves: ms from a step until the request to act."""
-    default = [cost for cost in scan_costs if cost["layout"] == "mux" and cost["reads"] == CHECKED]
+    default = [cost for cost in scan_costs if cost.layout == "mux" and cost.reads == CHECKED]
     rates = [(cost, rate) for cost in default for rate in _served(cost)]
     return [_row(cost, rate_hz, compute_ms, act_samples, steps) for cost, rate_hz in rates]
 
 
-def _served(cost: dict[str, Any]) -> Iterator[float]:
-    return (
-        rate
-        for rate in RATES_HZ[:-1]
-        if cost["serves_model_hz"] and rate <= cost["serves_model_hz"]
-    )
+def _served(cost: ScanCost) -> Iterator[float]:
+    return (rate for rate in RATES_HZ[:-1] if rate <= (cost.serves_model_hz or 0.0))
 
 
 def _row(
-    cost: dict[str, Any], rate_hz: float, compute_ms: float, act_samples: int, steps: int
-) -> dict[str, Any]:
+    cost: ScanCost, rate_hz: float, compute_ms: float, act_samples: int, steps: int
+) -> ActDelay:
     seen_ms = seen_after_ms(cost, rate_hz, steps) + compute_ms
     debounce_ms = 1e3 * (act_samples - 1) / rate_hz
     acted_ms = seen_ms + debounce_ms
     latest_s = 1e-3 * float(acted_ms.max())
-    return {
-        "bridge": cost["bridge"],
-        "reads": cost["reads"],
-        "bus_khz": cost["bus_khz"],
-        "rate_hz": rate_hz,
-        "seen_ms": float(np.median(seen_ms)),
-        "debounce_ms": debounce_ms,
-        "acted_ms": float(np.median(acted_ms)),
-        "acted_p95_ms": float(np.percentile(acted_ms, 95.0)),
-        "acted_max_ms": 1e3 * latest_s,
-        "falls_until_acted_mm": 500.0 * GRAVITY_M_S2 * latest_s**2,
-        "falls_until_closed_mm": 500.0 * GRAVITY_M_S2 * (latest_s + CLOSING_S) ** 2,
-    }
+    return ActDelay(
+        bridge=cost.bridge,
+        reads=cost.reads,
+        bus_khz=cost.bus_khz,
+        rate_hz=rate_hz,
+        seen_ms=float(np.median(seen_ms)),
+        debounce_ms=debounce_ms,
+        acted_ms=float(np.median(acted_ms)),
+        acted_p95_ms=float(np.percentile(acted_ms, 95.0)),
+        acted_max_ms=1e3 * latest_s,
+        falls_until_acted_mm=500.0 * GRAVITY_M_S2 * latest_s**2,
+        falls_until_closed_mm=500.0 * GRAVITY_M_S2 * (latest_s + CLOSING_S) ** 2,
+    )
 
 
-def seen_after_ms(cost: dict[str, Any], rate_hz: float, steps: int = STEPS) -> FloatArray:
+def seen_after_ms(cost: ScanCost, rate_hz: float, steps: int = STEPS) -> FloatArray:
     """[steps] from a step of the field to the end of the first read with it in every finger."""
-    bench = Bench(cost["bridge"], cost["reads"], bus_hz=1000 * cost["bus_khz"])
+    bench = Bench(cost.bridge, cost.reads, bus_hz=1000 * cost.bus_khz)
     period_s = 1.0 / rate_hz
     start_s = 1e-9 * bench.clock.now_ns() + period_s
     steps_s = start_s + period_s * (

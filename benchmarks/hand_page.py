@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.doc_tables import table, write_tables
 from evaluation.page import markdown
 
@@ -48,7 +48,7 @@ RUN_HEADS = {
 PROCESS = {"floor": "Python with numpy and onnxruntime"}
 
 
-def tables(figures: dict[str, Any]) -> dict[str, str]:
+def tables(figures: Json) -> dict[str, str]:
     """Every table by its marker."""
     stages = [row for run in figures["live"] for row in _stages(run)]
     stages += [
@@ -68,7 +68,7 @@ def tables(figures: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _scan(row: dict[str, Any]) -> dict[str, Any]:
+def _scan(row: Json) -> Json:
     rate_hz, crc_us = row["serves_model_hz"], row["crc_costs_us"]
     return row | {
         "serves": "none" if rate_hz is None else f"{rate_hz:g}",
@@ -76,7 +76,7 @@ def _scan(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _about(figures: dict[str, Any]) -> list[dict[str, Any]]:
+def _about(figures: Json) -> list[Json]:
     """What the card says, and how far an object falls until a hand has closed."""
     closed_mm = [row["falls_until_closed_mm"] for row in figures["delays"]]
     return [
@@ -88,15 +88,15 @@ def _about(figures: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _delay(row: dict[str, Any]) -> dict[str, Any]:
+def _delay(row: Json) -> Json:
     return row | {"way": f"{row['bridge']}, {row['reads']}, {row['bus_khz']} kHz"}
 
 
-def _stages(run: dict[str, Any]) -> list[dict[str, Any]]:
+def _stages(run: Json) -> list[Json]:
     return [_stage(run, stage, times) for stage, times in run["latency_us"].items()]
 
 
-def _stage(run: dict[str, Any], stage: str, times_us: dict[str, float]) -> dict[str, Any]:
+def _stage(run: Json, stage: str, times_us: dict[str, float]) -> Json:
     return {
         "rate, Hz": run["rate_hz"],
         "stage": stage,
@@ -104,7 +104,7 @@ def _stage(run: dict[str, Any], stage: str, times_us: dict[str, float]) -> dict[
     }
 
 
-def _process(row: dict[str, Any]) -> dict[str, Any]:
+def _process(row: Json) -> Json:
     return {
         "process": PROCESS.get(row["process"], row["process"]),
         "resident memory, MB": row["resident_mb"],

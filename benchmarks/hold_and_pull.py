@@ -10,13 +10,13 @@ import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks.mujoco_peer import SLIP_TRAVEL_M, STEPS_S
 from benchmarks.mujoco_scene import GRAVITY_M_S2, Scene
 from edge_runtime.contract import FloatArray
+from edge_runtime.reading import Json
 from simulation.body import SIDE, Body, Inputs, Pull, State, at_rest
 from simulation.core import step
 from simulation.loop.brush import pressure
@@ -27,7 +27,23 @@ LANES = (2, 200)
 ELEMENTS = 5
 
 
-def rows(peers: Path, scene: Scene | None = None) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class SolverRow:
+    """The hold and the pulls of one solver. creep_mm: how far the object sank from 1 s on.
+
+    A pull of 8 N must hold and one of 16 N must slip (Coulomb: 14.4 N); None: it held.
+    """
+
+    solver: str
+    step_ms: float
+    cpu_ms_per_s: float
+    held_s: float
+    creep_mm: float | None
+    slip_8n_ms: float | None
+    slip_16n_ms: float | None
+
+
+def rows(peers: Path, scene: Scene | None = None) -> list[SolverRow]:
     """One row per solver and step: ours, then those that `make peers` wrote, if any."""
     scene = scene or Scene()
     ours = [measure(scene, step_s, lanes) for lanes in LANES for step_s in STEPS_S]
@@ -38,7 +54,7 @@ def rows(peers: Path, scene: Scene | None = None) -> list[dict[str, Any]]:
     return ours + [_peer(run, peer["versions"]["mujoco"]) for run in peer["runs"]]
 
 
-def measure(scene: Scene, step_s: float, lanes: int) -> dict[str, Any]:
+def measure(scene: Scene, step_s: float, lanes: int) -> SolverRow:
     """Hold for scene.hold_s, then each pull from a hold of its own."""
     held = Held(scene, step_s, lanes)
     cpu_s = held.run(scene.settled_s)
@@ -117,7 +133,7 @@ def body(scene: Scene, lanes: int) -> Body:
     )
 
 
-def _peer(run: dict[str, Any], version: str) -> dict[str, Any]:
+def _peer(run: Json, version: str) -> SolverRow:
     slips = [pull["slip_s"] for pull in run["pulls"]]
     name = f"MuJoCo {version}, {run['variant']}"
     return _row(name, run["step_s"], run["cpu_s_per_s"], run["held_s"], run["creep_m"], slips)
@@ -130,16 +146,8 @@ def _row(
     held_s: float,
     creep_m: float | None,
     slips_s: list[float | None],
-) -> dict[str, Any]:
-    """creep_mm: how far it sank from 1 s on; a pull of 8 N must hold and one of 16 N must slip
-    (Coulomb: 14.4 N)."""
+) -> SolverRow:
     weak_ms, strong_ms = (None if slip_s is None else 1e3 * slip_s for slip_s in slips_s)
-    return {
-        "solver": solver,
-        "step_ms": 1e3 * step_s,
-        "cpu_ms_per_s": 1e3 * cpu_s_per_s,
-        "held_s": held_s,
-        "creep_mm": None if creep_m is None else 1e3 * creep_m,
-        "slip_8n_ms": weak_ms,
-        "slip_16n_ms": strong_ms,
-    }
+    creep_mm = None if creep_m is None else 1e3 * creep_m
+    cpu_ms_per_s = 1e3 * cpu_s_per_s
+    return SolverRow(solver, 1e3 * step_s, cpu_ms_per_s, held_s, creep_mm, weak_ms, strong_ms)

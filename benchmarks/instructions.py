@@ -12,8 +12,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -43,8 +43,17 @@ for _ in range(calls):
 """
 
 
-def instructions(model: Path) -> list[dict[str, Any]]:
-    """One row per call: instructions and projected us. Raises LibraryMissing without valgrind."""
+@dataclass(frozen=True)
+class CallInstructions:
+    """Instructions of one call, and its time on a Cortex-A72, us: projected, not measured."""
+
+    what: str
+    instructions: float
+    projected_cortex_a72_us: float
+
+
+def instructions(model: Path) -> list[CallInstructions]:
+    """One row per call. Raises LibraryMissing without valgrind."""
     if shutil.which("valgrind") is None:
         raise LibraryMissing(
             "no valgrind", where="valgrind", next_step="install valgrind to count instructions"
@@ -57,14 +66,10 @@ def instructions(model: Path) -> list[dict[str, Any]]:
         return [_row("whole step", str(model), ""), _row("forest alone", str(alone), str(rows))]
 
 
-def _row(name: str, model: str, rows: str) -> dict[str, Any]:
+def _row(name: str, model: str, rows: str) -> CallInstructions:
     few, many = (_counted(model, rows, calls) for calls in (FEW, MANY))
     each = (many - few) / (MANY - FEW)
-    return {
-        "what": name,
-        "instructions": each,
-        "projected_cortex_a72_us": 1e6 * each / INSTRUCTIONS_A_CYCLE / CORTEX_A72_HZ,
-    }
+    return CallInstructions(name, each, 1e6 * each / INSTRUCTIONS_A_CYCLE / CORTEX_A72_HZ)
 
 
 def _counted(model: str, rows: str, calls: int) -> int:

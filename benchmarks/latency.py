@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import tempfile
 import tomllib
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,20 @@ import onnx
 import onnxruntime as ort
 from scipy.signal import butter
 
-from benchmarks.calls import forests_of, grip_of, step_of
+from benchmarks.calls import (
+    BARE,
+    FLOOR,
+    GRIP,
+    OWN,
+    SKLEARN,
+    STEP,
+    THESIS,
+    TREELITE,
+    WALK,
+    forests_of,
+    grip_of,
+    step_of,
+)
 from benchmarks.forest_c import c_walk
 from edge_runtime.contract import CLASSES, BoolArray, FloatArray
 from edge_runtime.errors import LibraryMissing
@@ -56,22 +69,42 @@ from training.recording import DataSet
 BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
 PERCENTILES = (50, 99, 99.9)
 TRIALS, STREAMED = 400, 10
-STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
-    "ours, whole step",
-    "ours, grip command",
-    "ours, bare forest",
-    "bare forest, 100 full-depth trees",
-    "scikit-learn, the same trees",
-    "the thesis' way",
-    "floor",
-    "a walk in C, the same trees",
-    "treelite, the same trees",
-)
 SLOW_TURNS, SLOW_CALLS = 5, 20
 """Calls of milliseconds are timed less often."""
 
 
-def latency(path: Path, turns: int = TURNS) -> dict[str, Any]:
+@dataclass(frozen=True)
+class CallTimes:
+    """Time of n calls, us: percentiles of the warm ones, and the median of each turn's first."""
+
+    what: str
+    n: int
+    p50_us: float
+    p99_us: float
+    p999_us: float
+    cold_p50_us: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in latency.json."""
+        percentiles = {"p50": self.p50_us, "p99": self.p99_us, "p99.9": self.p999_us}
+        return {"what": self.what, "n": self.n, **percentiles, "cold_p50": self.cold_p50_us}
+
+
+@dataclass(frozen=True)
+class LatencyFigures:
+    """All calls. ratios: by the name of their budget. bytes: of the model file."""
+
+    model: str
+    rows: list[CallTimes]
+    ratios: dict[str, float]
+    bytes: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in latency.json."""
+        return {**vars(self), "rows": [row.to_json() for row in self.rows]}
+
+
+def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
     """Time everything on one stream; the figures, and the ratios that budget.toml limits.
 
     turns: how often each takes its turn.
@@ -98,14 +131,8 @@ def latency(path: Path, turns: int = TURNS) -> dict[str, Any]:
             THESIS: _thesis_way(forest, data),
         }
         times |= _by_turn(time_in_turns(slow, SLOW_TURNS, SLOW_CALLS), SLOW_TURNS)
-    cold = {name: {"cold_p50": float(np.median(turns[:, 0]))} for name, turns in times.items()}
-    us = {name: _percentiles(turns[:, 1:]) | cold[name] for name, turns in times.items()}
-    return {
-        "model": model.card.model_id,
-        "rows": [{"what": name, "n": times[name].size, **figures} for name, figures in us.items()],
-        "ratios": ratios(us),
-        "bytes": path.stat().st_size,
-    }
+    calls = [_call_times(name, each) for name, each in times.items()]
+    return LatencyFigures(model.card.model_id, calls, ratios(calls), path.stat().st_size)
 
 
 def _by_turn(times: dict[str, FloatArray], turns: int) -> dict[str, FloatArray]:
@@ -113,24 +140,29 @@ def _by_turn(times: dict[str, FloatArray], turns: int) -> dict[str, FloatArray]:
     return {name: values.reshape(turns, -1) for name, values in times.items()}
 
 
-def ratios(us: dict[str, dict[str, float]]) -> dict[str, float]:
+def _call_times(what: str, times_us: FloatArray) -> CallTimes:
+    """times_us: [turns, calls]."""
+    p50, p99, p999 = (float(np.percentile(times_us[:, 1:], one)) for one in PERCENTILES)
+    return CallTimes(what, times_us.size, p50, p99, p999, float(np.median(times_us[:, 0])))
+
+
+def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     """What the budgets limit: each a ratio of two figures of one run."""
+    of = {one.what: one for one in calls}
+    step = of[STEP]
     return {
-        "step_over_bare_full_depth_forest": us[STEP]["p50"] / us[BARE]["p50"],
-        "step_over_own_forest": us[STEP]["p50"] / us[OWN]["p50"],
-        "grip_over_step": us[GRIP]["p50"] / us[STEP]["p50"],
-        "step_p999_over_floor_p999": us[STEP]["p99.9"] / us[FLOOR]["p99.9"],
-        "thesis_over_step": us[THESIS]["p50"] / us[STEP]["p50"],
+        "step_over_bare_full_depth_forest": step.p50_us / of[BARE].p50_us,
+        "step_over_own_forest": step.p50_us / of[OWN].p50_us,
+        "grip_over_step": of[GRIP].p50_us / step.p50_us,
+        "step_p999_over_floor_p999": step.p999_us / of[FLOOR].p999_us,
+        "thesis_over_step": of[THESIS].p50_us / step.p50_us,
     }
 
 
-def broken(figures: dict[str, Any], resident_mb: float) -> list[str]:
-    """What exceeds the budgets of budget.toml, a line each."""
+def broken(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[str]:
+    """What exceeds the budgets of budget.toml, a line each. n_bytes: size of the model file."""
     budget = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
-    found = dict(figures["ratios"]) | {
-        "model_mib": figures["bytes"] / 2**20,
-        "resident_mb": resident_mb,
-    }
+    found = ratios | {"model_mib": n_bytes / 2**20, "resident_mb": resident_mb}
     lines = [
         f"{name}: {found[name]:.3g}, at most {most:g}"
         for name, most in budget["at_most"].items()
@@ -232,7 +264,3 @@ def forest_rows(model: Model, stream: tuple[FloatArray, BoolArray]) -> FloatRows
     """The very rows [T, F] that the whole step hands its forests."""
     rows: FloatRows = run_recording(model.session, *stream, ["features"])["features"]
     return rows
-
-
-def _percentiles(times: FloatArray) -> dict[str, float]:
-    return {f"p{p:g}": float(np.percentile(times, p)) for p in PERCENTILES}

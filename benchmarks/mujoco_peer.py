@@ -24,7 +24,7 @@ import statistics
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -119,13 +119,65 @@ def drawn_for(scene: Scene, step_s: float, variant: Variant, rounds: int = 8) ->
     return drawn
 
 
-def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> dict[str, Any]:
-    """Hold for scene.hold_s, or until a pad has lost the object.
+@dataclass(frozen=True)
+class HeldObject:
+    """A hold. cpu_s_per_s: CPU s per simulated s.
 
-    creep_m: how far it sank from settled_s on, None where it did not stay; creep_m_s: in a second,
-    while it was held; slip_m: the part of it that is slip along the pads; held_s; cpu_s_per_s: CPU
-    s per simulated s.
+    creep_m: how far the object sank from settled_s on, None where it did not stay. creep_m_s: in a
+    second, while it was held. slip_m: the part of creep_m that is slip along the pads.
     """
+
+    cpu_s_per_s: float
+    grip_n: float
+    held_s: float
+    creep_m: float | None
+    slip_m: float | None
+    creep_m_s: float | None
+
+
+@dataclass(frozen=True)
+class PulledObject:
+    """A pull with at most cap_n. coulomb_slips: weight and pull are above the friction limit.
+
+    slip_s: when the object has slid 2 mm along the pads, from the pull's begin, or None.
+    peak_load_n: the most that weight and person loaded the contacts with until then. travel_m: how
+    far it slid by the end, None where it left.
+    """
+
+    cap_n: float
+    coulomb_slips: bool
+    slip_s: float | None
+    peak_load_n: float
+    travel_m: float | None
+
+
+@dataclass(frozen=True)
+class PeerRun:
+    """One variant at one step. drawn: how far its springs are drawn. cpu_s_per_s_min_max: of all
+    holds; the hold has their median."""
+
+    variant: str
+    step_s: float
+    drawn: float
+    held: HeldObject
+    cpu_s_per_s_min_max: list[float]
+    pulls: list[PulledObject]
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in mujoco.json."""
+        return {
+            "variant": self.variant,
+            **asdict(VARIANTS[self.variant]),
+            "step_s": self.step_s,
+            "drawn": self.drawn,
+            **asdict(self.held),
+            "cpu_s_per_s_min_max": self.cpu_s_per_s_min_max,
+            "pulls": [asdict(one) for one in self.pulls],
+        }
+
+
+def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> HeldObject:
+    """Hold for scene.hold_s, or until a pad has lost the object."""
     one = Hold(scene, step_s, variant, drawn)
     cpu_s = one.run(scene.settled_s)
     grip_n, from_m, slipped_m = one.grip_n, one.z_m, one.travel_m
@@ -136,25 +188,18 @@ def hold(scene: Scene, step_s: float, variant: Variant, drawn: float) -> dict[st
         if one.held:
             held_s, creep_m, slip_m = held_s + more_s, from_m - one.z_m, one.travel_m - slipped_m
     crept_s = held_s - scene.settled_s
-    return {
-        "cpu_s_per_s": cpu_s / float(one.data.time),
-        "grip_n": grip_n,
-        "held_s": held_s,
-        "creep_m": creep_m if one.held else None,
-        "slip_m": slip_m if one.held else None,
-        "creep_m_s": creep_m / crept_s if crept_s else None,
-    }
+    return HeldObject(
+        cpu_s_per_s=cpu_s / float(one.data.time),
+        grip_n=grip_n,
+        held_s=held_s,
+        creep_m=creep_m if one.held else None,
+        slip_m=slip_m if one.held else None,
+        creep_m_s=creep_m / crept_s if crept_s else None,
+    )
 
 
-def pull(
-    scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: float
-) -> dict[str, Any]:
-    """Hold until settled, then pull down with at most cap_n for scene.pull_s.
-
-    slip_s: when the object has slid 2 mm along the pads, from the pull's begin, or None;
-    peak_load_n: the most that weight and person loaded the contacts with until then; travel_m: how
-    far it slid by the end, None where it left.
-    """
+def pull(scene: Scene, step_s: float, variant: Variant, drawn: float, cap_n: float) -> PulledObject:
+    """Hold until settled, then pull down with at most cap_n for scene.pull_s."""
     one = Hold(scene, step_s, variant, drawn)
     one.run(scene.settled_s)
     one.person(True, cap_n)
@@ -168,34 +213,39 @@ def pull(
             peak_n = max(peak_n, weight_n - float(one.data.actuator_force[0]))
             if one.travel_m - before_m > SLIP_TRAVEL_M:
                 slip_s = (k + 1) * step_s
-    return {
-        "cap_n": cap_n,
-        "coulomb_slips": weight_n + cap_n > scene.limit_n,
-        "slip_s": slip_s,
-        "peak_load_n": peak_n,
-        "travel_m": one.travel_m - before_m if one.held else None,
-    }
+    travel_m = one.travel_m - before_m if one.held else None
+    return PulledObject(cap_n, weight_n + cap_n > scene.limit_n, slip_s, peak_n, travel_m)
 
 
 def measure(
-    scene: Scene | None = None, steps_s: Sequence[float] = STEPS_S, repeats: int = REPEATS
-) -> dict[str, Any]:
-    """All variants at all steps; CPU time is the median of `repeats` interleaved holds.
-
-    Raises UsageError without MuJoCo.
-    """
-    about = {
-        "mujoco": _mujoco().__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
-    scene = scene or Scene()
+    scene: Scene, steps_s: Sequence[float] = STEPS_S, repeats: int = REPEATS
+) -> list[PeerRun]:
+    """All variants at all steps; CPU time is the median of `repeats` interleaved holds."""
     cases = [(name, step_s) for name in VARIANTS for step_s in steps_s]
     drawn = {case: drawn_for(scene, case[1], VARIANTS[case[0]]) for case in cases}
     holds = [
         {case: hold(scene, case[1], VARIANTS[case[0]], drawn[case]) for case in cases}
         for _ in range(repeats)
     ]
+    return [_run(scene, case, drawn[case], [turn[case] for turn in holds]) for case in cases]
+
+
+def _run(
+    scene: Scene, case: tuple[str, float], drawn: float, holds: Sequence[HeldObject]
+) -> PeerRun:
+    (name, step_s), cpu = case, [one.cpu_s_per_s for one in holds]
+    pulls = [pull(scene, step_s, VARIANTS[name], drawn, cap_n) for cap_n in scene.caps_n]
+    held = replace(holds[0], cpu_s_per_s=statistics.median(cpu))
+    return PeerRun(name, step_s, drawn, held, [min(cpu), max(cpu)], pulls)
+
+
+def document(scene: Scene, runs: Sequence[PeerRun], repeats: int = REPEATS) -> dict[str, Any]:
+    """What mujoco.json holds."""
+    about = {
+        "mujoco": _mujoco().__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
     return {
         "simulated": True,
         "versions": about,
@@ -203,23 +253,7 @@ def measure(
         "scene": asdict(scene)
         | {"limit_n": scene.limit_n, "weight_n": scene.mass_kg * GRAVITY_M_S2},
         "repeats": repeats,
-        "runs": [_run(scene, case, drawn[case], [turn[case] for turn in holds]) for case in cases],
-    }
-
-
-def _run(
-    scene: Scene, case: tuple[str, float], drawn: float, holds: Sequence[dict[str, Any]]
-) -> dict[str, Any]:
-    (name, step_s), cpu = case, [one["cpu_s_per_s"] for one in holds]
-    return {
-        "variant": name,
-        **asdict(VARIANTS[name]),
-        "step_s": step_s,
-        "drawn": drawn,
-        **holds[0],
-        "cpu_s_per_s": statistics.median(cpu),
-        "cpu_s_per_s_min_max": [min(cpu), max(cpu)],
-        "pulls": [pull(scene, step_s, VARIANTS[name], drawn, cap_n) for cap_n in scene.caps_n],
+        "runs": [run.to_json() for run in runs],
     }
 
 
@@ -233,21 +267,22 @@ def _mujoco() -> Any:
     return mujoco
 
 
-def _row(run: dict[str, Any]) -> str:
+def _row(run: PeerRun) -> str:
+    held = run.held
     creep = (
-        f"{run['held_s']:.0f} s, then dropped"
-        if run["creep_m"] is None
-        else f"crept {1e3 * run['creep_m']:.4f} mm"
+        f"{held.held_s:.0f} s, then dropped"
+        if held.creep_m is None
+        else f"crept {1e3 * held.creep_m:.4f} mm"
     )
     slips = ", ".join(
-        f"{p['cap_n']:g} N "
-        + ("holds" if p["slip_s"] is None else f"slips after {1e3 * p['slip_s']:.0f} ms")
-        for p in run["pulls"]
+        f"{one.cap_n:g} N "
+        + ("holds" if one.slip_s is None else f"slips after {1e3 * one.slip_s:.0f} ms")
+        for one in run.pulls
     )
+    speed = "" if held.creep_m_s is None else f"{1e6 * held.creep_m_s:9.2f} um/s"
     return (
-        f"{run['variant']:<13}{1e3 * run['step_s']:2.0f} ms"
-        f"{1e3 * run['cpu_s_per_s']:7.2f} CPU ms/s   held {creep:<22} "
-        f"{1e6 * run['creep_m_s']:9.2f} um/s   pull {slips}"
+        f"{run.variant:<13}{1e3 * run.step_s:2.0f} ms"
+        f"{1e3 * held.cpu_s_per_s:7.2f} CPU ms/s   held {creep:<22} {speed:>14}   pull {slips}"
     )
 
 
@@ -262,9 +297,10 @@ def main(argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     _mujoco()
     require_writable(args.out.parent)
-    result = measure()
-    write_whole(args.out, json.dumps(result, indent=2) + "\n")
-    for run in result["runs"]:
+    scene = Scene()
+    runs = measure(scene)
+    write_whole(args.out, json.dumps(document(scene, runs), indent=2) + "\n")
+    for run in runs:
         print(_row(run))
     return 0
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.calls import FLOOR, GRIP, OWN, STEP
 from benchmarks.cost.picture import figure as cost_figure
+from edge_runtime.reading import Json
 from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
-Figures = dict[str, Any]
+Figures = Json
+"""What WHAT.json holds."""
 TAIL = ("p50", "p99", "p99.9")
+COLOURS = {STEP: OURS, GRIP: OURS, OWN: OURS, FLOOR: WARNING}
+"""Of calls in the picture of latencies; all others are quiet."""
 
 
 def effects(figures: Figures) -> str:
@@ -35,13 +39,7 @@ def latency(figures: Figures) -> str:
     with mpl.rc_context(STYLE):
         drawn, axes = _figure(height=0.34 * len(rows) + 0.9)
         for place, row in enumerate(rows):
-            colour = (
-                OURS
-                if row["what"].startswith("ours")
-                else WARNING
-                if row["what"] == "floor"
-                else QUIET
-            )
+            colour = COLOURS.get(row["what"], QUIET)
             axes.plot([row[tail] for tail in TAIL], [place] * 3, "-", color=colour, linewidth=2)
             for tail, mark in zip(TAIL, ("o", "|", "|"), strict=True):
                 axes.plot(row[tail], place, mark, color=colour, markersize=8 if mark == "|" else 5)

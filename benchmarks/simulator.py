@@ -6,8 +6,7 @@ And whether it is plausible: the medians from load onset to gross slip, style by
 from __future__ import annotations
 
 import time
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,9 +25,56 @@ EXPECTED_MS = {
 """Medians of a prototype (simulated too), which styles were fitted to."""
 
 
-def step_curve(*, trials: int = 60, seed: int = 0) -> list[dict[str, float]]:
-    """Step, ms -> median and p90 error of the time of gross slip against a 25 us reference, ms, and
-    CPU time."""
+@dataclass(frozen=True)
+class StepError:
+    """Error of the time of gross slip at a step of the simulation: median and 90 %, ms."""
+
+    step_ms: float
+    p50_ms: float
+    p90_ms: float
+    cpu_s_per_trial: float
+
+
+@dataclass(frozen=True)
+class TrialsCost:
+    """CPU time of one of so many trials at once."""
+
+    trials: int
+    cpu_s_per_trial: float
+
+
+@dataclass(frozen=True)
+class ElementsCost:
+    """CPU time by brush elements, and the median from incipient to gross slip, ms."""
+
+    elements: int
+    cpu_s_per_trial: float
+    incipient_ms: float
+
+
+@dataclass(frozen=True)
+class SizeCurve:
+    """CPU time by trials at once (five elements), and by elements (200 trials at once)."""
+
+    by_trials: list[TrialsCost]
+    by_elements: list[ElementsCost]
+
+
+@dataclass(frozen=True)
+class Lead:
+    """From load onset to gross slip of n trials, ms. expected_ms: a prototype's median, if any."""
+
+    card: str
+    action: str
+    n: int
+    p5_ms: float
+    p50_ms: float
+    p95_ms: float
+    expected_ms: float | None
+
+
+def step_curve(*, trials: int = 60, seed: int = 0) -> list[StepError]:
+    """Error of the slip's time by step, against a reference of 25 us."""
     card = _losses(read_card("thesis"))
     reference, _ = _slip_times_s(replace(card, step_s=REFERENCE_S), trials, seed)
     rows = []
@@ -36,41 +82,27 @@ def step_curve(*, trials: int = 60, seed: int = 0) -> list[dict[str, float]]:
         times, cpu_s = _slip_times_s(replace(card, step_s=step_s), trials, seed)
         error = 1e3 * np.abs(times - reference)
         error = error[np.isfinite(error)]
-        p50, p90 = np.percentile(error, [50, 90])
-        rows.append(
-            {
-                "step_ms": 1e3 * step_s,
-                "p50_ms": p50,
-                "p90_ms": p90,
-                "cpu_s_per_trial": cpu_s / trials,
-            }
-        )
+        p50, p90 = (float(value) for value in np.percentile(error, [50, 90]))
+        rows.append(StepError(1e3 * step_s, p50, p90, cpu_s / trials))
     return rows
 
 
 def size_curve(
     *, lanes: tuple[int, ...] = (15, 60, 200, 500), elements: tuple[int, ...] = (1, 2, 5, 10, 20)
-) -> Any:
-    """CPU time a trial of the thesis card by trials at once (five elements) and by elements (200 at
-    once)."""
+) -> SizeCurve:
+    """CPU time of a trial of the thesis card."""
     card = read_card("thesis")
-    by_trials = [{"trials": n, "cpu_s_per_trial": _cpu_s(card, n)} for n in lanes]
+    by_trials = [TrialsCost(n, _cpu_s(card, n)) for n in lanes]
     by_elements = []
     for count in elements:
         changed = replace(card, effects=card.effects | {"brush": {"count": count}})
         simulated, cpu_s = _timed(changed, 200)
-        by_elements.append(
-            {
-                "elements": count,
-                "cpu_s_per_trial": cpu_s / 200,
-                "incipient_ms": _incipient_ms(simulated),
-            }
-        )
-    return {"by_trials": by_trials, "by_elements": by_elements}
+        by_elements.append(ElementsCost(count, cpu_s / 200, _incipient_ms(simulated)))
+    return SizeCurve(by_trials, by_elements)
 
 
-def plausibility(*, trials: int = 200, seed: int = 1) -> list[dict[str, Any]]:
-    """Median from load onset to gross slip, ms, by card and action, beside what was expected."""
+def plausibility(*, trials: int = 200, seed: int = 1) -> list[Lead]:
+    """The lead by card and action, beside what was expected."""
     rows = []
     for name in ("thesis", "p1", "p2"):
         scene = Scene(read_card(name), seed)
@@ -85,17 +117,8 @@ def plausibility(*, trials: int = 200, seed: int = 1) -> list[dict[str, Any]]:
         for action in ("pull", "fall"):
             leads = np.array(by_action.get(action, [np.nan]))
             p5, p50, p95 = (float(value) for value in np.percentile(leads, [5, 50, 95]))
-            rows.append(
-                {
-                    "card": name,
-                    "action": action,
-                    "n": len(leads),
-                    "p5_ms": p5,
-                    "p50_ms": p50,
-                    "p95_ms": p95,
-                    "expected_ms": EXPECTED_MS.get((name, action)),
-                }
-            )
+            expected_ms = EXPECTED_MS.get((name, action))
+            rows.append(Lead(name, action, len(leads), p5, p50, p95, expected_ms))
     return rows
 
 

@@ -9,6 +9,8 @@ from typing import Any
 
 from edge_runtime.errors import DataNotFound, TooLarge
 
+Json = dict[str, Any]
+"""A JSON object as it stands in a file, looked up by its keys."""
 MOST_LEVELS = 32
 """Our files nest less deeply; a thousand brackets in a row exhaust Python's stack."""
 

@@ -9,9 +9,6 @@ from typing import Any
 from evaluation.markers import write_between
 from evaluation.page import markdown
 
-Json = dict[str, Any]
-"""A JSON object as a command wrote it: a page's generator looks figures up by their keys."""
-
 
 def write_tables(page: str | Path, tables: Mapping[str, str]) -> None:
     """Write each table between the page's markers of its name. Raises DataNotFound without them."""

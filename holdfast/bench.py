@@ -6,13 +6,17 @@ import argparse
 import json
 import os
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument
+from edge_runtime.reading import Json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
@@ -26,7 +30,7 @@ class Measure:
 
     about: str
     kind: str
-    measure: Callable[[Path], dict[str, Any]]
+    measure: Callable[[Path], Json]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _print_tables(what: str, figures: dict[str, Any]) -> None:
+def _print_tables(what: str, figures: Json) -> None:
     from benchmarks.cost.page import short
     from evaluation.page import markdown
 
@@ -76,67 +80,77 @@ def _print_tables(what: str, figures: dict[str, Any]) -> None:
             print(f"{title}\n{markdown(rows)}\n")
 
 
-def _effects(out: Path) -> dict[str, Any]:
+def _rows(rows: Iterable[DataclassInstance]) -> list[Json]:
+    """Dataclasses as the rows of a table in WHAT.json."""
+    return [asdict(row) for row in rows]
+
+
+def _effects(out: Path) -> Json:
     from benchmarks.effects import empty_list_over_core, prices
 
-    return {"prices": prices(), "empty_list_over_core": empty_list_over_core()}
+    return {"prices": _rows(prices()), "empty_list_over_core": empty_list_over_core()}
 
 
-def _simulator(out: Path) -> dict[str, Any]:
+def _simulator(out: Path) -> Json:
     from benchmarks.friction_peers import table
     from benchmarks.hold_and_pull import rows
     from benchmarks.simulator import plausibility, size_curve, step_curve
 
-    peers = {"hold_and_pull": rows(out), "friction": table()}
-    return {"step": step_curve(), **size_curve(), "plausibility": plausibility(), **peers}
+    step, sizes, leads = _rows(step_curve()), asdict(size_curve()), _rows(plausibility())
+    peers = {"hold_and_pull": _rows(rows(out)), "friction": _rows(table())}
+    return {"step": step, **sizes, "plausibility": leads, **peers}
 
 
-def _latency(out: Path) -> dict[str, Any]:
+def _latency(out: Path) -> Json:
     from benchmarks.hand import memory
     from benchmarks.latency import broken, latency
 
     figures, processes = latency(MODEL), memory(MODEL)
-    return figures | {"memory": processes, "broken": broken(figures, processes[-1]["resident_mb"])}
+    over = broken(figures.ratios, figures.bytes, processes[-1].resident_mb)
+    return figures.to_json() | {"memory": _rows(processes), "broken": over}
 
 
-def _instructions(out: Path) -> dict[str, Any]:
+def _instructions(out: Path) -> Json:
     from benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
 
-    return {"rows": instructions(MODEL), "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
+    rows = _rows(instructions(MODEL))
+    return {"rows": rows, "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
 
 
-def _training(out: Path) -> dict[str, Any]:
+def _training(out: Path) -> Json:
     from benchmarks.training_time import training_times
 
-    return {"rows": training_times()}
+    return {"rows": _rows(training_times())}
 
 
-def _cost(out: Path) -> dict[str, Any]:
+def _cost(out: Path) -> Json:
     from benchmarks.cost.surface import cost
 
     return cost(out / "cost", dask=os.environ.get("HOLDFAST_DASK"))
 
 
-def _hand(out: Path) -> dict[str, Any]:
+def _hand(out: Path) -> Json:
     from benchmarks.hand import fault_table, latency, memory, scan_costs
     from benchmarks.hand_delays import delays
+    from benchmarks.hand_rows import HandFigures
     from edge_runtime.monitor import Model
 
     act_samples = Model(MODEL).card.decision.act_samples
     scans = scan_costs()
     live = [latency(MODEL, rate_hz, LIVE_S) for rate_hz in LIVE_HZ]
     compute_ms = 1e-3 * sum(
-        live[0]["latency_us"][stage]["p50"] for stage in ("convert", "step", "decide", "emit")
+        live[0].latency_us[stage]["p50"] for stage in ("convert", "step", "decide", "emit")
     )
-    faults = fault_table(MODEL, compute_ms)
-    figures = {"scans": scans, "faults": faults, "live": live, "act_samples": act_samples}
-    return figures | {"delays": delays(scans, compute_ms, act_samples), "memory": memory(MODEL)}
+    faults, acted = fault_table(MODEL, compute_ms), delays(scans, compute_ms, act_samples)
+    return HandFigures(scans, faults, live, act_samples, acted, memory(MODEL)).to_json()
 
 
-def _onset(out: Path) -> dict[str, Any]:
+def _onset(out: Path) -> Json:
     from benchmarks.onset import held, pulls, ramps
 
-    return {"ramps": ramps(), "pulls": pulls(), "held": held()}
+    moved = {"ramps": ramps(), "pulls": pulls()}
+    written: Json = {name: [row.to_json() for row in rows] for name, rows in moved.items()}
+    return written | {"held": _rows(held())}
 
 
 MEASURES: dict[str, Measure] = {
@@ -179,7 +193,7 @@ MEASURES: dict[str, Measure] = {
 }
 
 
-def _host(what: str) -> dict[str, Any]:
+def _host(what: str) -> Json:
     """Where and with what it was measured, for every JSON; all measures use fixed seeds."""
     from evaluation.provenance import host
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from benchmarks.cost.picture import figure
 from benchmarks.cost.point import GOOD, Point
+from edge_runtime.reading import Json
 from edge_runtime.writing import write_whole
 from evaluation.doc_tables import table, with_interval, write_tables
 from evaluation.page import markdown
@@ -79,7 +79,7 @@ SHOWN = {
 """JSON name -> what the page shows, where they differ."""
 
 
-def tables(bench: dict[str, Any]) -> dict[str, str]:
+def tables(bench: Json) -> dict[str, str]:
     """Every table by its marker, from the JSON of each bench by name."""
     cost, latency = bench["cost"], bench["latency"]
     return {
@@ -105,7 +105,7 @@ def tables(bench: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _data(cost: dict[str, Any]) -> list[dict[str, Any]]:
+def _data(cost: Json) -> list[Json]:
     """What was evaluated, and how long the surface took where one run made every point."""
     rows, took = cost["rows"], cost["took"]
     default = next(row for row in rows if row["of"] == "scenes" and row["what"] == "default")
@@ -122,7 +122,7 @@ def _data(cost: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _models(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _models(rows: list[Json]) -> list[Json]:
     by_choice = {(row["of"], row["what"]): row for row in rows}
     return [
         {"model": name} | line(by_choice[point.of, point.what])
@@ -130,7 +130,7 @@ def _models(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _set(cost: dict[str, Any], of: str) -> dict[str, str]:
+def _set(cost: Json, of: str) -> dict[str, str]:
     """The front and all points of one set."""
     here = [row for row in cost["rows"] if row["of"] == of]
     return {
@@ -139,21 +139,21 @@ def _set(cost: dict[str, Any], of: str) -> dict[str, str]:
     }
 
 
-def _ratios(ratios: dict[str, float]) -> list[dict[str, Any]]:
+def _ratios(ratios: dict[str, float]) -> list[Json]:
     names = {name: name.replace("_", " ").replace("floor", "busy wait") for name in ratios}
     return [{"ratio": names[name], "value": f"{value:.2f}"} for name, value in ratios.items()]
 
 
-def _shown(row: dict[str, Any], key: str) -> dict[str, Any]:
+def _shown(row: Json, key: str) -> Json:
     return row | {key: SHOWN.get(row[key], row[key])}
 
 
-def _process(row: dict[str, Any]) -> dict[str, Any]:
+def _process(row: Json) -> Json:
     names = {"floor": "Python with numpy and onnxruntime"}
     return row | {"process": names.get(row["process"], row["process"])}
 
 
-def front(rows: list[dict[str, Any]], fronts: dict[str, list[str]]) -> list[dict[str, Any]]:
+def front(rows: list[Json], fronts: dict[str, list[str]]) -> list[Json]:
     """Lines of all points on a front, cheapest first, each saying on which."""
     return [
         line(row)
@@ -167,7 +167,7 @@ def front(rows: list[dict[str, Any]], fronts: dict[str, list[str]]) -> list[dict
     ]
 
 
-def short(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+def short(figures: Json) -> dict[str, list[Json]]:
     """What is printed of a surface: the front of each set."""
     return {
         of: [
@@ -178,7 +178,7 @@ def short(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
     }
 
 
-def line(row: dict[str, Any]) -> dict[str, Any]:
+def line(row: Json) -> Json:
     """A row of the surface with its figures as the tables show them."""
     delay, kib = row["delay_ms"], row["bytes"] / 1024
     return {
@@ -194,7 +194,7 @@ def line(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def readme_table(rows: list[dict[str, Any]]) -> str:
+def readme_table(rows: list[Json]) -> str:
     """The README's ten lines."""
     by_choice = {(row["of"], row["what"]): row for row in rows}
     lines = [line(by_choice[point.of, point.what]) | {"set": _name(point)} for point in README_ROWS]

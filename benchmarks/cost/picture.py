@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, TREES, Point
+from edge_runtime.reading import Json
 from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 COMPUTED = {
@@ -25,10 +25,10 @@ WAITED = {
 FAMILY_COLOURS = (OURS, WARNING, QUIET)
 LABELLED = {"1", "2", "3", "500", "4", "50", "100", "300", "now", "raw window"}
 Families = dict[str, list[tuple[str, Point]]]
-Measure = Callable[[dict[str, Any]], float | None]
+Measure = Callable[[Json], float | None]
 
 
-def figure(rows: list[dict[str, Any]]) -> str:
+def figure(rows: list[Json]) -> str:
     """Scenes: slips acted on before gross slip, against microseconds and against the delay."""
     by_name = {row["what"]: row for row in rows if row["of"] == "scenes"}
     with mpl.rc_context(STYLE):
@@ -45,9 +45,7 @@ def figure(rows: list[dict[str, Any]]) -> str:
         return svg(drawn)
 
 
-def _panel(
-    axes: Axes, by_name: dict[str, dict[str, Any]], families: Families, measure: Measure
-) -> None:
+def _panel(axes: Axes, by_name: dict[str, Json], families: Families, measure: Measure) -> None:
     for colour, (family, points) in zip(FAMILY_COLOURS, families.items(), strict=False):
         measured = [(by_name[point.what], name) for name, point in points if point.what in by_name]
         drawn = [
@@ -61,7 +59,7 @@ def _panel(
 def _default(
     axes: Axes,
     x: float | None,
-    by_name: dict[str, dict[str, Any]],
+    by_name: dict[str, Json],
     beside: tuple[int, int],
     side: str,
 ) -> None:
@@ -85,11 +83,11 @@ def _label(left: Axes, right: Axes) -> None:
     right.set(xlabel="waiting: load onset to the request, ms (median)")
 
 
-def _step_us(row: dict[str, Any]) -> float | None:
+def _step_us(row: Json) -> float | None:
     return float(row["step_us"])
 
 
-def _delay_ms(row: dict[str, Any]) -> float | None:
+def _delay_ms(row: Json) -> float | None:
     return float(row["delay_ms"]["p50"]) if row["delay_ms"] else None
 
 

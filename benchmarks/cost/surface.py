@@ -29,6 +29,7 @@ from benchmarks.cost.point import GOOD, GROUPS, Point, points
 from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
 from edge_runtime.contract import FloatArray
 from edge_runtime.graph import StepGraph, open_session
+from edge_runtime.reading import Json
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import write_whole
 from export.verify import cut_forests
@@ -55,7 +56,7 @@ def cost(
     *,
     dask: str | None = None,
     parts: Parts = PARTS,
-) -> dict[str, Any]:
+) -> Json:
     """Rows of all points, the fronts of each set, and the time and cores of the new points.
 
     folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same
@@ -114,7 +115,7 @@ def _by_features(chosen: Sequence[Point]) -> list[tuple[list[Point], str]]:
     ]
 
 
-def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
+def fronts(rows: Sequence[Json]) -> dict[str, dict[str, list[str]]]:
     """Set -> quality -> points that no other beats in it and in the step's time, fastest first."""
     return {
         of: {
@@ -128,14 +129,14 @@ def fronts(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[str]]]:
     }
 
 
-def pareto(rows: Sequence[dict[str, Any]], less: str, more: str) -> list[dict[str, Any]]:
+def pareto(rows: Sequence[Json], less: str, more: str) -> list[Json]:
     """Rows that no other beats in both, cheapest first.
 
     >>> rows = [{"t": 1, "q": 5}, {"t": 2, "q": 4}, {"t": 3, "q": 9}]
     >>> pareto(rows, "t", "q")
     [{'t': 1, 'q': 5}, {'t': 3, 'q': 9}]
     """
-    front: list[dict[str, Any]] = []
+    front: list[Json] = []
     for row in sorted(rows, key=lambda row: (row[less], -row[more])):
         if not front or row[more] > front[-1][more]:
             front.append(row)
@@ -171,7 +172,7 @@ def _settings(point: Point) -> str:
     return "train" if point.of == "human" else "ask"
 
 
-def _kept(folder: Path, family: Sequence[Point]) -> list[dict[str, Any]]:
+def _kept(folder: Path, family: Sequence[Point]) -> list[Json]:
     """Points of one forest family, from their files, or measured and written there."""
     grown = Grown(_most_trees(family))
     for fitted in dict.fromkeys(point.fitted for point in family):

@@ -6,7 +6,8 @@ import json
 import sys
 from pathlib import Path
 
-from evaluation.doc_tables import Json, write_tables
+from edge_runtime.reading import Json
+from evaluation.doc_tables import write_tables
 from evaluation.page import markdown
 from studies.row_names import shown
 

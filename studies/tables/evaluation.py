@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.doc_tables import table, with_interval, write_tables
 from evaluation.page import markdown
 from studies.row_names import OURS, RAW, shown
@@ -52,11 +52,11 @@ CURVE_HEADS = {
 
 
 def tables(
-    evaluated: dict[str, Any],
-    fast_handover: dict[str, Any],
-    scenes: dict[str, Any],
-    preliminary: dict[str, Any],
-    truer: dict[str, Any],
+    evaluated: Json,
+    fast_handover: Json,
+    scenes: Json,
+    preliminary: Json,
+    truer: Json,
 ) -> dict[str, str]:
     """Every table by its marker, from the JSON of each command."""
     return {
@@ -68,7 +68,7 @@ def tables(
     }
 
 
-def _streams(figures: dict[str, Any]) -> dict[str, str]:
+def _streams(figures: Json) -> dict[str, str]:
     """What was evaluated, every method on all sets, and the file itself by set."""
     headline, rows = figures["thresholds"]["headline"], figures["all"]["rows"]
     first = rows[headline]
@@ -94,7 +94,7 @@ def _streams(figures: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _stream(row: dict[str, Any]) -> dict[str, Any]:
+def _stream(row: Json) -> Json:
     delay, used, voluntary = row["delay_ms"], row["lead_used"], row["safe_acts_called"]
     return {
         "recall": with_interval(row["recall"], row["recall_ci"]),
@@ -106,7 +106,7 @@ def _stream(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _fast_handover(figures: dict[str, Any]) -> dict[str, str]:
+def _fast_handover(figures: Json) -> dict[str, str]:
     """Every change, the bounds and the targets."""
     rows = figures["rows"]
     return {
@@ -117,7 +117,7 @@ def _fast_handover(figures: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _alarms(row: dict[str, Any]) -> dict[str, Any]:
+def _alarms(row: Json) -> Json:
     author, unseen = row["author"], row["unseen_style"]
     return {
         "idea": row["idea"],
@@ -131,7 +131,7 @@ def _alarms(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _generalisation(rate: dict[str, Any]) -> dict[str, str]:
+def _generalisation(rate: Json) -> dict[str, str]:
     """Trials, objects and styles left out, fewer trials, other seeds."""
     curve = [_curve_point(row) for row in rate["learning_curve"]]
     spread = {name: one["spread"] for name, one in rate["retrainings"].items()}
@@ -146,7 +146,7 @@ def _generalisation(rate: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _splits(rate: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def _splits(rate: Json) -> list[tuple[str, Json]]:
     """What was held out, and the rows of that."""
     objects, styles = rate["objects"], rate.get("styles", {})
     return [
@@ -163,7 +163,7 @@ def _splits(rate: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     ]
 
 
-def _split(name: str, rows: dict[str, Any]) -> dict[str, Any]:
+def _split(name: str, rows: Json) -> Json:
     ours, raw = rows[OURS]["four"], rows[RAW]["four"]
     return {
         "split": name,
@@ -172,7 +172,7 @@ def _split(name: str, rows: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _curve_point(row: dict[str, Any]) -> dict[str, Any]:
+def _curve_point(row: Json) -> Json:
     pairs = [(level, name, key) for level in ("four", "eight") for name, key in ROWS.items()]
     return {"trials": row["trials"]} | {
         f"{level}_{name}": row[key][level]["macro_f1"] for level, name, key in pairs
@@ -182,7 +182,7 @@ def _curve_point(row: dict[str, Any]) -> dict[str, Any]:
 ROWS = {"ours": OURS, "raw": RAW}
 
 
-def _preliminary(figures: dict[str, Any]) -> str:
+def _preliminary(figures: Json) -> str:
     """Every case: the thesis' own figures, and a row a set."""
     rows = []
     for case in figures["sets"][0]["cases"]:
@@ -196,7 +196,7 @@ def _preliminary(figures: dict[str, Any]) -> str:
     return markdown(rows)
 
 
-def _relative_rotation(figures: dict[str, Any]) -> dict[str, str]:
+def _relative_rotation(figures: Json) -> dict[str, str]:
     """human_slip_uskin labelled by the object's rotation relative to the hand."""
     rows = [
         {

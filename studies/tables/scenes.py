@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.doc_tables import table, write_tables
 from evaluation.page import markdown
 from simulation.card import read_card
@@ -113,7 +113,7 @@ def _cards() -> str:
     return markdown([{"card": f"`{name}`", "what": title} for name, title in titles.items()])
 
 
-def _effects(figures: dict[str, Any]) -> dict[str, str]:
+def _effects(figures: Json) -> dict[str, str]:
     prices = {row["effect"]: row["ns_per_sample"] for row in figures["prices"]}
     core = [
         {"what": "core alone, CPU ns per sample", "value": f"{prices['(core alone)']:,.0f}"},
@@ -126,7 +126,7 @@ def _effects(figures: dict[str, Any]) -> dict[str, str]:
     return {"core-price": markdown(core), "effects": markdown(rows)}
 
 
-def _effect_row(effect: Effect, price_ns: float | None) -> dict[str, Any]:
+def _effect_row(effect: Effect, price_ns: float | None) -> Json:
     ranges = [
         f"`{name}` {parameter.allowed().split(' from ')[-1]}"
         for name, parameter in effect.parameters.items()
@@ -140,7 +140,7 @@ def _effect_row(effect: Effect, price_ns: float | None) -> dict[str, Any]:
     }
 
 
-def _friction_row(row: dict[str, Any]) -> dict[str, Any]:
+def _friction_row(row: Json) -> Json:
     return {
         "law": row["law"],
         "load, share of the limit": row["share"],
@@ -151,7 +151,7 @@ def _friction_row(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _study(figures: dict[str, Any]) -> dict[str, str]:
+def _study(figures: Json) -> dict[str, str]:
     """The forests on scenes: by rate, on what is unseen, over retrainings."""
     rates = figures["rates"]
     best = rates[figures["headline_hz"]]
@@ -171,7 +171,7 @@ def _study(figures: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _unseen(rate: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def _unseen(rate: Json) -> list[tuple[str, Json]]:
     """Every method on every object left out, and on every card that it was not trained on."""
     return [
         (f"{what}: {shown(name)}", row)
@@ -183,12 +183,12 @@ def _unseen(rate: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     ]
 
 
-def _leak(leak: dict[str, Any]) -> str:
+def _leak(leak: Json) -> str:
     low, high = leak["eight_class_accuracy_ci99"]
     return f"{leak['eight_class_accuracy']:.3f} ({low:.3f} to {high:.3f})"
 
 
-def _recalls(retrainings: dict[str, Any]) -> list[dict[str, Any]]:
+def _recalls(retrainings: Json) -> list[Json]:
     return [
         {
             "class": name.replace("_", " "),
@@ -199,8 +199,8 @@ def _recalls(retrainings: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _scores(method: str, row: dict[str, Any]) -> dict[str, Any]:
-    scores: dict[str, Any] = {"method": method}
+def _scores(method: str, row: Json) -> Json:
+    scores: Json = {"method": method}
     for head, level in LEVELS.items():
         scores[head] = f"{row[level]['accuracy']:.3f}" if level in row else None
     scores["4, macro F1"] = f"{row['four']['macro_f1']:.3f}" if "four" in row else None

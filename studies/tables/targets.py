@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from edge_runtime.reading import Json
+
 
 @dataclass(frozen=True)
 class Target:
@@ -15,7 +17,7 @@ class Target:
     places: tuple[str, ...]
     at_least: bool = True
 
-    def reached(self, row: dict[str, Any]) -> float | None:
+    def reached(self, row: Json) -> float | None:
         """The worst of the row's figures; None where one is missing."""
         values = [_at(row, place) for place in self.places]
         if None in values:
@@ -67,12 +69,12 @@ TARGETS = (
 )
 
 
-def target_rows(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def target_rows(rows: list[Json]) -> list[Json]:
     """Each target beside the default (the first row) and the best of all changes."""
     return [_row(target, rows) for target in TARGETS]
 
 
-def _row(target: Target, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _row(target: Target, rows: list[Json]) -> Json:
     reached = {row["idea"]: value for row in rows if (value := target.reached(row)) is not None}
     default = reached[rows[0]["idea"]]
     best = rows[0]["idea"]
@@ -88,7 +90,7 @@ def _row(target: Target, rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _at(row: dict[str, Any], place: str) -> Any:
+def _at(row: Json, place: str) -> Any:
     here: Any = row
     for key in place.split("."):
         here = None if here is None else here.get(key)

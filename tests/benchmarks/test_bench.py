@@ -117,9 +117,10 @@ def test_every_measure_leaves_a_picture_that_names_what_was_measured():
 
 def test_our_core_holds_what_friction_can_hold_and_lets_go_what_it_cannot():
     row = measure(Scene(hold_s=1.5, pull_s=0.4), 2e-3, 2)
-    assert row["creep_mm"] < 1e-9
-    assert row["slip_8n_ms"] is None
-    assert 80 < row["slip_16n_ms"] < 200
+    assert row.creep_mm is not None
+    assert row.creep_mm < 1e-9
+    assert row.slip_8n_ms is None
+    assert 80 < (row.slip_16n_ms or 0.0) < 200
 
 
 def test_rows_of_the_peer_stand_beside_ours(tmp_path):
@@ -135,12 +136,12 @@ def test_rows_of_the_peer_stand_beside_ours(tmp_path):
         json.dumps({"versions": {"mujoco": "4.0.0"}, "runs": [run]}), "utf-8"
     )
     peer = rows(tmp_path, Scene(hold_s=0.02, settled_s=0.01, pull_s=0.01))[-1]
-    assert (peer["solver"], peer["held_s"], peer["slip_8n_ms"]) == (
+    assert (peer.solver, peer.held_s, peer.slip_8n_ms) == (
         "MuJoCo 4.0.0, default",
         11.5,
         101.0,
     )
-    assert peer["creep_mm"] is None
+    assert peer.creep_mm is None
 
 
 def test_every_effect_has_a_price_beside_the_core_s(monkeypatch):
@@ -148,16 +149,16 @@ def test_every_effect_has_a_price_beside_the_core_s(monkeypatch):
     any_step = replace(EFFECTS["texture"], longest_step_s=math.inf)
     monkeypatch.setitem(EFFECTS, "texture", any_step)
     rows = prices(Effort(lanes=2, pairs=1, card=COARSE + CARD.replace('"pull"', BRIEF)))
-    assert {row["effect"] for row in rows} == {"(core alone)", *EFFECTS}
-    assert rows[0]["ns_per_sample"] > 0
+    assert {row.effect for row in rows} == {"(core alone)", *EFFECTS}
+    assert rows[0].ns_per_sample > 0
 
 
 def test_the_lead_of_every_style_is_near_what_it_was_fitted_to(monkeypatch):
     """In steps of 3 ms, which are a few per cent of a lead."""
     monkeypatch.setattr(simulator, "read_card", lambda name: replace(read_card(name), step_s=0.003))
     for row in plausibility(trials=75):
-        if row["expected_ms"] is not None:
-            assert 0.6 < row["p50_ms"] / row["expected_ms"] < 1.6
+        if row.expected_ms is not None:
+            assert 0.6 < row.p50_ms / row.expected_ms < 1.6
 
 
 def test_the_page_of_scenes_names_every_card_and_effect_and_its_measured_price(tmp_path):

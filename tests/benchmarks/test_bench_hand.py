@@ -3,6 +3,7 @@ them."""
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from benchmarks import hand
 from benchmarks.hand import CHECKED, FAULTS, RATES_HZ, fault_table, latency, memory, scan_costs
 from benchmarks.hand_delays import delays, seen_after_ms
 from benchmarks.hand_page import tables
+from benchmarks.hand_rows import HandFigures
 from drivers.bridges import BRIDGES
 from edge_runtime.live import STAGES
 from edge_runtime.timing import time_in_turns
@@ -27,16 +29,16 @@ def scans():
 
 
 def test_six_sensors_over_an_ft232h_are_two_transfers_and_four_hundred_scans_a_second(scans):
-    best = [row for row in scans if row["bridge"] == "ft232h"]
-    assert all(row["transfers"] == 2 for row in best)
-    assert min(row["scans_hz"] for row in best) >= 400.0
+    best = [row for row in scans if row.bridge == "ft232h"]
+    assert all(row.transfers == 2 for row in best)
+    assert min(row.scans_hz for row in best) >= 400.0
 
 
 def test_every_bridge_has_its_row_and_only_serves_rates_that_leave_it_time(scans):
-    assert {row["bridge"] for row in scans} == {*BRIDGES, "i2c"}
+    assert {row.bridge for row in scans} == {*BRIDGES, "i2c"}
     for row in scans:
-        served = row["serves_model_hz"]
-        assert served is None or (served in RATES_HZ and served * row["scan_ms"] < 800.0)
+        served = row.serves_model_hz
+        assert served is None or (served in RATES_HZ and served * row.scan_ms < 800.0)
 
 
 @pytest.fixture(scope="module")
@@ -55,37 +57,35 @@ def test_every_fault_is_unknown_within_two_samples_or_the_stale_time_or_a_time_o
 ):
     for row in faults:
         limit_ms = 2e3 / 150 + (
-            20.0 if "frozen" in row["fault"] else 10.0 if "late" in row["fault"] else 0.0
+            20.0 if "frozen" in row.fault else 10.0 if "late" in row.fault else 0.0
         )
-        assert row["detected_ms"] <= row["detected_max_ms"] <= limit_ms, row
-        assert row["said"], row
-        assert row["settled_again_ms"] < 700.0, row
-        assert row["ends"] == "nothing", row
+        assert row.detected_ms <= row.detected_max_ms <= limit_ms, row
+        assert row.message, row
+        assert row.settled_again_ms < 700.0, row
+        assert row.ends == "nothing", row
     assert len(FAULTS) == 10
 
 
 def test_a_fault_is_detected_only_once_its_answer_is_out(faults):
     """The next sample, its whole read and computing; the read alone takes more than a
     millisecond."""
-    absent = next(row for row in faults if row["fault"].startswith("nack"))
-    assert 0.5 + 1.0 < absent["detected_ms"] < absent["detected_max_ms"]
+    absent = next(row for row in faults if row.fault.startswith("nack"))
+    assert 0.5 + 1.0 < absent.detected_ms < absent.detected_max_ms
 
 
 def read_as_drivers_do(scans, bridge):
     """The row of a bridge at 400 kHz."""
     return next(
-        row
-        for row in scans
-        if row["bridge"] == bridge and row["reads"] == CHECKED and row["bus_khz"] == 400
+        row for row in scans if row.bridge == bridge and row.reads == CHECKED and row.bus_khz == 400
     )
 
 
 def test_a_step_is_seen_after_a_time_that_depends_on_its_phase(scans):
     cost = read_as_drivers_do(scans, "ft232h")
     after_ms = seen_after_ms(cost, 150.0, steps=16)
-    assert after_ms.min() > cost["scan_ms"]
+    assert after_ms.min() > cost.scan_ms
     period_ms, conversion_ms = 1e3 / 150, 2.425
-    assert after_ms.max() < period_ms + 2 * conversion_ms + 2 * cost["scan_ms"]
+    assert after_ms.max() < period_ms + 2 * conversion_ms + 2 * cost.scan_ms
     assert after_ms.max() - after_ms.min() > 0.7 * period_ms
 
 
@@ -93,13 +93,11 @@ def test_every_risky_sample_after_the_first_costs_a_period(scans):
     costs = [read_as_drivers_do(scans, "i2c")]
     rows = {samples: delays(costs, 0.5, samples, steps=4) for samples in (1, 3)}
     for one, three in zip(rows[1], rows[3], strict=True):
-        assert one["debounce_ms"] == 0.0
-        assert three["acted_ms"] - one["acted_ms"] == pytest.approx(2e3 / one["rate_hz"])
-        assert one["acted_ms"] == one["seen_ms"]
-        assert one["falls_until_acted_mm"] == pytest.approx(
-            0.5 * 9.81 * one["acted_max_ms"] ** 2 * 1e-3
-        )
-    assert [row["rate_hz"] for row in rows[1]] == [300.0, 150.0, 100.0]
+        assert one.debounce_ms == 0.0
+        assert three.acted_ms - one.acted_ms == pytest.approx(2e3 / one.rate_hz)
+        assert one.acted_ms == one.seen_ms
+        assert one.falls_until_acted_mm == pytest.approx(0.5 * 9.81 * one.acted_max_ms**2 * 1e-3)
+    assert [row.rate_hz for row in rows[1]] == [300.0, 150.0, 100.0]
 
 
 def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
@@ -107,19 +105,11 @@ def test_the_live_loop_has_a_time_for_every_stage_and_the_page_shows_it(
 ):
     monkeypatch.setattr(hand, "time_in_turns", partial(time_in_turns, turns=2, calls_a_turn=20))
     live = latency(MODEL, 150.0, 1.0)
-    assert list(live["latency_us"]) == [*STAGES, "read to emit"]
-    assert live["samples"] > 100
+    assert list(live.latency_us) == [*STAGES, "read to emit"]
+    assert live.samples > 100
     rows = delays([read_as_drivers_do(scans, "ft232h")], 0.5, 1, steps=2)
-    written = tables(
-        {
-            "scans": scans,
-            "faults": faults,
-            "live": [live],
-            "act_samples": 1,
-            "delays": rows,
-            "memory": memory(MODEL),
-        }
-    )
+    figures = HandFigures(scans, faults, [live], 1, rows, memory(MODEL))
+    written = tables(json.loads(json.dumps(figures.to_json())))
     text = require_tables_fit("docs/hand.md", written, tmp_path)
     assert "| ft232h | registers |" in text
     assert "busy-wait reference" in text

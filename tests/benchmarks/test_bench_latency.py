@@ -10,20 +10,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks import latency as bench
-from benchmarks.latency import (
-    BARE,
-    BUDGET,
-    FLOOR,
-    GRIP,
-    OWN,
-    SKLEARN,
-    STEP,
-    THESIS,
-    WALK,
-    broken,
-    latency,
-    ratios,
-)
+from benchmarks.calls import BARE, FLOOR, GRIP, OWN, SKLEARN, STEP, THESIS, WALK
+from benchmarks.latency import BUDGET, CallTimes, broken, latency, ratios
 from simulation.card import Card, read_card
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
@@ -42,21 +30,36 @@ def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch):
     few = replace(bench.RAW_BASELINE.situation, n_estimators=10)
     monkeypatch.setattr(bench, "RAW_BASELINE", replace(bench.RAW_BASELINE, situation=few))
     figures = latency(MODEL, turns=3)
-    timed = {row["what"] for row in figures["rows"]}
+    timed = {row.what for row in figures.rows}
     # the walk needs a compiler
     assert timed - {WALK} == {STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR}
     budget = tomllib.loads(BUDGET.read_text("utf-8"))
     limited = set(budget["at_most"]) | set(budget["at_least"])
-    assert limited == {*figures["ratios"], "model_mib", "resident_mb"}
-    assert figures["bytes"] == MODEL.stat().st_size
+    assert limited == {*figures.ratios, "model_mib", "resident_mb"}
+    assert figures.bytes == MODEL.stat().st_size
+
+
+def timed(name: str, p50_us: float, p999_us: float) -> CallTimes:
+    return CallTimes(name, 100, p50_us, p999_us, p999_us, p50_us)
+
+
+def test_a_row_of_the_json_has_percentiles_by_their_names():
+    written = CallTimes("step", 7, 1.0, 2.0, 3.0, 4.0).to_json()
+    assert written == {
+        "what": "step",
+        "n": 7,
+        "p50": 1.0,
+        "p99": 2.0,
+        "p99.9": 3.0,
+        "cold_p50": 4.0,
+    }
 
 
 def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
-    us = {name: {"p50": 10.0, "p99.9": 20.0} for name in (STEP, OWN, BARE, SKLEARN)}
-    us[GRIP] = {"p50": 2.0, "p99.9": 9.0}
-    us[THESIS] = {"p50": 4000.0, "p99.9": 9000.0}
-    us[FLOOR] = {"p50": 10.0, "p99.9": 10.0}
-    assert ratios(us) == {
+    calls = {name: timed(name, 10.0, 20.0) for name in (STEP, OWN, BARE, SKLEARN)}
+    calls |= {GRIP: timed(GRIP, 2.0, 9.0)}
+    calls |= {THESIS: timed(THESIS, 4000.0, 9000.0), FLOOR: timed(FLOOR, 10.0, 10.0)}
+    assert ratios(list(calls.values())) == {
         "step_over_bare_full_depth_forest": 1.0,
         "step_over_own_forest": 1.0,
         "grip_over_step": 0.2,
@@ -81,7 +84,7 @@ def test_a_broken_budget_is_named_with_its_limit(change, line):
         "step_p999_over_floor_p999": 1.0,
         "thesis_over_step": 1000.0,
     }
-    found = broken({"ratios": kept | change, "bytes": 2**20}, resident_mb=50.0)
+    found = broken(kept | change, 2**20, resident_mb=50.0)
     assert [one.startswith(line) for one in found] == ([True] if line else [])
 
 
@@ -93,4 +96,4 @@ def test_a_model_or_a_process_too_big_is_over_budget():
         "step_p999_over_floor_p999": 1.0,
         "thesis_over_step": 1000.0,
     }
-    assert len(broken({"ratios": kept, "bytes": 9 * 2**20}, resident_mb=500.0)) == 2
+    assert len(broken(kept, 9 * 2**20, resident_mb=500.0)) == 2

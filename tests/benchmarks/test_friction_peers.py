@@ -96,8 +96,8 @@ def test_lugre_gets_away_below_its_static_limit_where_set_valued_friction_holds(
 def test_the_table_has_every_law_share_and_vibration_with_its_price() -> None:
     rows = table(held_s=1.2)
     assert len(rows) == len(LAWS) * len(SHARES) * 2
-    assert {row["law"] for row in rows} == set(LAWS)
-    assert all(row["cost_ns"] > 0 for row in rows)
+    assert {row.law for row in rows} == set(LAWS)
+    assert all(row.cost_ns > 0 for row in rows)
     assert cost_ns(SetValued(), lanes=10, steps=5, repeats=1) > 0
 
 
