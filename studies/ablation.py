@@ -12,7 +12,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from export.step_graph import feature_graph
 from training.crossval import cross_validate
 from training.datasets import load
 from training.featurise import features_of, spec_for
+from training.figures import Interval
 from training.fitting import held_out_figures, versions
 from training.plan import TrainingPlan
 from training.progress import stages
@@ -44,7 +45,33 @@ def rows_of(groups: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     return rows | {f"with {name}": (*groups, name) for name in GROUPS if name not in groups}
 
 
-def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, Any]:
+@dataclass(frozen=True)
+class StepCost:
+    """Nodes of a feature graph, and the median of one of its steps, us."""
+
+    nodes: int
+    us: float
+
+
+@dataclass(frozen=True)
+class AblationRow:
+    """What a choice of feature groups reaches on unseen people, and what it costs."""
+
+    cost: StepCost
+    macro_f1: float | None
+    macro_f1_ci: Interval | None
+    auc: float | None
+    auc_ci: Interval | None
+    features: int
+    clock_free: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in ablation.json."""
+        fields = asdict(self)
+        return fields.pop("cost") | fields
+
+
+def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, AblationRow]:
     """Every row's figures and cost."""
     rows = rows_of(plan.groups)
     specs = {name: spec_for(data, groups) for name, groups in rows.items()}
@@ -56,23 +83,24 @@ def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, Any
         held_out = cross_validate(data, features_of(data, spec), used, seed=seed)
         figures = held_out_figures(data, held_out, seed)
         assert figures.predict_250ms is not None  # the set has that task
-        result[name] = costs[name] | {
-            "macro_f1": figures.situations.macro_f1,
-            "macro_f1_ci": figures.situations.macro_f1_ci,
-            "auc": figures.predict_250ms.auc,
-            "auc_ci": figures.predict_250ms.auc_ci,
-            "features": feature_count(spec),
-            "clock_free": all(math.isfinite(GROUPS[group].memory_s) for group in spec.groups),
-        }
+        result[name] = AblationRow(
+            cost=costs[name],
+            macro_f1=figures.situations.macro_f1,
+            macro_f1_ci=figures.situations.macro_f1_ci,
+            auc=figures.predict_250ms.auc,
+            auc_ci=figures.predict_250ms.auc_ci,
+            features=feature_count(spec),
+            clock_free=all(math.isfinite(GROUPS[group].memory_s) for group in spec.groups),
+        )
     return result
 
 
-def step_costs(specs: dict[str, StepSpec]) -> dict[str, dict[str, Any]]:
-    """Nodes and median us of one step of each feature graph, B = 1, all graphs interleaved."""
+def step_costs(specs: dict[str, StepSpec]) -> dict[str, StepCost]:
+    """One step of each feature graph, B = 1, all graphs interleaved."""
     models = {name: feature_graph(spec) for name, spec in specs.items()}
     calls = {name: _stepper(model.SerializeToString()) for name, model in models.items()}
     medians = {name: float(np.median(times)) for name, times in time_in_turns(calls).items()}
-    return {name: {"nodes": len(models[name].graph.node), "us": medians[name]} for name in specs}
+    return {name: StepCost(len(models[name].graph.node), medians[name]) for name in specs}
 
 
 def _stepper(model: bytes) -> Callable[[], object]:
@@ -81,7 +109,7 @@ def _stepper(model: bytes) -> Callable[[], object]:
     return graph.step
 
 
-def table(rows: dict[str, Any]) -> str:
+def table(rows: dict[str, AblationRow]) -> str:
     """The rows as a Markdown table, differences against the default."""
     base = rows["default"]
     lines = [
@@ -89,13 +117,20 @@ def table(rows: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for name, row in rows.items():
-        f1, auc, us = (row[key] - base[key] for key in ("macro_f1", "auc", "us"))
+        us = row.cost.us
         lines.append(
-            f"| {name} | {row['features']} | {row['macro_f1']:.3f} ({f1:+.3f}) "
-            f"| {row['auc']:.3f} ({auc:+.3f}) | {row['nodes']} | {row['us']:.1f} ({us:+.1f}) "
-            f"| {'yes' if row['clock_free'] else 'NO'} |"
+            f"| {name} | {row.features} | {_beside(row.macro_f1, base.macro_f1)} "
+            f"| {_beside(row.auc, base.auc)} | {row.cost.nodes} "
+            f"| {us:.1f} ({us - base.cost.us:+.1f}) | {'yes' if row.clock_free else 'NO'} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _beside(value: float | None, base: float | None) -> str:
+    """A figure, and how far it is from the default's."""
+    if value is None or base is None:
+        return "none"
+    return f"{value:.3f} ({value - base:+.3f})"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -115,7 +150,7 @@ def main(argv: Sequence[str]) -> int:
         "caveat": data.caveat,
         "seed": args.seed,
         "versions": versions(),
-        "rows": rows,
+        "rows": {name: row.to_json() for name, row in rows.items()},
     }
     write_whole(args.out / "ablation.json", json.dumps(result, indent=2) + "\n")
     write_whole(args.out / "ablation.md", table(rows))

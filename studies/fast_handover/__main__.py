@@ -35,12 +35,11 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     with stages(len(IDEAS)) as say:
         figures = study(args.folder, args.seed, say)
-    path = write_whole(
-        args.out / "figures.json", json.dumps({"kind": "simulated", **figures}, indent=1) + "\n"
-    )
+    text = json.dumps(figures.to_json(), indent=1) + "\n"
+    path = write_whole(args.out / "figures.json", text)
     lines = [
-        f"{row['f1_author']:.3f} {row['f1_p1']:.3f} {row['f1_p2']:.3f}  {row['idea']}"
-        for row in figures["rows"]
+        " ".join(f"{one.f1:.3f}" for one in row.windows.values()) + f"  {row.idea}"
+        for row in figures.rows
     ]
     sys.stdout.write("\n".join([*lines, str(path)]) + "\n")
     return 0

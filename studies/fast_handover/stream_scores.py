@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
@@ -13,8 +11,10 @@ from edge_runtime.decision import UNKNOWN
 from evaluation.alarms import Answers, act_requests
 from evaluation.event_scores import choose_confidence, event_scores, match_alarms
 from evaluation.methods import LabelledTrial, method_figures, method_result, together
+from evaluation.statistics import Spread
 from evaluation.truths import Grasp
 from export.spec import HISTORY_S
+from studies.fast_handover.figures import AlarmFigures, SetAlarms, UnseenStyles
 from studies.fast_handover.ideas import Idea
 from studies.fast_handover.learners import Answer
 from studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
@@ -24,24 +24,10 @@ MOST_FALSE_PER_MIN = 0.5
 CALIBRATION_PASSES = 8
 BOX_GAP_M = 0.01
 """From the object to the box before it is put down, as the scenes have it."""
-KEPT = (
-    "events",
-    "recall",
-    "recall_ci",
-    "false_per_min",
-    "false_per_min_ci",
-    "in_time",
-    "delay_ms",
-    "safe_acts_called",
-    "specificity",
-)
-"""Figures of a set that a row keeps."""
 Sets = Mapping[str, Streams]
 
 
-def alarm_figures(
-    idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: int
-) -> dict[str, Any]:
+def alarm_figures(idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: int) -> AlarmFigures:
     """Thresholds and figures of every evaluated set, at the threshold that CHOOSE gives."""
     veto = idea.decision == "veto"
     answers = {name: _answers(one, learned[name], veto) for name, one in sets.items()}
@@ -51,16 +37,13 @@ def alarm_figures(
         for name in EVALUATED
     }
     lines = {name: method_result(sets[name].trials, requests[name]) for name in EVALUATED}
-    figures: dict[str, Any] = {"permille": permille}
-    for name in EVALUATED:
-        of = asdict(method_figures(lines[name], sets[name].trials, None, seed))
-        figures[name] = {key: of[key] for key in KEPT}
-    unseen = asdict(event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed))
-    figures["unseen_style"] = {
-        key: unseen[key] for key in ("events", "recall", "recall_ci", "false_per_min")
+    figures = {
+        name: SetAlarms.of(method_figures(lines[name], sets[name].trials, None, seed))
+        for name in EVALUATED
     }
-    figures["state_delay_ms"] = _state_delay_ms(answers["author"], permille["author"], seed)
-    return figures
+    unseen = event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed)
+    delay_ms = _state_delay_ms(answers["author"], permille["author"], seed)
+    return AlarmFigures(permille, figures, UnseenStyles.of(unseen), delay_ms)
 
 
 def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]) -> dict[str, int]:
@@ -73,10 +56,10 @@ def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]
     } | {CHOOSE: permille}
 
 
-def _state_delay_ms(answers: Sequence[Answers], permille: int, seed: int) -> Any:
+def _state_delay_ms(answers: Sequence[Answers], permille: int, seed: int) -> Spread | None:
     """Delay until the state is first risky, without the decision's own rules."""
     matches = [match_alarms(one.recording, _state(one, permille)) for one in answers]
-    return asdict(event_scores(matches, seed=seed))["delay_ms"]
+    return event_scores(matches, seed=seed).delay_ms
 
 
 def _state(one: Answers, permille: int) -> BoolArray:

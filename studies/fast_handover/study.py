@@ -9,14 +9,16 @@ trial is on one side only, because the sets are simulated from different seeds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import cycle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from edge_runtime.timing import time_in_turns
+from studies.fast_handover.figures import HandoverStudy, IdeaFigures, WindowF1
 from studies.fast_handover.ideas import IDEAS, Features, Idea
 from studies.fast_handover.learners import Learner
 from studies.fast_handover.sets import (
@@ -63,7 +65,7 @@ class Sets:
         )
 
 
-def study(folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS) -> dict[str, Any]:
+def study(folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS) -> HandoverStudy:
     """Rows of all ideas, and bounds.
 
     folder: holds the sets by their names, and keeps features. Raises what reading them raises.
@@ -73,27 +75,27 @@ def study(folder: Path, seed: int, say: Say, ideas: Sequence[Idea] = IDEAS) -> d
         say(idea.name)
         part, learner = sets.part(idea), idea.learner()
         learner.fit(part.features, part.label, seed)
-        rows.append({"idea": idea.name} | _figures(idea, sets, part, learner, seed))
+        rows.append(_figures(idea, sets, part, learner, seed))
         timed[idea.name] = _calls(learner, part.features[:200])
     times_us = time_in_turns(timed, TURNS, CALLS)
-    for row in rows:
-        row["learner_us"] = float(np.median(times_us[row["idea"]]))
-    return {"rows": rows, "bounds": bounds(sets.evaluated("author", "default"))}
+    rows = [replace(row, learner_us=float(np.median(times_us[row.idea]))) for row in rows]
+    return HandoverStudy(rows, bounds(sets.evaluated("author", "default")))
 
 
-def _figures(idea: Idea, sets: Sets, part: Labelled, learner: Learner, seed: int) -> dict[str, Any]:
+def _figures(idea: Idea, sets: Sets, part: Labelled, learner: Learner, seed: int) -> IdeaFigures:
     """One row: alarms on streams, then windows, then objects left out where the idea says so."""
     here = {name: sets.evaluated(name, idea.features) for name in (CHOOSE, *EVALUATED)}
     learned = {name: learner.answer(np.asarray(one.features)) for name, one in here.items()}
-    figures = alarm_figures(idea, here, learned, seed)
-    for name in STYLES:
-        situation = learned[name][0]
-        figures[f"f1_{name}"] = macro_f1(here[name], situation)
-        figures[f"f1_{name}_past"] = macro_f1(here[name], situation, past_s=PAST_S)
+    alarms = alarm_figures(idea, here, learned, seed)
+    windows = {name: _windows(here[name], learned[name][0]) for name in STYLES}
+    worst = None
     if idea.objects_left_out:
-        scores = objects_left_out(idea, part, here["author"], seed)
-        figures["worst_object"] = min(scores.values())
-    return figures
+        worst = min(objects_left_out(idea, part, here["author"], seed).values())
+    return IdeaFigures(idea.name, alarms, windows, worst)
+
+
+def _windows(streams: Streams, situation: npt.NDArray[np.int64]) -> WindowF1:
+    return WindowF1(macro_f1(streams, situation), macro_f1(streams, situation, past_s=PAST_S))
 
 
 def _calls(learner: Learner, rows: FloatRows) -> Callable[[], object]:

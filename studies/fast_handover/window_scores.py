@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import f1_score
 
 from evaluation.methods import LabelledTrial
+from studies.fast_handover.figures import LateObserver
 from studies.fast_handover.ideas import Idea
 from studies.fast_handover.sets import Labelled, Streams, without
 
@@ -32,19 +31,14 @@ def _since_change_s(trial: LabelledTrial, n: int) -> npt.NDArray[np.float64]:
     return since
 
 
-def bounds(streams: Streams) -> list[dict[str, Any]]:
+def bounds(streams: Streams) -> list[LateObserver]:
     """Macro F1 of an observer that knows the truth, but some samples late, on the same windows."""
     starts = np.repeat(np.cumsum([0, *streams.lengths[:-1]]), streams.lengths)
     rows = []
     for late in range(5):
         seen = streams.truth[np.maximum(np.arange(len(starts)) - late, starts)]
-        rows.append(
-            {
-                "samples_late": late,
-                "ms_late": 1e3 * late / streams.trials[0].recording.rate_hz,
-                "f1_author": macro_f1(streams, seen),
-            }
-        )
+        late_ms = 1e3 * late / streams.trials[0].recording.rate_hz
+        rows.append(LateObserver(late, late_ms, macro_f1(streams, seen)))
     return rows
 
 

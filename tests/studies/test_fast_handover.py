@@ -155,7 +155,7 @@ def test_an_object_left_out_is_in_no_window(folder):
 
 def test_who_knows_the_truth_at_once_is_always_right_and_who_is_late_is_worse(folder):
     evaluated = streams(folder / "author", "balanced", "default")
-    late = [row["f1_author"] for row in bounds(evaluated)]
+    late = [row.f1_author for row in bounds(evaluated)]
     assert late[0] == 1.0
     assert late == sorted(late, reverse=True)
     assert late[-1] < 0.98
@@ -202,7 +202,7 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
         Idea("context", learner=lambda: Forest(SMALL), features="with context"),
     ]
     messages: list[str] = []
-    figures: dict[str, Any] = study(folder, 0, messages.append, chosen)
+    figures: dict[str, Any] = study(folder, 0, messages.append, chosen).to_json()
     assert messages == [idea.name for idea in chosen]
     for row in figures["rows"]:
         assert 0.3 < row["f1_author"] <= 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from evaluation.eflesh_figures import EfleshFigures
 from evaluation.provenance import host
 from evaluation.window_scores import WindowFigures
 from export.verification import ExportReport
-from studies.ablation import rows_of, table
+from studies.ablation import AblationRow, StepCost, rows_of, table
 from studies.real import baselines
 from studies.real.eflesh import EfleshStudy, study_eflesh
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
@@ -185,8 +185,7 @@ def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free
     assert rows["default"] == CLOCK_FREE_GROUPS
     assert all(f"without {group}" in rows for group in CLOCK_FREE_GROUPS)
     assert "bands" in rows["with bands"]
-    cost = {"macro_f1": 0.5, "auc": 0.5, "us": 1.0, "nodes": 3, "features": 2}
-    text = table(
-        {"default": cost | {"clock_free": True}, "with bands": cost | {"clock_free": False}}
-    )
+    free = AblationRow(StepCost(3, 1.0), 0.5, None, 0.5, None, features=2, clock_free=True)
+    assert list(free.to_json())[:3] == ["nodes", "us", "macro_f1"]
+    text = table({"default": free, "with bands": replace(free, clock_free=False)})
     assert [line.rsplit("| ", 1)[1] for line in text.splitlines()[2:]] == ["yes |", "NO |"]
