@@ -9,15 +9,15 @@ a load onset the grip has no label. The file is derived; `holdfast onset` writes
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from edge_runtime.contact import CONTACT_SMOOTH_S, NORMAL_FLOOR, contact_rows
 from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, FloatArray
 from edge_runtime.errors import LabelError
-from edge_runtime.reading import json_of, text_of
+from edge_runtime.reading import Json, json_of, text_of
 from edge_runtime.trial_file import Trial, read_trial
 from edge_runtime.trial_layout import EVENTS, META, SITUATION_OF_ACTION, TACTILE, TRUTH, read_events
 from edge_runtime.writing import write_whole
@@ -26,22 +26,61 @@ NOTHING = SITUATIONS[0]
 PROVENANCES = ("scene", "camera", "key", "rule")
 MARKS = ("contact", "load_onset", "incipient_slip", "gross_slip", "contact_lost")
 BIAS_ROWS = 5
-Event = dict[str, Any]
 
 
-def relabel(folder: Path) -> dict[str, Any]:
+@dataclass(frozen=True)
+class LabelledInterval:
+    """A phase of a trial, s from the first sample. provenance: one of PROVENANCES."""
+
+    t0_s: float
+    t1_s: float
+    label: str
+    provenance: str
+
+    @staticmethod
+    def of(t0_s: float, t1_s: float, label: str, provenance: str) -> LabelledInterval:
+        """Rounded to microseconds, and never ending before it begins."""
+        return LabelledInterval(round(t0_s, 6), round(max(t0_s, t1_s), 6), label, provenance)
+
+
+@dataclass(frozen=True)
+class TrialTruth:
+    """What tactile.truth.json holds. marks: name of MARKS -> s from the first sample, or None."""
+
+    phases: tuple[LabelledInterval, ...]
+    marks: dict[str, float | None]
+
+    def to_json(self) -> Json:
+        """As training reads it."""
+        marks = {f"{name}_s": at_s for name, at_s in self.marks.items()}
+        return {"phases": [asdict(one) for one in self.phases], **marks, "by": "holdfast record"}
+
+    def is_complete(self, action: str) -> bool:
+        """Whether the hand closed and was then empty for longer than CONTACT_SMOOTH_S.
+
+        Trials of the action nothing always are.
+        """
+        if action == NOTHING:
+            return True
+        if self.marks["contact"] is None or not self.phases:
+            return False
+        last = self.phases[-1]
+        return last.label == NOTHING and last.t1_s - last.t0_s > CONTACT_SMOOTH_S
+
+
+def relabel(folder: Path) -> TrialTruth:
     """Derive and write tactile.truth.json again; returns it. Raises a DataError or OutputError."""
     truth = truth_in(folder)
     write_truth(folder, truth)
     return truth
 
 
-def write_truth(folder: Path, truth: dict[str, Any]) -> None:
+def write_truth(folder: Path, truth: TrialTruth) -> None:
     """Write tactile.truth.json of a trial's folder. Raises OutputError."""
-    write_whole(folder / TRUTH, json.dumps(truth, indent=1) + "\n")
+    write_whole(folder / TRUTH, json.dumps(truth.to_json(), indent=1) + "\n")
 
 
-def truth_in(folder: Path) -> dict[str, Any]:
+def truth_in(folder: Path) -> TrialTruth:
     """The phases and marks of a trial's folder, from its samples and events. Raises a DataError."""
     trial, meta = read_trial(folder / TACTILE), read_meta(folder)
     try:
@@ -56,20 +95,7 @@ def truth_in(folder: Path) -> dict[str, Any]:
         ) from None
 
 
-def is_complete(truth: dict[str, Any], action: str) -> bool:
-    """Whether the hand closed and was then empty for longer than CONTACT_SMOOTH_S.
-
-    Trials of the action nothing always are.
-    """
-    if action == NOTHING:
-        return True
-    if truth["contact_s"] is None or not truth["phases"]:
-        return False
-    last = truth["phases"][-1]
-    return bool(last["label"] == NOTHING and last["t1_s"] - last["t0_s"] > CONTACT_SMOOTH_S)
-
-
-def read_meta(folder: Path) -> dict[str, Any]:
+def read_meta(folder: Path) -> Json:
     """meta.json of a folder, empty without one. Raises LabelError."""
     try:
         meta = json_of(text_of(folder / META))
@@ -84,8 +110,8 @@ def read_meta(folder: Path) -> dict[str, Any]:
     return meta if isinstance(meta, dict) else {}
 
 
-def truth_of(action: str, trial: Trial, unit: str, events: list[Event]) -> dict[str, Any]:
-    """Phases as training reads them, and the marks behind them, s from the first sample or null."""
+def truth_of(action: str, trial: Trial, unit: str, events: list[Json]) -> TrialTruth:
+    """Phases as training reads them, and the marks behind them. events: lines of events.jsonl."""
     end_s = float(trial.t_s[-1]) + 1.0 / trial.rate_hz
     known = _known(events)
     for name, at_s in zip(("contact", "contact_lost"), _contact(trial, unit), strict=True):
@@ -93,13 +119,14 @@ def truth_of(action: str, trial: Trial, unit: str, events: list[Event]) -> dict[
             known.setdefault(name, (at_s, "rule"))
     scene = [one for one in events if one.get("provenance") == "scene" and one.get("label")]
     phases = [
-        _interval(float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene") for one in scene
+        LabelledInterval.of(float(one["t0_s"]), float(one["t1_s"]), one["label"], "scene")
+        for one in scene
     ]
-    marks = {f"{name}_s": round(known[name][0], 6) if name in known else None for name in MARKS}
-    return {"phases": phases or _phases(action, end_s, known), **marks, "by": "holdfast record"}
+    marks = {name: round(known[name][0], 6) if name in known else None for name in MARKS}
+    return TrialTruth(tuple(phases or _phases(action, end_s, known)), marks)
 
 
-def _known(events: list[Event]) -> dict[str, tuple[float, str]]:
+def _known(events: list[Json]) -> dict[str, tuple[float, str]]:
     """Mark -> (time in s, provenance), from the best source; the first press of a key counts."""
     known: dict[str, tuple[float, str]] = {}
     for provenance in reversed(PROVENANCES):
@@ -113,27 +140,20 @@ def _known(events: list[Event]) -> dict[str, tuple[float, str]]:
     return known
 
 
-def _phases(action: str, end_s: float, known: dict[str, tuple[float, str]]) -> list[dict[str, Any]]:
+def _phases(
+    action: str, end_s: float, known: dict[str, tuple[float, str]]
+) -> list[LabelledInterval]:
     if action == "nothing" or "contact" not in known or "contact_lost" not in known:
-        return [_interval(0.0, end_s, "nothing", "rule")] if action == "nothing" else []
+        return [LabelledInterval.of(0.0, end_s, "nothing", "rule")] if action == "nothing" else []
     (closed_s, by_closed), (empty_s, by_empty) = known["contact"], known["contact_lost"]
-    phases = [_interval(0.0, closed_s, "nothing", by_closed)]
+    phases = [LabelledInterval.of(0.0, closed_s, "nothing", by_closed)]
     slip = known.get("load_onset") or known.get("incipient_slip")
     if action == "hold":
-        phases.append(_interval(closed_s, empty_s, "grasp", by_closed))
+        phases.append(LabelledInterval.of(closed_s, empty_s, "grasp", by_closed))
     elif slip is not None and closed_s < slip[0] < empty_s:
-        phases.append(_interval(closed_s, slip[0], "grasp", by_closed))
-        phases.append(_interval(slip[0], empty_s, SITUATION_OF_ACTION[action], slip[1]))
-    return [*phases, _interval(empty_s, end_s, "nothing", by_empty)]
-
-
-def _interval(t0_s: float, t1_s: float, label: str, provenance: str) -> dict[str, Any]:
-    return {
-        "t0_s": round(t0_s, 6),
-        "t1_s": round(max(t0_s, t1_s), 6),
-        "label": label,
-        "provenance": provenance,
-    }
+        phases.append(LabelledInterval.of(closed_s, slip[0], "grasp", by_closed))
+        phases.append(LabelledInterval.of(slip[0], empty_s, SITUATION_OF_ACTION[action], slip[1]))
+    return [*phases, LabelledInterval.of(empty_s, end_s, "nothing", by_empty)]
 
 
 def _contact(trial: Trial, unit: str) -> tuple[float | None, float | None]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,27 @@ from edge_runtime.live import SourceReading
 
 REST_S = 0.3
 """Time at the start of a trial over which its bias is measured."""
+
+
+@dataclass(frozen=True)
+class QualityFigures:
+    """Figures of a trial; None with too few samples. rate_hz: of the median step.
+
+    jitter_p99_ms: 99 % of the distances from whole periods. why: reason -> readings. bias_drift:
+    largest change of a resting channel since the bias was measured, in `unit`.
+    """
+
+    samples: int
+    seconds: float
+    rate_hz: float | None
+    jitter_p99_ms: float | None
+    lost: int
+    invalid_readings: int
+    saturated_readings: int
+    why: dict[str, int]
+    bias_drift: float | None
+    bias_drift_channel: str | None
+    unit: str
 
 
 @dataclass
@@ -36,27 +56,27 @@ class Quality:
         if t_ns - self.times_ns[0] < 1e9 * REST_S:
             self.rest.append(np.where(np.repeat(measured.valid, 3), measured.values, np.nan))
 
-    def to_json(self) -> dict[str, Any]:
-        """Figures of the whole trial; null with too few samples."""
+    def figures(self) -> QualityFigures:
+        """Figures of the whole trial."""
         times = np.array(self.times_ns, dtype=np.int64)
         steps = np.diff(times)
         late_ms = 1e-6 * np.abs(
             steps - self.period_ns * np.maximum(1, np.round(steps / self.period_ns))
         )
         drift, channel = self._drift()
-        return {
-            "samples": len(times),
-            "seconds": round(1e-9 * float(times[-1] - times[0]), 3) if len(times) else 0.0,
-            "rate_hz": round(1e9 / float(np.median(steps)), 3) if len(steps) else None,
-            "jitter_p99_ms": round(float(np.percentile(late_ms, 99)), 3) if len(steps) else None,
-            "lost": self.lost,
-            "invalid_readings": self.invalid,
-            "saturated_readings": self.why["saturated"],
-            "why": dict(sorted(self.why.items())),
-            "bias_drift": drift,
-            "bias_drift_channel": channel,
-            "unit": self.unit,
-        }
+        return QualityFigures(
+            samples=len(times),
+            seconds=round(1e-9 * float(times[-1] - times[0]), 3) if len(times) else 0.0,
+            rate_hz=round(1e9 / float(np.median(steps)), 3) if len(steps) else None,
+            jitter_p99_ms=round(float(np.percentile(late_ms, 99)), 3) if len(steps) else None,
+            lost=self.lost,
+            invalid_readings=self.invalid,
+            saturated_readings=self.why["saturated"],
+            why=dict(sorted(self.why.items())),
+            bias_drift=drift,
+            bias_drift_channel=channel,
+            unit=self.unit,
+        )
 
     def _drift(self) -> tuple[float | None, str | None]:
         """(largest change of a resting channel since the bias was measured, its name)."""
@@ -71,16 +91,15 @@ class Quality:
         ]
 
 
-def in_words(figures: dict[str, Any]) -> str:
+def in_words(of: QualityFigures) -> str:
     """One line for the operator."""
-    if figures["rate_hz"] is None:
-        return f"too few samples for a rate ({figures['samples']})"
+    if of.rate_hz is None or of.jitter_p99_ms is None:
+        return f"too few samples for a rate ({of.samples})"
     drift = "not known"
-    if figures["bias_drift"] is not None:
-        drift = f"{figures['bias_drift']:g} {figures['unit']} ({figures['bias_drift_channel']})"
+    if of.bias_drift is not None:
+        drift = f"{of.bias_drift:g} {of.unit} ({of.bias_drift_channel})"
     return (
-        f"{figures['seconds']:g} s, {figures['rate_hz']:.2f} Hz, "
-        f"jitter p99 {figures['jitter_p99_ms']:.2f} ms, {figures['lost']} lost, "
-        f"{figures['invalid_readings']} invalid, {figures['saturated_readings']} saturated, "
+        f"{of.seconds:g} s, {of.rate_hz:.2f} Hz, jitter p99 {of.jitter_p99_ms:.2f} ms, "
+        f"{of.lost} lost, {of.invalid_readings} invalid, {of.saturated_readings} saturated, "
         f"bias drift {drift}"
     )

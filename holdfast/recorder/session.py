@@ -20,6 +20,7 @@ from drivers.paced import PacedReplay
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import EmptyRecording, TimeError
 from edge_runtime.live import ANOTHER_CLOCK_NS, Source, SourceReading, Stamps
+from edge_runtime.reading import Json
 from edge_runtime.trial_layout import META
 from edge_runtime.writing import write_whole
 from holdfast.recorder.beside import Beside
@@ -28,7 +29,7 @@ from holdfast.recorder.folder import INTERRUPTED, KEPT, REDONE, discard, new_tri
 from holdfast.recorder.keys import HELP_READY, HELP_TRIAL, Keys
 from holdfast.recorder.labels import MARKS, read_meta
 from holdfast.recorder.quality import Quality, in_words
-from holdfast.recorder.trial import TrialRecorder
+from holdfast.recorder.trial import ClosedTrial, TrialRecorder
 
 READY_WAIT_S = 0.1
 CAMERA_EVERY = 30
@@ -83,9 +84,9 @@ class Session:
         say: Callable[[str], None],
         *,
         bias: FloatArray,
-        about: dict[str, Any],
+        about: Json,
         camera: Beside | None = None,
-        truth: Callable[[int, int], list[dict[str, Any]]] | None = None,
+        truth: Callable[[int, int], list[Json]] | None = None,
         show: Show = show_nothing,
         host_ns: HostClock = time.monotonic_ns,
     ) -> None:
@@ -231,28 +232,28 @@ class Session:
             self.say(f"the camera failed, the hand is still recorded: {why}")
 
     def _end(self, trial: TrialRecorder, task: Task, outcome: str) -> None:
-        filmed: dict[str, Any] = {}
+        filmed: Json | None = None
         if self.camera is not None:
             self._look_at_camera(trial, self.camera)
-            filmed = {"camera": self.camera.stop()}
+            filmed = self.camera.stop()
         events = self.truth(*trial.span_ns) if self.truth is not None and trial.started else None
         for event in events or ():
             trial.note(event)
         over = "the scene ended" if _is_over(events, trial) else ""
         over = "the source ended" if outcome == SOURCE_OVER else over
         state = {"redo": REDONE, "signal": INTERRUPTED}.get(outcome, KEPT)
-        figures = trial.close(state, over, **filmed)
-        self._report(figures, filmed.get("camera", {}))
-        if figures["state"] == REDONE:
+        closed = trial.close(state, over, camera=filmed)
+        self._report(closed, filmed or {})
+        if closed.state == REDONE:
             self.say(f"moved to {discard(self.options.root, self.options.person, trial.folder)}")
-        if figures["state"] == KEPT:
+        if closed.state == KEPT:
             self.kept, self._last = self.kept + 1, (trial.folder, task)
 
-    def _report(self, figures: dict[str, Any], camera: dict[str, Any]) -> None:
+    def _report(self, closed: ClosedTrial, camera: Json) -> None:
         """Tell the operator how a trial ended."""
-        self.say(f"{figures['state']}: {in_words(figures)}")
-        if figures.get("why") and figures["state"] == INTERRUPTED:
-            self.say(f"not kept, it will be recorded again: {figures['why']}")
+        self.say(f"{closed.state}: {in_words(closed.quality)}")
+        if closed.why and closed.state == INTERRUPTED:
+            self.say(f"not kept, it will be recorded again: {closed.why}")
         if camera.get("void"):
             self.say(f"this trial has no camera recording: {camera['void']}")
         if camera.get("doubt"):
@@ -266,7 +267,7 @@ class Session:
             write_whole(home / META, json.dumps(meta) + "\n")
 
 
-def _is_over(events: list[dict[str, Any]] | None, trial: TrialRecorder) -> bool:
+def _is_over(events: list[Json] | None, trial: TrialRecorder) -> bool:
     """Whether a scene's last phase ended before the trial's last sample; events None: no scene."""
     return events is not None and all(one["t1_s"] < trial.t_s for one in events if "label" in one)
 

@@ -5,17 +5,28 @@ from __future__ import annotations
 import json
 import os
 from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import DataError, HoldfastError, OutputError
 from edge_runtime.live import SourceReading
+from edge_runtime.reading import Json
 from edge_runtime.tactile_file import TactileFile
 from edge_runtime.trial_layout import EVENTS, META, TACTILE
 from edge_runtime.writing import write_whole
 from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
-from holdfast.recorder.labels import is_complete, truth_in, write_truth
-from holdfast.recorder.quality import Quality
+from holdfast.recorder.labels import truth_in, write_truth
+from holdfast.recorder.quality import Quality, QualityFigures
+
+
+@dataclass(frozen=True)
+class ClosedTrial:
+    """How a trial ended. state: as in meta.json. why: of an interrupted trial, else empty."""
+
+    quality: QualityFigures
+    state: str
+    why: str
 
 
 class TrialRecorder:
@@ -25,7 +36,7 @@ class TrialRecorder:
         self,
         folder: Path,
         n_channels: int,
-        about: dict[str, Any],
+        about: Json,
         quality: Quality,
         host_after_ns: int,
     ) -> None:
@@ -58,7 +69,7 @@ class TrialRecorder:
         self.note({"t_s": at_s, "mark": name, "provenance": provenance, "by": "holdfast record"})
         return at_s
 
-    def note(self, event: dict[str, Any]) -> None:
+    def note(self, event: Json) -> None:
         """Write a line of events.jsonl. Raises OutputError."""
         try:
             self._events.write(json.dumps(event) + "\n")
@@ -66,14 +77,16 @@ class TrialRecorder:
             what = f"cannot write ({error.strerror})"
             raise OutputError(what, where=self.folder / EVENTS, next_step="make room") from None
 
-    def close(self, state: str, over: str = "", **more: Any) -> dict[str, Any]:
-        """Flush everything, write meta.json and, of a kept trial, its phases; returns the figures.
+    def close(
+        self, state: str, over: str = "", *, why: str = "", camera: Json | None = None
+    ) -> ClosedTrial:
+        """Flush everything, write meta.json and, of a kept trial, its phases.
 
         over: why the samples ended, if not by the operator. Such a trial is interrupted, not kept,
         if it is incomplete; so is one that cannot be read again (a single row, most of it lost).
-        Raises OutputError.
+        why: of the state. camera: what the camera's process left. Raises OutputError.
         """
-        figures = self.quality.to_json()
+        figures = self.quality.figures()
         try:
             self._file.close()
             os.fsync(self._events.fileno())
@@ -82,10 +95,10 @@ class TrialRecorder:
                 self._events.close()
         if state == KEPT:
             why = self._label(over)
-            if why:
-                state, more = INTERRUPTED, {**more, "why": why}
-        self._write_meta(state, quality=figures, **more)
-        return {**figures, "state": state, **more}
+            state = INTERRUPTED if why else KEPT
+        filmed = {} if camera is None else {"camera": camera}
+        self._write_meta(state, quality=asdict(figures), **filmed, **({"why": why} if why else {}))
+        return ClosedTrial(figures, state, why)
 
     def _label(self, over: str) -> str:
         """Write the phases of a trial to keep; returns why it cannot be kept, or nothing."""
@@ -94,7 +107,7 @@ class TrialRecorder:
             truth = truth_in(self.folder)
         except DataError as error:
             return unfinished if over else str(error)
-        if over and not is_complete(truth, self.about["action"]):
+        if over and not truth.is_complete(self.about["action"]):
             return unfinished
         write_truth(self.folder, truth)
         return ""

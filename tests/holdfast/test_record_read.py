@@ -113,7 +113,7 @@ def test_events_that_cannot_be_understood_are_refused_by_name(people, tmp_path, 
 
     folder = shutil.copytree(people / "p01/soft-ball/pull/trial_1", tmp_path / "trial_1")
     before = relabel(folder)
-    assert before == json.loads(
+    assert before.to_json() == json.loads(
         (people / "p01/soft-ball/pull/trial_1/tactile.truth.json").read_text()
     )
     (folder / "events.jsonl").write_text(line + "\n")
