@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+
+from edge_runtime.reading import Json
 
 Percentiles = dict[str, float]
 """p50, p99 and p99.9 -> us."""
@@ -49,7 +50,7 @@ class FaultRow:
     samples_lost: int
     ends: str
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in hand.json, where the message's key is "said"."""
         return {"said" if key == "message" else key: value for key, value in vars(self).items()}
 
@@ -107,6 +108,6 @@ class HandFigures:
     delays: list[ActDelay]
     memory: list[ProcessMemory]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in hand.json."""
         return asdict(self) | {"faults": [row.to_json() for row in self.faults]}

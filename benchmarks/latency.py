@@ -24,7 +24,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -50,6 +49,7 @@ from edge_runtime.contract import CLASSES, BoolArray, FloatArray
 from edge_runtime.errors import LibraryMissing
 from edge_runtime.graph import open_session, run_recording
 from edge_runtime.monitor import Model
+from edge_runtime.reading import Json
 from edge_runtime.timing import TURNS, busy_wait, time_in_turns
 from export.bank import bands_for
 from export.exporting import export_artifact
@@ -84,7 +84,7 @@ class CallTimes:
     p999_us: float
     cold_p50_us: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in latency.json."""
         percentiles = {"p50": self.p50_us, "p99": self.p99_us, "p99.9": self.p999_us}
         return {"what": self.what, "n": self.n, **percentiles, "cold_p50": self.cold_p50_us}
@@ -99,7 +99,7 @@ class LatencyFigures:
     ratios: dict[str, float]
     bytes: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in latency.json."""
         return {**vars(self), "rows": [row.to_json() for row in self.rows]}
 

@@ -41,6 +41,7 @@ from benchmarks.mujoco_scene import (
 )
 from edge_runtime.command import Parser, finish, path_argument
 from edge_runtime.errors import UsageError
+from edge_runtime.reading import Json
 from edge_runtime.writing import require_writable, write_whole
 
 try:
@@ -163,7 +164,7 @@ class PeerRun:
     cpu_s_per_s_min_max: list[float]
     pulls: list[PulledObject]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in mujoco.json."""
         return {
             "variant": self.variant,
@@ -239,7 +240,7 @@ def _run(
     return PeerRun(name, step_s, drawn, held, [min(cpu), max(cpu)], pulls)
 
 
-def document(scene: Scene, runs: Sequence[PeerRun], repeats: int = REPEATS) -> dict[str, Any]:
+def document(scene: Scene, runs: Sequence[PeerRun], repeats: int = REPEATS) -> Json:
     """What mujoco.json holds."""
     about = {
         "mujoco": _mujoco().__version__,

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -28,6 +28,7 @@ from drivers.camera.onset import (
 from drivers.camera.recording import read_tracks
 from drivers.camera.sources import Frame, Lens, Stored
 from edge_runtime.contract import FloatArray
+from edge_runtime.reading import Json
 from simulation.camera.frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
 from simulation.card import read_card
 from simulation.scene import Scene
@@ -100,7 +101,7 @@ class SlipErrors:
     within_10_ms: float
     within_two_sd: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in onset.json."""
         three = {"start": self.start, "seen": self.seen, "gross": self.gross}
         spread = {
@@ -126,7 +127,7 @@ class OnsetRow:
     hidden: int
     errors: SlipErrors | None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in onset.json; what does not apply has no key."""
         row = {name: value for name, value in vars(self).items() if name != "errors"}
         if self.mm_per_s2 is None:

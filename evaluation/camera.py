@@ -20,6 +20,7 @@ from typing import Any
 
 from edge_runtime.contract import RISKY_SLIP, SITUATIONS
 from edge_runtime.errors import LabelError
+from edge_runtime.reading import Json
 from edge_runtime.trial_layout import EVENTS, ONSET_SUFFIX, TACTILE, read_events, truth_path
 from evaluation.event_scores import AlarmOutcome, EventMatch
 from evaluation.statistics import Spread, spread
@@ -105,11 +106,11 @@ def _beside(root: Path, trial_id: str) -> Path:
     )
 
 
-def _is_risky(interval: dict[str, Any]) -> bool:
+def _is_risky(interval: Json) -> bool:
     return interval.get("provenance") == CAMERA and interval.get("label") == RISKY
 
 
-def _truth_marks(truth: dict[str, Any]) -> list[tuple[str, Any]]:
+def _truth_marks(truth: Json) -> list[tuple[str, Any]]:
     """(name, s) of the first sliding and the gross slip of every grasp in a scene's truth."""
     trials = truth.get("trials", [truth])
     return [
@@ -117,7 +118,7 @@ def _truth_marks(truth: dict[str, Any]) -> list[tuple[str, Any]]:
     ]
 
 
-def _one(interval: dict[str, Any], marks: Sequence[tuple[str, Any]]) -> SeenSlip:
+def _one(interval: Json, marks: Sequence[tuple[str, Any]]) -> SeenSlip:
     start_s, gross_s, end_s = (float(interval[name]) for name in ("t0_s", "gross_s", "t1_s"))
     near = {
         name: float(at_s)

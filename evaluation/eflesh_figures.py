@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
+from edge_runtime.reading import Json
 from training.datasets.eflesh_slip import ThresholdAccuracy
 from training.figures import Interval
 
@@ -38,7 +38,7 @@ class EfleshFigures:
     caveat: str
 
     @staticmethod
-    def from_json(written: dict[str, Any]) -> EfleshFigures:
+    def from_json(written: Json) -> EfleshFigures:
         """Read what `asdict` gave. Raises KeyError or TypeError where a figure is missing."""
         delays = {name: DelaySpread(**one) for name, one in written["delay_s"].items()}
         threshold = ThresholdAccuracy(**written["one_threshold"])

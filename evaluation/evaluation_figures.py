@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 from edge_runtime.model_file import ModelCard
+from edge_runtime.reading import Json
 from evaluation.closing_hand import droppable
 from evaluation.methods import MethodFigures, MethodResult, method_figures, together
 from evaluation.outcomes import OutcomeRow, outcome_table
@@ -62,7 +62,7 @@ class Evaluation:
     shown: dict[str, list[ShownTrial]] = field(default_factory=dict)
     times: dict[str, TimesMs] = field(default_factory=dict)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """figures.json; of one set alone, its window figures stand on top."""
         first = next(iter(self.sets.values()))
         alone = len(self.sets) == 1

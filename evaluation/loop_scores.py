@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from edge_runtime.reading import Json
 from edge_runtime.trial_layout import RISKY_ACTIONS
 from evaluation.statistics import share
 from simulation.closed_loop.oracle import needed_grip_n
@@ -112,7 +113,7 @@ class LoopFigures:
     mu_observed: int
     mu_error_p50: float | None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As a JSON object."""
         return asdict(self)
 

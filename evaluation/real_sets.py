@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.errors import DataNotFound, NotAModel
 from edge_runtime.monitor import Model
-from edge_runtime.reading import json_of, text_of
+from edge_runtime.reading import Json, json_of, text_of
 from evaluation.eflesh_figures import EfleshFigures
 from evaluation.evaluate import evaluate_events
 from evaluation.evaluation_figures import Evaluation
@@ -39,7 +38,7 @@ class RealSetsMissing:
     next_step: str = NEXT
     why: str | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in figures.json."""
         return {"next": self.next_step} | ({"why": self.why} if self.why is not None else {})
 
@@ -53,7 +52,7 @@ class RealFigures:
     eflesh: EfleshFigures | None
     note: str = NOTE
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in figures.json."""
         human = self.human.to_json() | {"people": self.people}
         eflesh = None if self.eflesh is None else asdict(self.eflesh)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.contract import BoolArray
+from edge_runtime.reading import Json
 from evaluation.camera import onsets_by, seen_beside
 from evaluation.closing_hand import ClosingModel, Drop, closing_model, drop_of, droppable
 from evaluation.methods import (
@@ -40,7 +40,7 @@ class SetCard:
 
     name: str
     kind: str
-    made_from: dict[str, Any]
+    made_from: Json
     rate_hz: float
     unit: str
     recordings: int
@@ -52,7 +52,7 @@ class SetCard:
     trained_on_recordings: int
     caveat: str
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in figures.json."""
         fields = asdict(self)
         made_from = fields.pop("made_from")
@@ -74,7 +74,7 @@ class SetFigures:
     closing: ClosingModel | None
     thresholds: Thresholds | None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in figures.json."""
         figures = {
             "data": self.card.to_json(),

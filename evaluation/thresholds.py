@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from edge_runtime.contract import BoolArray
 from edge_runtime.decision import DecisionRules
 from edge_runtime.model_file import ModelCard
+from edge_runtime.reading import Json
 from evaluation.alarms import act_requests
 from evaluation.baselines import Baseline, MatchedBaseline, false_per_min, matched
 from evaluation.labels import BASELINES, CHOSEN, DEPLOYED
@@ -58,7 +58,7 @@ class Thresholds:
             f"model's rate there, {self.false_per_min_there:.3g} a minute"
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in figures.json."""
         return {
             "headline": self.headline,
@@ -75,7 +75,7 @@ class Thresholds:
         }
 
 
-def _baseline_json(one: MatchedBaseline) -> dict[str, Any]:
+def _baseline_json(one: MatchedBaseline) -> Json:
     return {
         "law": BASELINES[one.baseline.name],
         "setting": one.setting,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP
+from edge_runtime.reading import Json
 from edge_runtime.trial_layout import truth_path
 from training.objects import read_json
 from training.recording import Recording
@@ -21,7 +21,7 @@ SAME_MOMENT_S = 0.02
 class Grasp:
     """One simulated grasp. truth: its JSON as the scene writes it, empty without a truth."""
 
-    truth: dict[str, Any]
+    truth: Json
 
     @property
     def style(self) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +12,7 @@ from edge_runtime.contract import SITUATIONS, FloatArray
 from edge_runtime.fit import require_fit
 from edge_runtime.graph import Outputs, run_recordings
 from edge_runtime.monitor import Model
+from edge_runtime.reading import Json
 from training.featurise import pick_rows, rows_wanted
 from training.figures import HeadFigures
 from training.fitting import fingerprint, with_situations
@@ -38,7 +38,7 @@ class WindowFigures:
     caveat: str
     seed: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in figures.json."""
         fields = asdict(self)
         del fields["heads"]
@@ -75,7 +75,7 @@ def heads_with_task(model: Model, data: DataSet) -> list[str]:
 
 
 def window_figures(
-    model: Model, data: DataSet, answers: dict[str, dict[str, Any]], *, seed: int = 0
+    model: Model, data: DataSet, answers: dict[str, Outputs], *, seed: int = 0
 ) -> WindowFigures:
     """The same from computed answers at the windows of a set with the task "situations"."""
     heads = heads_with_task(model, data)
@@ -95,7 +95,7 @@ def window_figures(
     )
 
 
-def _risky_score(answers: dict[str, dict[str, Any]], heads: list[str]) -> FloatArray | None:
+def _risky_score(answers: dict[str, Outputs], heads: list[str]) -> FloatArray | None:
     """The further head's answer; where the hand would say unknown it predicts nothing."""
     if "p_risky_250ms" not in heads:
         return None
@@ -103,7 +103,7 @@ def _risky_score(answers: dict[str, dict[str, Any]], heads: list[str]) -> FloatA
     return np.where(at_task["unknown"], 0.0, at_task["p_risky_250ms"].astype(np.float64))
 
 
-def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, dict[str, Any]]:
+def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, Outputs]:
     """Task -> output -> [M, ...] at every window of the set."""
     wanted = rows_wanted(data)
     values = [recording.samples for recording in data.recordings]
@@ -113,7 +113,7 @@ def stream(model: Model, data: DataSet, outputs: list[str]) -> dict[str, dict[st
 
 def at_windows(
     data: DataSet, computed: Sequence[Outputs], rows: list[npt.NDArray[np.int64]]
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Outputs]:
     """The same, out of what was computed at these rows of each recording."""
     return {
         task: {

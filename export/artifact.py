@@ -19,7 +19,7 @@ from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
 from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import ArtifactError, OutputError, TooLarge
 from edge_runtime.preparation import Preparation, preparation_from_json
-from edge_runtime.reading import json_of, text_of
+from edge_runtime.reading import Json, json_of, text_of
 from edge_runtime.writing import remove, write_whole
 from export.features import feature_count
 from export.forest import FOREST_KINDS, Forest
@@ -47,7 +47,7 @@ class Artifact:
     decision: dict[str, int]
     heads: list[Head]
     rows: FloatRows
-    training: dict[str, Any]
+    training: Json
 
 
 def require_no_artifact(folder: Path) -> None:

@@ -6,12 +6,12 @@ import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import onnx
 
 from edge_runtime.errors import UsageError
 from edge_runtime.model_file import CARD_SUFFIX
+from edge_runtime.reading import Json
 from edge_runtime.writing import require_writable, write_whole
 from export.artifact import read_artifact
 from export.builder import GraphBuilder
@@ -62,7 +62,7 @@ def export_artifact(
     return path, ExportReport.of(verification, len(data))
 
 
-def readable_card(card: dict[str, Any], name: str, data: bytes) -> str:
+def readable_card(card: Json, name: str, data: bytes) -> str:
     """The card of a file as readable JSON, with name, size and SHA-256, without fingerprints."""
     training = {key: value for key, value in card["training"].items() if key != "recordings"}
     file = {"name": name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}

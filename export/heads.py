@@ -9,13 +9,13 @@ affine map and a softmax (multinomial logistic calibration, fitted on held-out v
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
 from edge_runtime.contract import CLASSES, SITUATIONS
+from edge_runtime.reading import Json
 from export.builder import GraphBuilder
 from export.forest import Forest, add_forest, vote_bits
 
@@ -29,7 +29,7 @@ class Calibration:
     weights: npt.NDArray[np.float64]
     bias: npt.NDArray[np.float64]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As a JSON object, for the artifact and the metadata."""
         return {"weights": self.weights.tolist(), "bias": self.bias.tolist()}
 

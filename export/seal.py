@@ -13,6 +13,7 @@ from edge_runtime.contract import channel_names
 from edge_runtime.golden import golden_answers, golden_to_json
 from edge_runtime.graph import open_session
 from edge_runtime.model_file import CARD_KEY, DIGITS, FORMAT, GOLDEN_KEY, SEAL_KEY
+from edge_runtime.reading import Json
 from export.artifact import Artifact
 from export.detectors import detector_names
 from export.forest import vote_bits
@@ -21,7 +22,7 @@ from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 TIE_RULE = "the riskier class wins"
 
 
-def model_card(artifact: Artifact) -> dict[str, Any]:
+def model_card(artifact: Artifact) -> Json:
     """Everything a consumer of the file needs to know, as one JSON object."""
     spec = artifact.spec
     return {
@@ -46,7 +47,7 @@ def model_card(artifact: Artifact) -> dict[str, Any]:
     }
 
 
-def _head_card(head: Any) -> dict[str, Any]:
+def _head_card(head: Any) -> Json:
     trees = head.forest.estimators_
     return {
         "classes": list(head.classes),
@@ -58,7 +59,7 @@ def _head_card(head: Any) -> dict[str, Any]:
     }
 
 
-def seal(model: onnx.ModelProto, card: dict[str, Any], spec: StepSpec) -> bytes:
+def seal(model: onnx.ModelProto, card: Json, spec: StepSpec) -> bytes:
     """The serialised model with card, golden sequences and its own hash."""
     session = open_session(model.SerializeToString())
     golden = golden_to_json(

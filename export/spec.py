@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
 
 from edge_runtime.contract import UNITS, Unit
 from edge_runtime.errors import ChannelError, RateError, UnitError
+from edge_runtime.reading import Json
 from export.bank import BANDS_HZ, bands_for
 
 
@@ -143,12 +143,12 @@ class StepSpec:
                 f"bands left out at {self.rate_hz:.4g} Hz: {lost} Hz", BandsLeftOut, stacklevel=2
             )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As a JSON object, for the artifact and the metadata."""
         return asdict(self)
 
     @staticmethod
-    def from_json(value: dict[str, Any]) -> StepSpec:
+    def from_json(value: Json) -> StepSpec:
         """The inverse of `to_json`."""
         detectors = DetectorSpec(**value["detectors"])
         spec = StepSpec(**{**value, "detectors": detectors})

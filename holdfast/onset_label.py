@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.trial_layout import (
@@ -27,6 +27,64 @@ ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
 PROVENANCE, BY = "camera", "holdfast onset"
 
 
+@dataclass(frozen=True)
+class CameraInterval:
+    """A phase as in trial_<n>.truth.json with more of the camera's times, s from the first sample.
+
+    seen_s: first frame beyond the noise. gross_s: the gross distance. start_sd_s, uncertainty_s:
+    of the start. frame_s: time between two frames.
+    """
+
+    t0_s: float
+    t1_s: float
+    onset_s: float
+    duration_s: float
+    label: str
+    provenance: str
+    by: str
+    seen_s: float
+    gross_s: float
+    start_sd_s: float
+    frame_s: float
+    uncertainty_s: float
+
+    @staticmethod
+    def of(slip: Slip, label: str, starts_s: float) -> CameraInterval:
+        """From a slip whose times count from another start, to microseconds."""
+        start_s = round(slip.start_s - starts_s, 6)
+        return CameraInterval(
+            t0_s=start_s,
+            t1_s=round(slip.end_s - starts_s, 6),
+            onset_s=start_s,
+            duration_s=round(slip.end_s - slip.start_s, 6),
+            label=label,
+            provenance=PROVENANCE,
+            by=BY,
+            seen_s=round(slip.seen_s - starts_s, 6),
+            gross_s=round(slip.gross_s - starts_s, 6),
+            start_sd_s=round(slip.start_sd_s, 6),
+            frame_s=round(slip.frame_s, 6),
+            uncertainty_s=round(slip.uncertainty_s, 6),
+        )
+
+
+@dataclass(frozen=True)
+class LabelBasis:
+    """What a label rests on. pad_shear: measured or not. hidden: span of a hidden tag, s, or None.
+
+    threshold_mm, sigma_mm: of the motion, beyond which it is no noise. frames_seen: with all tags.
+    """
+
+    gross_mm: float
+    pad_shear: str
+    hidden: dict[str, float] | None
+    threshold_mm: float
+    sigma_mm: float
+    mm_per_px: float
+    frames: int
+    frames_seen: int
+
+
 def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:
     """Find the slip and write its label beside the trial; returns a sentence about it."""
     from drivers.camera.onset import Slip, find_slip
@@ -39,7 +97,7 @@ def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_kno
         ) from None
     slip = found if isinstance(found, Slip) else None
     label = _label(action, trial.path) if slip else ""
-    intervals = [_interval(slip, label, trial.starts_s)] if slip else []
+    intervals = [CameraInterval.of(slip, label, trial.starts_s)] if slip else []
     gap = None if found is None or slip else _shifted(asdict(found), trial.starts_s)
     write_labels = _write_events if trial.path.is_dir() else _write_beside
     how = _how(trial, gross_mm, gap, shear_known=shear_known)
@@ -54,18 +112,17 @@ def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_kno
 
 def _how(
     trial: WatchedTrial, gross_mm: float, gap: dict[str, float] | None, *, shear_known: bool
-) -> dict[str, Any]:
-    """What the label rests on, as it is written with it."""
-    return {
-        "gross_mm": gross_mm,
-        "pad_shear": "measured" if shear_known else "not measured",
-        "hidden": gap,
-        "threshold_mm": round(trial.moved.threshold_mm, 4),
-        "sigma_mm": round(trial.moved.sigma_mm, 5),
-        "mm_per_px": round(trial.moved.mm_per_px, 5),
-        "frames": len(trial.moved.t_s),
-        "frames_seen": trial.moved.seen,
-    }
+) -> LabelBasis:
+    return LabelBasis(
+        gross_mm=gross_mm,
+        pad_shear="measured" if shear_known else "not measured",
+        hidden=gap,
+        threshold_mm=round(trial.moved.threshold_mm, 4),
+        sigma_mm=round(trial.moved.sigma_mm, 5),
+        mm_per_px=round(trial.moved.mm_per_px, 5),
+        frames=len(trial.moved.t_s),
+        frames_seen=trial.moved.seen,
+    )
 
 
 def _label(action: str | None, path: Path) -> str:
@@ -79,48 +136,23 @@ def _label(action: str | None, path: Path) -> str:
     return "risky_slip" if action in RISKY else "safe_slip"
 
 
-def _interval(slip: Slip, label: str, starts_s: float) -> dict[str, Any]:
-    """A phase as in trial_<n>.truth.json with more of the camera's times, from the first sample."""
-    at = _shifted(
-        {"t0_s": slip.start_s, "t1_s": slip.end_s, "seen_s": slip.seen_s, "gross_s": slip.gross_s},
-        starts_s,
-    )
-    spread = {
-        "start_sd_s": slip.start_sd_s,
-        "frame_s": slip.frame_s,
-        "uncertainty_s": slip.uncertainty_s,
-    }
-    return {
-        "t0_s": at.pop("t0_s"),
-        "t1_s": at.pop("t1_s"),
-        "onset_s": round(slip.start_s - starts_s, 6),
-        "duration_s": round(slip.end_s - slip.start_s, 6),
-        "label": label,
-        "provenance": PROVENANCE,
-        "by": BY,
-        **at,
-        **{name: round(value, 6) for name, value in spread.items()},
-    }
-
-
 def _shifted(times: dict[str, float], starts_s: float) -> dict[str, float]:
     return {name: round(value - starts_s, 6) for name, value in times.items()}
 
 
-def _write_beside(trial: Path, intervals: list[dict[str, Any]], how: dict[str, Any]) -> Path:
+def _write_beside(trial: Path, intervals: list[CameraInterval], how: LabelBasis) -> Path:
     """Write trial_n.onset.json with phases as in trial_n.truth.json, which does not change."""
-    return write_whole(
-        trial.with_suffix(ONSET_SUFFIX), json.dumps({"phases": intervals, **how}, indent=1) + "\n"
-    )
+    content = {"phases": [asdict(one) for one in intervals], **asdict(how)}
+    return write_whole(trial.with_suffix(ONSET_SUFFIX), json.dumps(content, indent=1) + "\n")
 
 
-def _write_events(folder: Path, intervals: list[dict[str, Any]], how: dict[str, Any]) -> Path:
+def _write_events(folder: Path, intervals: list[CameraInterval], how: LabelBasis) -> Path:
     """Write a line for each interval to events.jsonl; earlier lines of a camera are replaced."""
     path = folder / EVENTS
     kept = [
         json.dumps(event) for event in read_events(path) if event.get("provenance") != PROVENANCE
     ]
-    lines = [*kept, *(json.dumps(one | how) for one in intervals)]
+    lines = [*kept, *(json.dumps(asdict(one) | asdict(how)) for one in intervals)]
     written = write_whole(path, "".join(f"{line}\n" for line in lines))
     if (folder / TRUTH).exists():
         from holdfast.recorder.labels import relabel
@@ -129,10 +161,9 @@ def _write_events(folder: Path, intervals: list[dict[str, Any]], how: dict[str, 
     return written
 
 
-def _sentence(interval: dict[str, Any], where: Path) -> str:
-    start, sd_ms = interval["t0_s"], 1e3 * interval["uncertainty_s"]
-    seen_ms, gross_ms = (1e3 * (interval[name] - start) for name in ("seen_s", "gross_s"))
+def _sentence(of: CameraInterval, where: Path) -> str:
+    seen_ms, gross_ms = 1e3 * (of.seen_s - of.t0_s), 1e3 * (of.gross_s - of.t0_s)
     return (
-        f"{interval['label']} from {start:.4f} s (sd {sd_ms:.1f} ms); "
+        f"{of.label} from {of.t0_s:.4f} s (sd {1e3 * of.uncertainty_s:.1f} ms); "
         f"beyond noise {seen_ms:.0f} ms later, gross {gross_ms:.0f} ms later; {where}"
     )

@@ -23,6 +23,7 @@ import numpy as np
 
 from edge_runtime.contract import FloatArray, channel_names
 from edge_runtime.errors import OutputError
+from edge_runtime.reading import Json
 from edge_runtime.trial_file import TIME_COLUMN
 from edge_runtime.writing import require_writable, whole_folder, write_whole
 from simulation.camera.frames import Camera
@@ -162,7 +163,7 @@ def _names(trials: Sequence[Any]) -> dict[int, str]:
     return names
 
 
-def _meta(card: Card, seed: int) -> dict[str, Any]:
+def _meta(card: Card, seed: int) -> Json:
     return {
         "name": card.name,
         "title": card.title,
@@ -229,8 +230,8 @@ def _truth(
     scene: Scene,
     simulated: Sequence[SimulatedTrial],
     starts_s: Sequence[float],
-    drawn: dict[str, dict[str, Any]],
-) -> dict[str, Any]:
+    drawn: dict[str, Json],
+) -> Json:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
     shifts = zip(simulated, starts_s, strict=True)
     parts = [one.truth.shifted(start).to_json() for one, start in shifts]
@@ -240,7 +241,7 @@ def _truth(
     return {"phases": phases, **card, **(trials[0] if len(trials) == 1 else {"trials": trials})}
 
 
-def _origin(one: SimulatedTrial, sensors: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _origin(one: SimulatedTrial, sensors: dict[str, Json]) -> Json:
     trial = one.trial
     return {
         "number": trial.number,

@@ -22,6 +22,7 @@ from edge_runtime.contract import (
     BoolArray,
     FloatArray,
 )
+from edge_runtime.reading import Json
 from edge_runtime.trial_layout import RISKY_ACTIONS
 from simulation.protocol import PlannedTrial
 from simulation.run import TrialMotion
@@ -51,7 +52,7 @@ class Truth:
     marks: tuple[Mark, ...]
     end_s: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As in trial_<n>.truth.json: events, and phases as intervals with their provenance."""
         stops = [since for since, _ in self.marks[1:]] + [self.end_s]
         events = ("contact_s", "load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")

@@ -14,12 +14,12 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.graph import StepGraph, open_session
+from edge_runtime.reading import Json
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import require_writable, write_whole
 from export.features import GROUPS, feature_count
@@ -65,7 +65,7 @@ class AblationRow:
     features: int
     clock_free: bool
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in ablation.json."""
         fields = asdict(self)
         return fields.pop("cost") | fields

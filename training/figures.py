@@ -7,7 +7,8 @@ is an interval with less than two groups.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+
+from edge_runtime.reading import Json
 
 Interval = tuple[float, float]
 """The interval of a figure, 95 % unless stated."""
@@ -51,6 +52,6 @@ class HeadFigures:
     situations: SituationFigures
     predict_250ms: PredictionFigures | None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As a model card and the reports of studies have it; an absent head has no key."""
         return {name: figure for name, figure in asdict(self).items() if figure is not None}

@@ -7,12 +7,12 @@ import platform
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from edge_runtime.contract import SITUATIONS
 from edge_runtime.errors import ClassMissing
+from edge_runtime.reading import Json
 from export.artifact import Artifact, write_artifact
 from export.heads import Head
 from training.crossval import HeldOut, cross_validate, fit_calibration, fit_forest, main_task
@@ -134,7 +134,7 @@ def _final_head(
     )
 
 
-def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> dict[str, Any]:
+def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> Json:
     """What the model card says of where it comes from."""
     prints = [fingerprint(recording) for recording in data.recordings]
     return {

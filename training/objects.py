@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.contract import LIGHT_BELOW_G
 from edge_runtime.errors import LabelError
-from edge_runtime.reading import json_of, text_of
+from edge_runtime.reading import Json, json_of, text_of
 from edge_runtime.trial_layout import MASSES_G
 
 ALIASES = {"colabottle": "full-bottle"}
@@ -62,7 +61,7 @@ def mass_g(folder: Path) -> float:
     return float(mass)
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> Json:
     """A JSON object beside the recordings; empty without the file. Raises LabelError."""
     try:
         value = json_of(text_of(path))

@@ -7,11 +7,12 @@ tried).
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
 from edge_runtime.decision import DecisionRules
+from edge_runtime.reading import Json
 from export.forest import Forest
 
 CLOCK_FREE_GROUPS = ("now", "differences", "scaled_differences", "scaled_sums", "activity")
@@ -61,7 +62,7 @@ class TrainingPlan:
         """The forest of a task."""
         return self.prediction if TASK_HEADS[task] == "p_risky_250ms" else self.situation
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As a JSON object, for the model card."""
         return asdict(self)
 

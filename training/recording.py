@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray, Unit
 from edge_runtime.preparation import Preparation
+from edge_runtime.reading import Json
 from training.timeline import Phase, RiskyEvent
 
 
@@ -88,7 +89,7 @@ class DataSet:
     kind: str
     redistributable: bool
     caveat: str
-    notes: dict[str, Any] = field(default_factory=dict)
+    notes: Json = field(default_factory=dict)
     lacks: tuple[str, ...] = ()
 
     @property

@@ -17,6 +17,7 @@ from benchmarks.cost.point import Point
 from benchmarks.cost.recordings import per_recording, read
 from edge_runtime.contract import RISKY_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN
+from edge_runtime.reading import Json
 from evaluation.alarms import Answers
 from evaluation.event_scores import EventScores, choose_confidence, event_scores, match_all_alarms
 from export.exporting import whole_graph
@@ -71,7 +72,7 @@ class PointFigures:
     events: EventScores
     permille: list[int]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in the file of the point."""
         windows = {"macro_f1": self.macro_f1, "macro_f1_ci": self.macro_f1_ci}
         figures = windows | asdict(self.events) | {"permille": self.permille}

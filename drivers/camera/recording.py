@@ -31,7 +31,7 @@ import numpy.typing as npt
 from drivers.camera.sources import Frame, Lens, Stored, require_forward
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, OutputError
-from edge_runtime.reading import json_of, require_lines, text_of
+from edge_runtime.reading import Json, json_of, require_lines, text_of
 from edge_runtime.writing import write_whole
 
 VIDEO, STAMPS, TAGS, ABOUT = "camera.mkv", "camera.mcap", "tags.csv", "camera.json"
@@ -160,12 +160,12 @@ def _tracks(body: list[list[str]], path: Path) -> Tracks:
     return Tracks(np.array(list(stamps), dtype=np.int64), t_s, corners)
 
 
-def write_about(folder: Path, about: dict[str, Any]) -> None:
+def write_about(folder: Path, about: Json) -> None:
     """camera.json. Raises OutputError."""
     write_whole(folder / ABOUT, json.dumps(about, indent=1) + "\n")
 
 
-def read_about(folder: Path) -> dict[str, Any]:
+def read_about(folder: Path) -> Json:
     """camera.json with the numbers that every reader needs. Raises DataNotFound, NotANumber."""
     path = folder / ABOUT
     try:

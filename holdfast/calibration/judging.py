@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from dataclasses import asdict
 
 import numpy as np
 
 from drivers.calibration import Calibration
 from drivers.calibration_fit import fit
 from edge_runtime.contract import FloatArray
+from edge_runtime.reading import Json
 from holdfast.calibration.study import PUBLISHED_N, Judged, Study
 
 N_TREES = 200
@@ -62,14 +63,14 @@ def in_words(study: Study, judged: Sequence[Judged], calibration: Calibration) -
     yield f"{study.name}: {len(study.probings)} probings, {rows} rows, {n_sensors} sensors"
     yield from (f"  {line}" for line in study.evidence)
     for model in judged:
-        for axis, figure in model.figures().items():
-            each = ", ".join(f"{value:.2f}" for value in figure["each_probing_n"])
-            rmse = f"RMSE {figure['rmse_n']:.2f} N on probings left out ({each})"
+        for axis, error in model.errors().items():
+            each = ", ".join(f"{value:.2f}" for value in error.each_probing_n)
+            rmse = f"RMSE {error.rmse_n:.2f} N on probings left out ({each})"
             published = f"eFlesh publishes {PUBLISHED_N[axis]} N"
             yield f"  {model.name}, {axis}: {rmse}; {published}, on later rows of the same probing"
 
 
-def as_json(study: Study, judged: Sequence[Judged], seed: int) -> dict[str, Any]:
+def as_json(study: Study, judged: Sequence[Judged], seed: int) -> Json:
     """The same as a JSON object."""
     return {
         "study": study.name,
@@ -80,5 +81,8 @@ def as_json(study: Study, judged: Sequence[Judged], seed: int) -> dict[str, Any]
         "evidence": list(study.evidence),
         "seed": seed,
         "published_n": PUBLISHED_N,
-        "models": {model.name: model.figures() for model in judged},
+        "models": {
+            model.name: {axis: asdict(error) for axis, error in model.errors().items()}
+            for model in judged
+        },
     }

@@ -6,7 +6,6 @@ A probing is a series of presses from unloaded to unloaded. Every split leaves o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -62,20 +61,25 @@ class Study:
 
 
 @dataclass(frozen=True)
+class AxisError:
+    """Root mean square error over the probings left out, and on each, N."""
+
+    rmse_n: float
+    each_probing_n: list[float]
+
+
+@dataclass(frozen=True)
 class Judged:
     """A model's errors: held_out_n [G, 3] RMSE on each probing left out; nan: axis not loaded."""
 
     name: str
     held_out_n: FloatArray
 
-    def figures(self) -> dict[str, dict[str, Any]]:
-        """For normal and shear: the root mean square over probings, and each probing's error."""
-        figures = {}
+    def errors(self) -> dict[str, AxisError]:
+        """For normal and shear, where every probing was loaded on that axis."""
+        errors = {}
         for axis, of in (("normal", rmse_normal), ("shear", rmse_shear)):
             each = [of(row) for row in self.held_out_n]
             if np.isfinite(each).all():
-                figures[axis] = {
-                    "rmse_n": float(np.sqrt(np.mean(np.square(each)))),
-                    "each_probing_n": each,
-                }
-        return figures
+                errors[axis] = AxisError(float(np.sqrt(np.mean(np.square(each)))), each)
+        return errors

@@ -13,6 +13,7 @@ from typing import Any
 from drivers.calibration_file import read_calibration
 from drivers.live_hand import LiveHand
 from edge_runtime.live import Source
+from edge_runtime.reading import Json
 from holdfast.hand_bias import MeasuredBias
 from holdfast.recorder.plan import Plan
 
@@ -25,7 +26,7 @@ def about(
     rate_hz: float,
     *,
     real_time: bool,
-) -> dict[str, Any]:
+) -> Json:
     """A JSON object; of paths only the last part, because folders can name people."""
     configuration = {
         name: _plain(value)
@@ -49,7 +50,7 @@ def about(
     }
 
 
-def _bias(measured: MeasuredBias) -> dict[str, Any]:
+def _bias(measured: MeasuredBias) -> Json:
     bias = measured.bias
     return {
         "values": bias.values.tolist(),
@@ -62,14 +63,14 @@ def _bias(measured: MeasuredBias) -> dict[str, Any]:
     }
 
 
-def _protocol(plan: Plan, seed: int) -> dict[str, Any] | None:
+def _protocol(plan: Plan, seed: int) -> Json | None:
     card = plan.protocol
     if card is None:
         return None
     return {"card": card.name, "sha256": card.sha256, "seed": seed, "done_before": plan.done}
 
 
-def _calibration(path: Path | None) -> dict[str, Any] | None:
+def _calibration(path: Path | None) -> Json | None:
     if path is None:
         return None
     meta = read_calibration(path).meta

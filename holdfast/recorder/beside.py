@@ -8,10 +8,10 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from drivers.camera.recording import TAGS, read_about
 from edge_runtime.errors import CameraUnavailable, DataError
+from edge_runtime.reading import Json
 from holdfast.watched_trial import doubt
 
 LONGEST_START_S, LONGEST_END_S = 40.0, 120.0
@@ -22,7 +22,7 @@ LOG = "camera.log"
 class Beside:
     """One camera for one trial at a time; options: of the process, except `out`."""
 
-    def __init__(self, options: dict[str, Any]) -> None:
+    def __init__(self, options: Json) -> None:
         self.options = options
         self._folder = Path()
         self._process: subprocess.Popen[bytes] | None = None
@@ -61,7 +61,7 @@ class Beside:
         self._lost = True
         return self._last_error() or f"its process ended with {self._process.returncode}"
 
-    def stop(self) -> dict[str, Any]:
+    def stop(self) -> Json:
         """End it; returns {"void": reason or None, "frames", "lost", "doubt": reason or None}."""
         if self._process is None:
             return {"void": "was not started"}

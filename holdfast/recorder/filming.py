@@ -22,6 +22,7 @@ from drivers.camera.sources import OAK, Frame, FrameSource, Lens, Oak, Stored
 from drivers.virtual.clock import Clock, WallClock
 from edge_runtime.command import finish
 from edge_runtime.errors import UsageError
+from edge_runtime.reading import Json
 from holdfast.camera_options import stored
 from holdfast.live_sources import scene_of
 from holdfast.messages import say
@@ -53,7 +54,7 @@ def must_end() -> bool:
     return bool(select.select([sys.stdin], [], [], 0)[0])
 
 
-def oak(options: dict[str, Any]) -> Oak:
+def oak(options: Json) -> Oak:
     """A camera on USB with the recorder's options."""
     lens = Lens(options["fps"], options["exposure_ms"], options["tag_mm"], clock="monotonic")
     return Oak(lens)

@@ -7,9 +7,9 @@ import json
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.errors import DataNotFound, OutputError, UnitError, UsageError
+from edge_runtime.reading import Json
 from edge_runtime.trial_layout import META, TACTILE
 from edge_runtime.writing import require_writable, write_whole
 from holdfast.recorder.card import DISCARDED, NOTHING, Task
@@ -59,7 +59,7 @@ def alone(place: Path) -> Iterator[None]:
         yield
 
 
-def require_ours(root: Path) -> dict[str, Any]:
+def require_ours(root: Path) -> Json:
     """meta.json of a folder of recordings; empty for a new or empty folder. Raises OutputError."""
     _require_not_within(root)
     if root.is_dir():
@@ -88,7 +88,7 @@ def _require_not_within(root: Path) -> None:
             )
 
 
-def _require_same(root: Path, there: dict[str, Any], unit: str, kind: str) -> None:
+def _require_same(root: Path, there: Json, unit: str, kind: str) -> None:
     if there.get("unit") != unit:
         raise UnitError(
             f"holds trials in {there.get('unit')}, the source is in {unit}",
@@ -146,7 +146,7 @@ def discard(root: Path, person: str, folder: Path) -> Path:
     return target
 
 
-def trials_of(root: Path, person: str) -> list[tuple[Path, dict[str, Any]]]:
+def trials_of(root: Path, person: str) -> list[tuple[Path, Json]]:
     """The trials of a person with their meta.json, without the discarded ones."""
     home = root / person
     folders = [

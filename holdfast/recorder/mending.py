@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.errors import EmptyRecording
 from edge_runtime.mending import MendResult, mend_lines
-from edge_runtime.reading import json_of
+from edge_runtime.reading import Json, json_of
 from edge_runtime.tactile_file import mend
 from edge_runtime.trial_layout import EVENTS, META, TACTILE
 from edge_runtime.writing import write_whole
@@ -37,7 +36,7 @@ def repaired(folder: Path) -> list[str]:
     return done
 
 
-def _voided(folder: Path, meta: dict[str, Any]) -> list[str]:
+def _voided(folder: Path, meta: Json) -> list[str]:
     """A trial that ended before its header: marked as void, once."""
     begun = meta.get("state") == RECORDING or (not meta and (folder / TACTILE).exists())
     if begun:
@@ -46,7 +45,7 @@ def _voided(folder: Path, meta: dict[str, Any]) -> list[str]:
     return [f"{meta.get('state', 'not a trial')}: no sample was recorded"]
 
 
-def _mark(folder: Path, meta: dict[str, Any], state: str, why: str) -> None:
+def _mark(folder: Path, meta: Json, state: str, why: str) -> None:
     write_whole(folder / META, json.dumps({**meta, "state": state, "why": why}, indent=1) + "\n")
 
 

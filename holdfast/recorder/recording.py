@@ -11,6 +11,7 @@ from typing import Any
 
 from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.live import Source
+from edge_runtime.reading import Json
 from edge_runtime.visible import visible
 from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
 from holdfast.live_options import force_of
@@ -27,7 +28,7 @@ from holdfast.recorder.session import HostClock, Session, SessionOptions, Show, 
 
 CHECK_S = 1.0
 KINDS = {"usb": "recorded", "i2c": "recorded", "virtual": "simulated", "sim": "simulated"}
-CameraOf = Callable[[dict[str, Any]], Beside]
+CameraOf = Callable[[Json], Beside]
 
 
 def record(

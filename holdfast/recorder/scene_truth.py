@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from edge_runtime.live import Source
+from edge_runtime.reading import Json
 from holdfast.live_sources import scene_of
 from holdfast.recorder.labels import MARKS
 
-TruthEvents = Callable[[int, int], list[dict[str, Any]]]
+TruthEvents = Callable[[int, int], list[Json]]
 """(time of the first sample, time of the last), ns -> events."""
 
 
@@ -21,14 +21,14 @@ def truth_of(url: str, source: Source) -> TruthEvents | None:
     truth = scene_and_trial[1].truth
     began_ns = getattr(source, "began_ns", None)
 
-    def events(first_ns: int, last_ns: int) -> list[dict[str, Any]]:
+    def events(first_ns: int, last_ns: int) -> list[Json]:
         shift_s = 0.0 if began_ns is None else 1e-9 * (began_ns - first_ns)
         return _events(truth.shifted(shift_s).to_json(), 1e-9 * (last_ns - first_ns))
 
     return events
 
 
-def _events(truth: dict[str, Any], end_s: float) -> list[dict[str, Any]]:
+def _events(truth: Json, end_s: float) -> list[Json]:
     """Phases and marks between the first sample and the last, at end_s."""
     by = {"provenance": "scene", "by": "holdfast record"}
     phases = [

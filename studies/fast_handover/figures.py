@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.event_scores import EventScores
 from evaluation.methods import HoldFigures, MethodFigures
 from evaluation.statistics import Spread
@@ -58,7 +58,7 @@ class AlarmFigures:
     unseen_style: UnseenStyles
     state_delay_ms: Spread | None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in a row of figures.json."""
         fields = asdict(self)
         sets = fields.pop("sets")
@@ -86,9 +86,9 @@ class IdeaFigures:
     worst_object: float | None
     learner_us: float = 0.0
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in figures.json."""
-        row = {"idea": self.idea} | self.alarms.to_json()
+        row: Json = {"idea": self.idea} | self.alarms.to_json()
         for style, one in self.windows.items():
             row |= {f"f1_{style}": one.f1, f"f1_{style}_past": one.f1_past}
         worst = {} if self.worst_object is None else {"worst_object": self.worst_object}
@@ -111,7 +111,7 @@ class HandoverStudy:
     rows: list[IdeaFigures]
     bounds: list[LateObserver]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """figures.json."""
         rows = [row.to_json() for row in self.rows]
         return {"kind": "simulated", "rows": rows, "bounds": [asdict(one) for one in self.bounds]}

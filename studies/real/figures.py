@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.eflesh_figures import EfleshFigures
 from evaluation.provenance import Host
 from evaluation.window_scores import WindowFigures
@@ -39,7 +39,7 @@ class StreamedFold:
     rows: int
     label_mismatches: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in metrics.json."""
         counts = {"rows": self.rows, "label_mismatches": self.label_mismatches}
         return self.windows.to_json() | counts
@@ -78,7 +78,7 @@ class RealStudy:
     versions: dict[str, str]
     seconds: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """metrics.json; the headline's figures stand on top."""
         fields = asdict(self)
         del fields["heads"]
@@ -92,7 +92,7 @@ def prediction_of(row: HeadFigures) -> PredictionFigures:
     return row.predict_250ms or PredictionFigures()
 
 
-def _row_json(row: HeadFigures) -> dict[str, Any]:
+def _row_json(row: HeadFigures) -> Json:
     """A row of the table as it stands in metrics.json."""
     figures = row.to_json()
     return {task: figures[task] for task in ("situations", "predict_250ms")}

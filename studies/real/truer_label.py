@@ -11,8 +11,8 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from edge_runtime.reading import Json
 from edge_runtime.writing import write_whole
 from studies.real import baselines
 from studies.row_names import CLOCK, OURS_18
@@ -35,7 +35,7 @@ class TruerLabel:
     windows: dict[str, int]
     rows: dict[str, HeadFigures]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """truer.json."""
         rows = {name: row.to_json() for name, row in self.rows.items()}
         return {"kind": self.kind, "windows": self.windows, "rows": rows}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.scores import ClassScores, LeakCheck, RecallSpread, RiskyCalls
 
 
@@ -15,10 +15,10 @@ class DescribedSet:
     name: str
     kind: str
     n_trials: int
-    made_from: dict[str, Any] = field(default_factory=dict)
-    counts: dict[str, Any] = field(default_factory=dict)
+    made_from: Json = field(default_factory=dict)
+    counts: Json = field(default_factory=dict)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in scenes.json."""
         known = {"name": self.name, "kind": self.kind, "n_trials": self.n_trials}
         return known | self.made_from | self.counts
@@ -49,7 +49,7 @@ class OtherSetFigures:
         """The row of a method that answers with classes."""
         return _scores(self.rows, method)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in scenes.json."""
         return {"data": self.data.to_json(), "rows": rows_json(self.rows)}
 
@@ -70,7 +70,7 @@ class LearningPoint:
     windows: int
     rows: dict[str, ClassScores]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in scenes.json: macro F1 of four situations and of eight classes."""
         macro_f1 = {
             name: {
@@ -90,7 +90,7 @@ class Retraining:
     confusion: list[list[list[int]]]
     spread: RecallSpread
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in scenes.json."""
         return {"seeds": self.seeds, "confusion": self.confusion} | asdict(self.spread)
 
@@ -117,7 +117,7 @@ class RateFigures:
         """The row of a method that answers with classes."""
         return _scores(self.rows, method)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in scenes.json."""
         figures = {
             "rate_hz": self.rate_hz,
@@ -154,7 +154,7 @@ class ScenesFigures:
         """Whether the weight leaks at any rate."""
         return any(one.leak is not None and one.leak.leak for one in self.rates.values())
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As it stands in scenes.json."""
         return {
             "kind": self.kind,
@@ -175,7 +175,7 @@ class MadeBy:
     seconds: float | None = None
 
 
-def rows_json(rows: Rows | dict[str, ClassScores]) -> dict[str, Any]:
+def rows_json(rows: Rows | dict[str, ClassScores]) -> Json:
     """Rows as they stand in scenes.json."""
     return {name: asdict(row) for name, row in rows.items()}
 

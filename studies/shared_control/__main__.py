@@ -7,10 +7,10 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.command import path_argument, run_script
 from edge_runtime.errors import UsageError
+from edge_runtime.reading import Json
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.loop_runs import LoopRuns, opened
 from evaluation.provenance import host
@@ -77,7 +77,7 @@ def _chosen(wanted: list[Row], args: argparse.Namespace) -> list[Row]:
     return left
 
 
-def _row(row: Row, runs: LoopRuns) -> dict[str, Any]:
+def _row(row: Row, runs: LoopRuns) -> Json:
     request = row.request
     return {
         "part": row.part,

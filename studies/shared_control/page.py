@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.doc_tables import table, with_interval, write_tables
 from studies.shared_control.plan import OURS, UNSEEN
 from studies.shared_control.targets import target_rows
@@ -48,10 +48,10 @@ TIME_HEADS = {
     "blocked": "blocked (95 %)",
 }
 TARGET_HEADS = ("target", "aim", "measured", "reached")
-Row = dict[str, Any]
+Row = Json
 
 
-def fill_page(figures: dict[str, Any]) -> None:
+def fill_page(figures: Json) -> None:
     """Write each table that has rows between its markers. Raises DataNotFound without markers."""
     rows = figures["rows"]
     chosen = {

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from edge_runtime.reading import Json
 from evaluation.style import INK, OURS, QUIET, STYLE, svg
 from studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
 
 MARKS = {"holdfast": "o", "pd-shear": "s", "smsp": "^", "ismsp": "v"}
 BLOCKED_AIM, SAVED_AIM = 0.05, 0.9
-Row = dict[str, Any]
+Row = Json
 
 
-def picture(figures: dict[str, Any]) -> str:
+def picture(figures: Json) -> str:
     """The SVG: a panel for each lag of the drive; the sets of the curves are counted together."""
     rows = [r for r in figures["rows"] if r["part"] in ("curve", "lag") and r["set"] in CURVE_SETS]
     with mpl.rc_context({**STYLE, "font.size": 11}):

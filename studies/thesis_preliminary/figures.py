@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
+from edge_runtime.reading import Json
 from evaluation.provenance import Host
 from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
 
@@ -76,7 +76,7 @@ class PreliminaryStudy:
     versions: dict[str, str]
     seconds: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """preliminary.json; what the thesis published stands first."""
         percent = ACCURACY_PERCENT
         thesis = {"source": SOURCE, "learners": list(LEARNERS), "accuracy_percent": percent}

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import DataNotFound, LabelError, UnitError
+from edge_runtime.reading import Json
 from edge_runtime.trial_file import Trial
 from edge_runtime.trial_layout import META, TACTILE, truth_path
 from training.datasets import thesis
@@ -84,14 +85,14 @@ def _trials(root: Path) -> list[Path]:
     )
 
 
-def _kind(meta: dict[str, Any]) -> str:
+def _kind(meta: Json) -> str:
     """simulated where the source was a virtual or simulated hand, else recorded."""
     configuration = meta.get("configuration")
     source = str(configuration.get("source", "")) if isinstance(configuration, dict) else ""
     return "simulated" if source.startswith(("virtual://", "sim://")) else "recorded"
 
 
-def _timed(path: Path, meta: dict[str, Any], root: Path, unit: Any, people: bool) -> TimedTrial:
+def _timed(path: Path, meta: Json, root: Path, unit: Any, people: bool) -> TimedTrial:
     thing, action = str(meta.get("object")), str(meta.get("action"))
     empty = action == EMPTY_HAND
     place = thesis.TrialPlace(

@@ -22,6 +22,7 @@ from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
 from edge_runtime.errors import ChannelError, DataNotFound, LabelError, RateError, UnitError
 from edge_runtime.preparation import Preparation
+from edge_runtime.reading import Json
 from edge_runtime.trial_file import Trial, read_trial
 from edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
 from export.bank import bands_for
@@ -126,7 +127,7 @@ def load(
 
 
 def assembled(
-    meta: dict[str, Any],
+    meta: Json,
     trials: list[TimedTrial],
     *,
     channels: int | None,
@@ -168,7 +169,7 @@ def assembled(
     )
 
 
-def _meta(root: Path) -> dict[str, Any]:
+def _meta(root: Path) -> Json:
     meta = {"unit": "N", "kind": "recorded"} | read_json(root / "meta.json")
     if meta["unit"] not in UNITS:
         raise UnitError(
