@@ -10,7 +10,8 @@ sensor's own addresses and at those that a layout names.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from drivers.bring_up import identify
 from drivers.bus import Bus, Transfer, freeing
@@ -32,13 +33,14 @@ NOT_IDENTIFIED = (
 
 @dataclass(frozen=True)
 class BusDevice:
-    """A chip that acknowledged.
+    """A chip that acknowledged. what: its name for people. trouble: "" where nothing is wrong.
 
-    Where, what it is, and what is wrong with it ("" where nothing is).
+    channel: of its mux, None without one.
     """
 
     address: int
     channel: int | None
+    kind: Literal["sensor", "mux", "unknown"]
     what: str
     trouble: str = ""
     mux: int = MUX_ADDRESS
@@ -64,14 +66,14 @@ def look_at(
 
 def _look_at(bus: Bus, pause: Callable[[float], None], expected: frozenset[int]) -> list[BusDevice]:
     muxes = [address for address in answering(bus, MUX_ADDRESSES) if is_mux(bus, address)]
-    found = [BusDevice(address, None, "mux (TCA9548A)") for address in muxes]
+    found = [BusDevice(address, None, "mux", "mux (TCA9548A)") for address in muxes]
     found += _chips(bus, set(muxes), expected, pause)
     taken = {one.address for one in found}
     for mux in muxes:
         for channel in CHANNELS:
             bus.scan([enable_channels(mux, 1 << channel)])
             behind = _chips(bus, taken, expected, pause)
-            found += [BusDevice(one.address, channel, one.what, one.trouble, mux) for one in behind]
+            found += [replace(one, channel=channel, mux=mux) for one in behind]
         bus.scan([enable_channels(mux, 0)])
     return found
 
@@ -84,7 +86,7 @@ def _chips(
     return [
         _identified(bus, address, pause)
         if address in expected or len(set(plain_read(bus, address))) > 1
-        else BusDevice(address, None, "unknown", NOT_IDENTIFIED)
+        else BusDevice(address, None, "unknown", "unknown", NOT_IDENTIFIED)
         for address in there
     ]
 
@@ -93,10 +95,10 @@ def _identified(bus: Bus, address: int, pause: Callable[[float], None]) -> BusDe
     try:
         version = identify(bus, address, pause)
     except (DeviceNotFound, WrongDevice) as error:
-        return BusDevice(address, None, "unknown", error.what)
+        return BusDevice(address, None, "unknown", "unknown", error.what)
     narrow, wide = RANGES_MT[version]
-    kind = f"TMAG5273 {LETTERS.get(address, '?')}{version} ({narrow:g}/{wide:g} mT)"
-    return BusDevice(address, None, kind, _health(bus, address))
+    what = f"TMAG5273 {LETTERS.get(address, '?')}{version} ({narrow:g}/{wide:g} mT)"
+    return BusDevice(address, None, "sensor", what, _health(bus, address))
 
 
 def _health(bus: Bus, address: int) -> str:
@@ -128,7 +130,7 @@ def _health(bus: Bus, address: int) -> str:
 def as_layout(found: list[BusDevice]) -> str:
     """The sensors as a layout for a URL, such as 0:35,0:22,71/1:35, ordered by mux and channel."""
     order = {address: k for k, address in enumerate(FACTORY_ADDRESSES)}
-    sensors = [one for one in found if one.what.startswith("TMAG5273")]
+    sensors = [one for one in found if one.kind == "sensor"]
 
     def rank(one: BusDevice) -> tuple[int, ...]:
         channel = (-1, -1) if one.channel is None else (one.mux, one.channel)

@@ -41,7 +41,7 @@ def scan(url: str) -> None:
 
 def _show_devices(devices: Sequence[Any]) -> None:
     """A line for each device: mux and channel, address, what it is, what is wrong with it."""
-    several = sum(one.what.startswith("mux") for one in devices) > 1
+    several = sum(one.kind == "mux" for one in devices) > 1
     for one in devices:
         behind = "" if one.channel is None else f"channel {one.channel}, "
         mux = f"mux {one.mux:#04x}, " if behind and several else ""

@@ -49,7 +49,7 @@ def test_a_scan_leaves_an_eeprom_a_pwm_driver_a_converter_and_an_expander_as_the
     found = scan(bench)
     assert [chip.state for chip in chips] == before
     assert as_layout(found) == ",".join(f"71/{place}" for place in SIX.split(","))
-    unknown = {one.address: one.trouble for one in found if one.what == "unknown"}
+    unknown = {one.address: one.trouble for one in found if one.kind == "unknown"}
     assert set(unknown) == {0x50, 0x40, 0x48, 0x20, 0x70}
     assert "not identified" in unknown[0x20]
     assert "no TMAG5273" in unknown[0x50]
@@ -64,7 +64,7 @@ def test_a_pwm_driver_is_taken_for_no_mux_wherever_its_pointer_is(address, incre
     bench, before = with_chips(chip)
     bench.virtual.wire.targets.remove(bench.virtual.mux)
     chip.pointer, chip.increments = pointer, increments
-    assert [one.what for one in scan(bench)] == ["unknown"] * 2
+    assert [one.kind for one in scan(bench)] == ["unknown"] * 2
     assert [chip.state] == before
 
 
@@ -75,7 +75,7 @@ def test_a_chip_with_registers_at_a_sensor_s_own_address_is_only_read(address, m
     chip = Registers(address, memory)
     bench, before = with_chips(chip)
     bench.virtual.wire.targets.remove(bench.virtual.mux)
-    assert [one.what for one in scan(bench)] == ["unknown"]
+    assert [one.kind for one in scan(bench)] == ["unknown"]
     with closing(bench.open_bus()) as bus, pytest.raises(WrongDevice, match="no TMAG5273"):
         identify(bus, address, pause(bench))
     assert [chip.state] == before
@@ -159,7 +159,7 @@ def test_every_mux_is_looked_behind_and_the_layout_names_it():
     found = scan(bench)
     layout = as_layout(found)
     assert layout == "0:35,77/1:22"
-    assert [one.address for one in found if one.what.startswith("mux")] == [0x70, 0x77]
+    assert [one.address for one in found if one.kind == "mux"] == [0x70, 0x77]
     assert (first.control, second.control) == (0, 0)
     bench.hand = type(bench.hand)(
         bench.open_bus,
