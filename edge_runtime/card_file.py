@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import CardError
-from edge_runtime.reading import text_of
+from edge_runtime.reading import Json, text_of
 
 
-def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
+def read_toml(path: Path) -> tuple[str, Json]:
     """(text, tables) of a card. Raises CardError, and FileNotFoundError where there is no file."""
     try:
         text = text_of(path)
@@ -38,12 +38,12 @@ class CardReader:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def table(self, raw: Mapping[str, Any], name: str) -> dict[str, Any]:
+    def table(self, raw: Mapping[str, Any], name: str) -> Json:
         """A copy of a section, empty where the card has none. Raises CardError."""
         value = raw.get(name, {})
         return dict(self.require_table(name, value))
 
-    def require_table(self, key: str, value: Any) -> dict[str, Any]:
+    def require_table(self, key: str, value: Any) -> Json:
         """The value if it is a table. Raises CardError."""
         if not isinstance(value, dict):
             raise self.refused(key, value, f"a table: [{key}]")

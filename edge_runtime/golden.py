@@ -18,7 +18,7 @@ import onnxruntime as ort
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import GoldenMismatch, NotAModel
 from edge_runtime.graph import Outputs, run_recording
-from edge_runtime.reading import json_of
+from edge_runtime.reading import Json, json_of
 
 TOLERANCE = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-6}
 AMPLITUDE = {"N": 1.0 / 64.0, "uT": 2.0, "count": 8.0}
@@ -67,7 +67,7 @@ def golden_answers(
     return run_recording(session, values, valid, names)
 
 
-def golden_to_json(answers: Outputs) -> dict[str, Any]:
+def golden_to_json(answers: Outputs) -> Json:
     """Arrays as dtype, shape and base64 of their little-endian bytes."""
     return {
         name: {

@@ -19,13 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, CommandLink, FloatArray, Prediction, Sample, Unit
 from edge_runtime.monitor import GripMonitor
+from edge_runtime.reading import Json
 from edge_runtime.tare import Tare
 
 STAGES = ("read", "convert", "step", "decide", "emit")
@@ -119,7 +120,7 @@ class Summary:
             for k, name in enumerate((*STAGES, "read to emit"))
         }
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As a JSON object."""
         return {
             "samples": self.samples,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import onnxruntime as ort
 
@@ -17,7 +16,7 @@ from edge_runtime.contract import CLASSES, SITUATIONS, UNITS, Unit
 from edge_runtime.decision import LIMITS, DecisionRules
 from edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from edge_runtime.preparation import Preparation, preparation_from_json
-from edge_runtime.reading import json_of, require_file
+from edge_runtime.reading import Json, json_of, require_file
 
 SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"
@@ -63,7 +62,7 @@ class ModelCard:
     min_valid_sensors: int
     range_limit: float
     normal_floor: float
-    raw: dict[str, Any]
+    raw: Json
 
     @property
     def has_weight(self) -> bool:

@@ -7,11 +7,12 @@ metadata. So a model sees on the hand what it saw in training.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from edge_runtime.contract import NORMAL_AXIS, FloatArray
+from edge_runtime.reading import Json
 
 MOST_ROWS = 100_000
 """A bias is taken from fewer rows; these would be ten minutes of a resting hand."""
@@ -66,12 +67,12 @@ class Preparation:
             bias[channel] = middle(finite) if finite.size else 0.0
         return bias
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """As a JSON object, for the metadata."""
         return asdict(self)
 
 
-def preparation_from_json(value: dict[str, Any]) -> Preparation:
+def preparation_from_json(value: Json) -> Preparation:
     """The inverse of `to_json`. Raises TypeError or ValueError for wrong values."""
     made = Preparation(**value)
     whole = isinstance(made.bias_rows, int) and not isinstance(made.bias_rows, bool)

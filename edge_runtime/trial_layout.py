@@ -14,10 +14,9 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from edge_runtime.errors import LabelError
-from edge_runtime.reading import json_of, text_of
+from edge_runtime.reading import Json, json_of, text_of
 
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"
@@ -59,7 +58,7 @@ def truth_path(trial: Path) -> Path:
     return trial.with_suffix(TRUTH_SUFFIX)
 
 
-def read_events(path: Path) -> list[dict[str, Any]]:
+def read_events(path: Path) -> list[Json]:
     """The lines of an events.jsonl without a torn last one; none without a file.
 
     Raises LabelError.

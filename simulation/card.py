@@ -45,6 +45,7 @@ from edge_runtime.card_file import CardReader, read_toml
 from edge_runtime.contract import UNITS, Unit
 from edge_runtime.errors import CardError, HoldfastError, UsageError
 from edge_runtime.grip import CONTROLLERS
+from edge_runtime.reading import Json
 from simulation.camera.frames import CAMERA
 from simulation.effect import Effect
 from simulation.effects import EFFECTS, step_settings
@@ -92,7 +93,7 @@ class Card:
     join: int
     step_s: float
     rows: tuple[Row, ...]
-    effects: dict[str, dict[str, Any]]
+    effects: dict[str, Json]
     objects: dict[str, Thing]
     camera: dict[str, float] | None
     hand: HandLayout
@@ -148,7 +149,7 @@ class _SceneCardReader(CardReader):
         super().__init__(path)
         self.rate_option = rate_option
 
-    def card(self, raw: dict[str, Any], text: str, rate_hz: float | None) -> Card:
+    def card(self, raw: Json, text: str, rate_hz: float | None) -> Card:
         self.require_known(raw, SECTIONS, "section")
         record = self.table(raw, "record")
         unit = record.pop("unit", "N")
@@ -202,7 +203,7 @@ class _SceneCardReader(CardReader):
                 raise self.refused(f"trials[{k}]", row, "a table: [[trials]]")
         return [self.row(f"trials[{k}]", row, objects) for k, row in enumerate(rows)]
 
-    def row(self, key: str, row: dict[str, Any], objects: Mapping[str, Thing]) -> Row:
+    def row(self, key: str, row: Json, objects: Mapping[str, Thing]) -> Row:
         action, style = str(row.get("action")), str(row.get("style", "author"))
         if action not in ACTIONS:
             raise self.refused(f"{key}.action", action, ", ".join(ACTIONS))
@@ -223,7 +224,7 @@ class _SceneCardReader(CardReader):
         count = self.numbers(key, {"count": row.get("count", 1)}, {"count": COUNT})["count"]
         return Row(tuple(names), action, style, self.whole(f"{key}.count", count), values)
 
-    def effects(self, effects: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    def effects(self, effects: Json) -> dict[str, Json]:
         self.require_known(effects, EFFECTS, "effect")
         for name, values in effects.items():
             key, effect = f"effects.{name}", EFFECTS[name]

@@ -59,7 +59,7 @@ class Effect:
     gives_unit: Unit | None = None
     in_card_unit: bool = False
 
-    def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> Drawn:
         """Draw one trial's parameters from the card's values.
 
         The order is the table's, so no draw depends on the order of the card.

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from edge_runtime.trial_file import TIME_COLUMN
 from edge_runtime.writing import require_writable, whole_folder, write_whole
 from simulation.camera.frames import Camera
 from simulation.card import Card
-from simulation.effect import Signal
+from simulation.effect import Drawn, Signal
 from simulation.effects import EFFECTS
 from simulation.grip_record import COLUMNS, GripRecord
 from simulation.run import Done
@@ -230,7 +230,7 @@ def _truth(
     scene: Scene,
     simulated: Sequence[SimulatedTrial],
     starts_s: Sequence[float],
-    drawn: dict[str, Json],
+    drawn: Mapping[str, Drawn],
 ) -> Json:
     """The sidecar of a recording: all its phases, and each trial's events, draws and origin."""
     shifts = zip(simulated, starts_s, strict=True)
@@ -241,7 +241,7 @@ def _truth(
     return {"phases": phases, **card, **(trials[0] if len(trials) == 1 else {"trials": trials})}
 
 
-def _origin(one: SimulatedTrial, sensors: dict[str, Json]) -> Json:
+def _origin(one: SimulatedTrial, sensors: Mapping[str, Drawn]) -> Json:
     trial = one.trial
     return {
         "number": trial.number,
@@ -252,7 +252,7 @@ def _origin(one: SimulatedTrial, sensors: dict[str, Json]) -> Json:
         "grip_n": round(trial.grip_n, 4),
         "thing": {name: getattr(trial.thing, name) for name in THING_KEYS},
         "drawn": {name: round(value, 6) for name, value in trial.drawn.items()},
-        "effects": one.effects | sensors,
+        "effects": {**one.effects, **sensors},
     } | ({"controller": one.grip.to_json()} if one.grip else {})
 
 

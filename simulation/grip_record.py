@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from edge_runtime.contract import FloatArray
+from edge_runtime.reading import Json
 from simulation.table import Column
 
 COLUMNS = ("target_n", "needed_n", "mu_hat", "mode", "grip_n")
@@ -26,14 +26,14 @@ class GripRecord:
     """
 
     rows: FloatArray
-    about: dict[str, Any]
+    about: Json
     overrode_s: float
 
     def columns(self) -> list[Column]:
         """For a CSV file."""
         return list(zip(self.rows.T, DECIMALS, strict=True))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """The controller in the truth of the trial."""
         at_s = round(self.overrode_s, 6) if np.isfinite(self.overrode_s) else None
         return self.about | {"overrode_s": at_s}

@@ -15,7 +15,7 @@ import numpy as np
 from edge_runtime.contract import FloatArray
 from simulation.camera.frames import Camera, Frames
 from simulation.card import Card, Row
-from simulation.effect import PhysicsEffects, Signal, stream
+from simulation.effect import Drawn, PhysicsEffects, Signal, stream
 from simulation.effects import EFFECTS, step_settings
 from simulation.grip_record import GripRecord
 from simulation.protocol import PlannedTrial, draw_trial
@@ -46,7 +46,7 @@ class SimulatedTrial:
     signal: Signal
     motion: TrialMotion
     truth: Truth
-    effects: dict[str, dict[str, Any]]
+    effects: dict[str, Drawn]
     hand_m: FloatArray | None
     grip: GripRecord | None = None
 
@@ -131,9 +131,7 @@ class Scene:
         """How a batch of these trials is stepped, with its effects."""
         return self._step_settings(self._made(trials)[1], len(trials))
 
-    def _made(
-        self, trials: Sequence[PlannedTrial]
-    ) -> tuple[dict[str, list[dict[str, Any]]], list[Any]]:
+    def _made(self, trials: Sequence[PlannedTrial]) -> tuple[dict[str, list[Drawn]], list[Any]]:
         """(draws by effect, effects of the physics) of a batch."""
         drawn = {name: [self.draw(name, trial) for trial in trials] for name in self.loop_effects}
         made = [
@@ -154,7 +152,7 @@ class Scene:
 
     def join(
         self, trials: Sequence[SimulatedTrial]
-    ) -> tuple[Signal, list[float], dict[str, dict[str, Any]]]:
+    ) -> tuple[Signal, list[float], dict[str, Drawn]]:
         """(signal of trials end to end, start of each in s, the sensors' draws).
 
         Trials are one sample apart. All pass through the sensors of the first: one hand makes many
@@ -174,7 +172,7 @@ class Scene:
 
     def sense(
         self, trial: PlannedTrial, t_s: FloatArray, forces_n: FloatArray
-    ) -> tuple[Signal, dict[str, dict[str, Any]]]:
+    ) -> tuple[Signal, dict[str, Drawn]]:
         """(signal, draws): forces [T, S, 3] at t_s [T] through a trial's sensors, in the card's
         unit."""
         signal = Signal(t_s, forces_n, np.ones(forces_n.shape[:2], dtype=np.bool_))
@@ -203,7 +201,7 @@ class Scene:
     def _in_card_unit(self, signal: Signal) -> Signal:
         return calibrate(signal) if signal.unit == "uT" and self.card.unit == "N" else signal
 
-    def draw(self, name: str, trial: PlannedTrial) -> dict[str, Any]:
+    def draw(self, name: str, trial: PlannedTrial) -> Drawn:
         """Parameters of an effect in a trial."""
         return EFFECTS[name].draw(
             self.card.effects[name], stream(self.seed, trial.number, f"{name} parameters")

@@ -30,7 +30,7 @@ from typing import Any
 
 from edge_runtime.card_file import CardReader, read_toml
 from edge_runtime.errors import DataNotFound, UsageError
-from edge_runtime.reading import require_file
+from edge_runtime.reading import Json, require_file
 from edge_runtime.trial_layout import SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
@@ -119,7 +119,7 @@ def read_protocol(path: Path) -> Protocol:
 class _ProtocolReader(CardReader):
     """Checks one protocol card."""
 
-    def protocol(self, raw: dict[str, Any], text: str) -> Protocol:
+    def protocol(self, raw: Json, text: str) -> Protocol:
         self.require_known(raw, SECTIONS, "section")
         rows = raw.get("trials")
         if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
@@ -129,7 +129,7 @@ class _ProtocolReader(CardReader):
             raise self.refused("trials", len(tasks), f"at most {MOST_TRIALS} in all")
         return Protocol(self.path.stem, text, tuple(tasks), self.masses(self.table(raw, "objects")))
 
-    def row(self, key: str, row: dict[str, Any]) -> list[Task]:
+    def row(self, key: str, row: Json) -> list[Task]:
         self.require_known(row, ROW_KEYS, key)
         action, style = row.get("action"), row.get("style", "")
         count, names = row.get("count", 1), row.get("objects", [])
@@ -145,7 +145,7 @@ class _ProtocolReader(CardReader):
         things = [self.thing(f"{key}.objects", name) for name in names] or [NOTHING]
         return [Task(thing, action, style) for _ in range(count) for thing in things]
 
-    def masses(self, objects: dict[str, Any]) -> dict[str, float]:
+    def masses(self, objects: Json) -> dict[str, float]:
         return {
             self.thing("objects", name): self.mass(f"objects.{name}", table)
             for name, table in objects.items()

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from edge_runtime.fit import require_fit
 from edge_runtime.grip import GripSense
 from edge_runtime.grip_command import IDLE
 from edge_runtime.model import Model
+from edge_runtime.reading import Json
 from edge_runtime.supervisor import Limits
 from simulation.card import Card
 from simulation.closed_loop.controllers import Managed, managed
@@ -166,7 +166,7 @@ class RecordedLoop:
         rows[ends:, GRIP] = kept.grip_n[ends - begins - 1][lane]
         return rows
 
-    def _about(self) -> dict[str, Any]:
+    def _about(self) -> Json:
         return about(self._control, self._model)
 
 
@@ -204,7 +204,7 @@ def _maker(
     return managed(scene, control.name, control.setting, limits=limits)
 
 
-def about(control: HandControl, model: Model) -> dict[str, Any]:
+def about(control: HandControl, model: Model) -> Json:
     """Controller, model and drive, for meta data."""
     return {
         "name": control.name,
