@@ -84,13 +84,13 @@ def mujoco_loop(file: Path) -> dict[str, str]:
     return {"mujoco-loop": table([_loop_row(trial) for trial in trials], LOOP_HEADS)}
 
 
-def _loop_row(trial: dict[str, Any]) -> dict[str, Any]:
+def _loop_row(trial: Json) -> Json:
     *normals, along = (100.0 * force["difference"] for force in trial["forces"])
     fates = {world: _fate(trial["action"], trial[world]) for world in ("ours", "mujoco")}
     return {"action": trial["action"], **fates, "normal": max(normals), "along": along}
 
 
-def _fate(action: str, hands: dict[str, Any]) -> str:
+def _fate(action: str, hands: Json) -> str:
     """What became of the object with holdfast, after what became of it in a bare hand."""
     bare, held = hands["none"], hands["holdfast"]
     if action == "pass":

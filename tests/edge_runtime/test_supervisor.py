@@ -53,8 +53,11 @@ class Wish(NamedTuple):
 
 FLAGS = (False, True)
 INPUTS = [
-    Wish(*one)
-    for one in product((0.0, 1.0, 2.5, 3.0, 9.0), FLAGS, (0.0, 0.25, 2.0), *([FLAGS] * 4))
+    Wish(wanted_n, fresh, holds_n, *flags)
+    for wanted_n in (0.0, 1.0, 2.5, 3.0, 9.0)
+    for fresh in FLAGS
+    for holds_n in (0.0, 0.25, 2.0)
+    for flags in product(FLAGS, repeat=4)
 ]
 """Every wanted grip, freshness, grip that holds, known, empty, opening, overridden."""
 
