@@ -97,12 +97,13 @@ class SerialLink:
 
     def reopen(self) -> bool:
         """Open the port again in a thread: a dying adapter can take seconds for it."""
-        if self.handle >= 0 and (self._opening is None or not self._opening.is_alive()):
-            return True
-        if self._opening is None or not self._opening.is_alive():
+        if self._opening is not None and self._opening.is_alive():
+            return False
+        if self.handle < 0:
             self._opening = Thread(target=self._try_to_open, name="serial port", daemon=True)
             self._opening.start()
-        return False
+            return False
+        return True
 
     def lose(self) -> None:
         """Close a port that failed; `reopen` opens it again."""

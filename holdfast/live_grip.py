@@ -79,14 +79,13 @@ class GripOutput:
         self,
         controller: GripControl,
         clock: Any,
-        period_ns: float,
         say: Say,
         *,
         wire: LineSink | None = None,
         scene: LiveScene | None = None,
         cue: Cue | None = None,
     ) -> None:
-        self._controller, self._clock, self._period_ns = controller, clock, period_ns
+        self._controller, self._clock = controller, clock
         self._say, self._wire, self.field, self._cue = say, wire, scene, cue
         self._sinks = [sink for sink in (wire, None if cue is None else cue.sink) if sink]
 
@@ -107,7 +106,7 @@ class GripOutput:
         if self._cue is not None:
             self._cue.show(command, self._clock.now_ns())
         if self.field is not None:
-            self.field.obey(command, self._clock.now_ns(), self._period_ns)
+            self.field.obey(command, self._clock.now_ns())
 
     @contextmanager
     def running(self, source: Source) -> Iterator[None]:
@@ -147,7 +146,7 @@ def grip_output(
         if args.feedback:
             port = line_sink(args.feedback, "--feedback", last_feedback, say, clock.now_ns)
             cue = Cue(stack.enter_context(port))
-        yield GripOutput(control, clock, 1e9 / card.rate_hz, say, wire=wire, scene=scene, cue=cue)
+        yield GripOutput(control, clock, say, wire=wire, scene=scene, cue=cue)
 
 
 def _report_slow_wire(wire: LineSink, rate_hz: float, say: Say) -> None:

@@ -1,9 +1,8 @@
 """A scene that goes on while it is read: the hand in it follows the commands that it gets.
 
 The scene behind virtual://..?scene=.. is stepped ROWS_HZ times a second of its own time, as far as
-the next sample needs, and its field goes to the emulated chips. After every command the next sample
-period is computed, while the live loop waits for it. So the real driver reads, the real file
-answers, and the answer moves the emulated drive.
+the next sample needs, and its field goes to the emulated chips. So the real driver reads, the real
+file answers, and the answer moves the emulated drive from that moment on.
 
 The hand in the scene follows the rules of docs/shared-control.md: where no command comes for
 EXPIRES_MS, it holds its grip. The physics share a core with the loop, and no time passes for them:
@@ -100,13 +99,13 @@ class LiveScene:
         self.advance(now_s)
         return self._field.at(now_s, sensor)
 
-    def obey(self, command: GripCommand, now_ns: int, period_ns: float) -> None:
-        """Take a command, and compute the scene until the next sample."""
+    def obey(self, command: GripCommand, now_ns: int) -> None:
+        """Take a command, which acts from now on."""
         now_s = 1e-9 * (now_ns - self.began_ns)
+        self.advance(now_s)
         self._command, self._commanded_s = command, now_s
         if command.slew_n_s > 0.0:
             self._drive.fastest_n_s = np.minimum(self._fastest_n_s, command.slew_n_s)
-        self.advance(now_s + 1e-9 * period_ns)
 
     def advance(self, until_s: float) -> None:
         """Step the scene to the first row at or after until_s, or to its end."""

@@ -49,13 +49,13 @@ def kept(
     scene = live_scene(url, drive_of("virtual"), still)
     obey, late = scene.obey, deque[GripCommand]()
 
-    def obey_late(command: GripCommand, now_ns: int, period_ns: float) -> None:
+    def obey_late(command: GripCommand, now_ns: int) -> None:
         late.append(command)
-        obey(late.popleft() if len(late) > spare_samples else late[0], now_ns, period_ns)
+        obey(late.popleft() if len(late) > spare_samples else late[0], now_ns)
 
     scene.obey = obey_late  # type: ignore[method-assign]
     control = controller_for("holdfast", model.card, print)
-    grip = GripOutput(control, clock, 1e9 / model.card.rate_hz, lambda line: None, scene=scene)
+    grip = GripOutput(control, clock, lambda line: None, scene=scene)
     source = open_live(url, clock=clock, say=lambda line: None, field=scene)
     clock.spend(later_ns)
     end_ns = clock.now_ns() + round(1e9 * PLAYED_S)
