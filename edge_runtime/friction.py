@@ -2,13 +2,10 @@
 
 While the object slides the fingers bear no more than friction allows, so the ratio of the force
 along the skin to the normal force stands still at the friction coefficient (Coulomb), whatever the
-load is. It is never larger, so the largest ratio that has stood still is the best one. A ratio also
-stands still while load and grip grow together: that is no slide, so the load has to stand still,
-too.
+load is. It is never larger, so the largest ratio that has stood still is the best one:
 
     ratio        r = T / 2N
-    mu_hat       the largest r that stood still for four samples, and the load with it, while a
-                 slip was likely
+    mu_hat       the largest r that stood still for SAMPLES, while a slip was all but certain
     needed_n     spare T / (2 mu_hat)             N: normal force of either side
     margin       1 - T / (2 mu_hat N)             0: about to slide
     holds_n      needed_n; before a slip has shown friction, T / (2 held)
@@ -26,17 +23,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edge_runtime.lanes import Flag, Lanes, Number
+from edge_runtime.lanes import Lanes, Number
 
 if TYPE_CHECKING:
     from edge_runtime.grip import GripSense
 
 FIRM_N = 0.3
 """A ratio counts from this grip on, N a side."""
+SAMPLES = 6
+"""A caught object's load and grip may grow together for less than this: that is no slide."""
 STEADY = 0.1
-"""Four ratios whose spread over the largest is below this stand still."""
-SURE_P = 0.5
-"""p(risky slip) from which a slip is likely."""
+"""Ratios whose spread over the largest is below this stand still."""
+SURE_P = 0.9
+"""p(risky slip) from which a slip is all but certain."""
 QUIET_P = 0.2
 SPARE = 1.25
 """Grip over the least grip that friction needs."""
@@ -50,7 +49,7 @@ class FrictionMargin:
     def __init__(self, lanes: Lanes, rate_hz: float, shear_gain: float = 1.0) -> None:
         self._lanes, self._gain = lanes, shear_gain
         self._share = 1.0 / (1.0 + QUIET_S * rate_hz)
-        self._loads, self._ratios = [lanes.zero()] * 3, [lanes.zero()] * 3
+        self._last = [lanes.zero()] * (SAMPLES - 1)
         self._slid, self._quiet = lanes.zero(), lanes.zero()
         self.held, self.mu_hat = lanes.zero(), lanes.zero()
         self.needed_n, self.holds_n, self.margin = lanes.zero(), lanes.zero(), lanes.zero()
@@ -61,7 +60,7 @@ class FrictionMargin:
         load_n = self._gain * sense.load_n
         firm = (sense.grip_n > FIRM_N) & sense.known
         ratio = lanes.choose(firm, load_n / (2.0 * lanes.most(sense.grip_n, FIRM_N)), 0.0)
-        self._take(sense, ratio, load_n)
+        self._take(sense, ratio)
         self._hold(sense, ratio, firm)
         self._forget(sense)
         self._conclude(sense, load_n, firm)
@@ -78,21 +77,16 @@ class FrictionMargin:
         used = slides_n / lanes.most(sense.grip_n, FIRM_N)
         self.margin = lanes.choose(sure & firm, 1.0 - used, 0.0)
 
-    def _take(self, sense: GripSense, ratio: Number, load_n: Number) -> None:
-        """A sample of friction, where load and ratio stand still while a slip is likely."""
+    def _take(self, sense: GripSense, ratio: Number) -> None:
+        """A sample of friction, where the ratio stands still while a slip is all but certain."""
         lanes, likely = self._lanes, sense.known & (sense.p_risky > SURE_P)
-        _, load_still = self._still(lanes.choose(likely, load_n, 0.0), self._loads)
-        low, still = self._still(lanes.choose(likely, ratio, 0.0), self._ratios)
-        slides = load_still & still
-        self._slid = lanes.choose(slides, lanes.most(self._slid, low), self._slid)
-
-    def _still(self, value: Number, last: list[Number]) -> tuple[Number, Flag]:
-        """(the least of four values, whether they stand still); `value` joins the last three."""
-        lanes, (one, two, three) = self._lanes, last
-        low = lanes.least(lanes.least(value, one), lanes.least(two, three))
-        high = lanes.most(lanes.most(value, one), lanes.most(two, three))
-        last[:] = value, one, two
-        return low, high - low < STEADY * high
+        ratio = lanes.choose(likely, ratio, 0.0)
+        low = high = ratio
+        for one in self._last:
+            low, high = lanes.least(low, one), lanes.most(high, one)
+        still = high - low < STEADY * high
+        self._slid = lanes.choose(still, lanes.most(self._slid, low), self._slid)
+        self._last = [ratio, *self._last[:-1]]
 
     def _hold(self, sense: GripSense, ratio: Number, firm: Number) -> None:
         """The largest ratio that was held in quiet."""

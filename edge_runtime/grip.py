@@ -193,8 +193,8 @@ class AnswerRules:
     hand does. margin: what the friction margin needs is kept.
     """
 
-    from_p: float = 0.55
-    full_p: float = 1.0
+    from_p: float = 0.7
+    full_p: float = 0.85
     yield_p: float = 0.5
     yield_samples: int = 2
     moving_n_s: float = 4.0

@@ -16,7 +16,9 @@ SEED = 2000
 UNSEEN = ("p1", "p2", "quick", "slow")
 """Styles of no card that the model was trained on."""
 OURS = "holdfast"
+OUR_LEAD_N = CONTROLLERS[OURS].SETTING
 LAG_MS = 50.0
+"""Of the drive, unless a row says otherwise; as LoopRequest has it."""
 SETTINGS: dict[str, tuple[float, ...]] = {
     OURS: (4.0, 8.0, 14.0, 22.0, 32.0),
     "pd-shear": (0.5, 2.0, 6.0),
@@ -65,12 +67,17 @@ def sets(trials: int) -> dict[str, LoopSet]:
     }
 
 
+def usual_setting(controller: str) -> float | None:
+    """A controller's own setting, so that its row in a table is a point of its curve."""
+    return CONTROLLERS[controller].SETTING if controller in SETTINGS else None
+
+
 def rows(trials: int) -> list[Row]:
     """Everything that the study runs."""
     by_name = sets(trials)
     every = (*CONTROLLERS, VIBRATION, ORACLE)
     made = [
-        Row("table", name, which, one, LoopRequest(which, lag_ms=LAG_MS))
+        Row("table", name, which, one, LoopRequest(which, usual_setting(which)))
         for name, one in by_name.items()
         for which in (every if name in STYLES else SETTINGS)
     ]
@@ -88,13 +95,15 @@ def rows(trials: int) -> list[Row]:
             for setting in settings[-4::2]
         ]
         made += [
-            Row("delay", name, OURS, one, LoopRequest(OURS, delay_samples=delay))
+            Row("delay", name, OURS, one, LoopRequest(OURS, OUR_LEAD_N, delay_samples=delay))
             for delay in DELAYS
         ]
         made += [
-            Row("without", name, part, one, LoopRequest(OURS, rules=rules))
+            Row("without", name, part, one, LoopRequest(OURS, OUR_LEAD_N, rules=rules))
             for part, rules in WITHOUT.items()
         ]
         deaf = replace(Habits(), missed_share=1.0)
-        made.append(Row("without", name, "own command", one, LoopRequest(OURS, habits=deaf)))
+        made.append(
+            Row("without", name, "own command", one, LoopRequest(OURS, OUR_LEAD_N, habits=deaf))
+        )
     return made

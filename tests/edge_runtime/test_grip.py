@@ -150,7 +150,8 @@ def test_the_published_controllers_see_no_slip_in_an_unknown_state_or_a_loose_gr
 
 
 @pytest.mark.parametrize(
-    ("p_risky", "share"), [(0.0, 0.0), (0.55, 0.0), (0.64, 0.2), (0.775, 0.5), (1.0, 1.0)]
+    ("p_risky", "share"),
+    [(0.0, 0.0), (0.7, 0.0), (0.73, 0.2), (0.775, 0.5), (0.85, 1.0), (1.0, 1.0)],
 )
 def test_holdfast_leads_the_grip_by_the_evidence(p_risky: float, share: float) -> None:
     (wanted,) = answers_of(after_a_hold("holdfast", 8.0), {"p_risky": p_risky})
