@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     option = parser.add_argument
     option("--model", type=path_argument, default=MODEL, metavar="FILE", help=f"default {MODEL}")
-    option("--trials", type=int, default=70, metavar="N", help="trials of a set (default 70)")
+    option("--trials", type=int, default=55, metavar="N", help="trials of a set (default 55)")
     option("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
     out = "folder of loop.json (default build/loop)"
     option("--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out)
