@@ -249,7 +249,9 @@ def test_a_terminal_that_goes_away_ends_the_trial_as_sigterm_does(tmp_path):
     meta = meta_of(folder)
     assert meta["state"] == "interrupted"
     assert "why" not in meta, "no error ended it"
-    assert meta["quality"]["samples"] == len(read_trial(folder / "tactile.csv").t_s) >= 19
+    rows = (folder / "tactile.csv").read_bytes().count(b"\n") - 1  # below the header
+    assert meta["quality"]["samples"] == rows >= 19
+    assert len(read_trial(folder / "tactile.csv").t_s) >= rows  # lost samples are rows there, too
     assert [path.name for path in folder.parent.iterdir()] == ["trial_1"]
 
 
