@@ -34,7 +34,17 @@ from simulation.scene import Scene
 
 MODEL = Path("models/holdfast-150hz.onnx")
 SEED = 0
-CARD = """
+HELD = """\
+close_at_s = 1
+hold_s = 1.5
+grip_n = 4
+weak_share = 0
+tilt_deg = 0
+roll_deg = 0
+offset_mm = 0
+friction_factor = 1
+"""
+CARD = f"""
 [record]
 rate_hz = 150
 [objects.can]
@@ -47,30 +57,14 @@ kinetic_share = 1
 objects = ["can"]
 action = "pull"
 count = 3
-close_at_s = 1
-hold_s = 1.5
-grip_n = 4
-weak_share = 0
-tilt_deg = 0
-roll_deg = 0
-offset_mm = 0
-friction_factor = 1
-cap_n = 3
+{HELD}cap_n = 3
 arm_n_per_m = 600
 move_s = 0.5
 [[trials]]
 objects = ["can"]
 action = "pass"
 count = 3
-close_at_s = 1
-hold_s = 1.5
-grip_n = 4
-weak_share = 0
-tilt_deg = 0
-roll_deg = 0
-offset_mm = 0
-friction_factor = 1
-cap_n = 12
+{HELD}cap_n = 12
 arm_n_per_m = 600
 distance_m = 0.25
 move_s = 0.5

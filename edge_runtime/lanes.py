@@ -2,14 +2,13 @@
 
 What a grip controller computes is a few dozen operations on single numbers. On the hand they run on
 Python's own floats, which is several times faster than numpy on arrays of one element. A closed
-loop in simulation runs them on arrays of B hands. Only +, -, *, /, comparisons, square roots and
-the choices below are used. IEEE 754 defines each of them to the last bit, so both give the same
+loop in simulation runs them on arrays of B hands. Only +, -, *, /, comparisons and the choices
+below are used. IEEE 754 defines each of them to the last bit, so both give the same
 bits.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -37,10 +36,6 @@ class Lanes(Protocol):
 
     def within(self, low: Number, x: Number, high: Number) -> Number:
         """x, not below low and not above high."""
-        ...
-
-    def root(self, of: Number) -> Number:
-        """Square root of a number that is not negative."""
         ...
 
     def no(self, flag: Flag) -> Flag:
@@ -79,8 +74,6 @@ class OneLane:
         """x, not below low and not above high."""
         x = x if x > low else low
         return x if x < high else high
-
-    root = staticmethod(math.sqrt)
 
     @staticmethod
     def no(flag: Flag) -> Flag:
@@ -122,7 +115,6 @@ class ManyLanes:
         x = np.where(x > low, x, low)
         return np.where(x < high, x, high)
 
-    root = staticmethod(np.sqrt)
     no = staticmethod(np.logical_not)
 
     def zero(self) -> Number:

@@ -21,6 +21,7 @@ from simulation.closed_loop.controllers import managed, oracle, vibration
 from simulation.closed_loop.loop import LoopSettings, Make, batches, run_batch
 from simulation.closed_loop.outcome import LoopOutcome
 from simulation.closed_loop.people import Habits
+from simulation.closed_loop.recording import model_of
 from simulation.protocol import PlannedTrial
 from simulation.scene import Scene
 
@@ -49,12 +50,6 @@ class LoopRequest:
     delay_samples: int = 0
     rules: AnswerRules | None = None
     habits: Habits = field(default_factory=Habits)
-
-
-@lru_cache(maxsize=2)
-def opened(model: str) -> Model:
-    """A model file, opened once a process."""
-    return Model(model)
 
 
 @lru_cache(maxsize=16)
@@ -89,7 +84,7 @@ def run_part(
         Drive(lag_ms=request.lag_ms), request.habits, delay_samples=request.delay_samples
     )
     make = _maker(scene, request, onset_s)
-    return run_batch(scene, trials, batch, opened(model), make, settings)
+    return run_batch(scene, trials, batch, model_of(model), make, settings)
 
 
 def _maker(scene: Scene, request: LoopRequest, onset_s: Mapping[int, float]) -> Make:

@@ -52,12 +52,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_runnable(args: argparse.Namespace) -> None:
     """Raise what would stop a run, before it is announced."""
-    from evaluation.loop_runs import CHOICES, opened, require_runnable
+    from evaluation.loop_runs import CHOICES, require_runnable
+    from simulation.closed_loop.recording import model_of
 
     if args.json is not None:
         require_writable(args.json.parent)
     require_known(args.controller, CHOICES)
-    model = opened(str(args.model))
+    model = model_of(str(args.model))
     for card in args.cards:
         require_runnable(model, card)
 
@@ -90,11 +91,11 @@ def require_known(names: list[str], known: tuple[str, ...]) -> None:
 
 
 def _json(args: argparse.Namespace, sets: dict[str, dict[str, LoopFigures]]) -> dict[str, object]:
-    from evaluation.loop_runs import opened
+    from simulation.closed_loop.recording import model_of
 
     return {
         "kind": "simulated",
-        "model": opened(str(args.model)).card.model_id,
+        "model": model_of(str(args.model)).card.model_id,
         "lag_ms": args.lag_ms,
         "seed": args.seed,
         "trials": args.trials,

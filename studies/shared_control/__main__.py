@@ -12,8 +12,9 @@ from edge_runtime.command import path_argument, run_script
 from edge_runtime.errors import UsageError
 from edge_runtime.reading import Json
 from edge_runtime.writing import require_writable, write_whole
-from evaluation.loop_runs import LoopRuns, opened
+from evaluation.loop_runs import LoopRuns
 from evaluation.provenance import host
+from simulation.closed_loop.recording import model_of
 from studies.shared_control.page import PAGE, fill_page
 from studies.shared_control.picture import picture
 from studies.shared_control.plan import Row, rows
@@ -46,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         runs.run([(row.one, row.request) for row in wanted])
     figures = {
         "kind": "simulated",
-        "model": opened(str(args.model)).card.model_id,
+        "model": model_of(str(args.model)).card.model_id,
         "trials": args.trials,
         "host": asdict(host()),
         "rows": [_row(row, runs) for row in wanted],

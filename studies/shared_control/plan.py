@@ -28,7 +28,7 @@ SETTINGS: dict[str, tuple[float, ...]] = {
 """The curve of each controller: its one setting."""
 CURVE_SETS = ("p1", "quick")
 """The unseen styles of the curves: what becomes of their objects is counted together."""
-STYLES = ("author", "p1", "p2", "quick", "slow")
+STYLES = ("author", *UNSEEN)
 LAGS_MS = (20.0, 100.0)
 DELAYS = (1, 3, 8)
 """Samples by which targets act later: 7, 20 and 53 ms at 150 Hz."""

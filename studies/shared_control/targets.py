@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from studies.shared_control.plan import OURS, UNSEEN
+from studies.shared_control.plan import OURS, STYLES, UNSEEN
 
 Row = dict[str, Any]
 AUTHOR = ("author",)
-STYLES = (*AUTHOR, *UNSEEN)
 
 
 @dataclass(frozen=True)
