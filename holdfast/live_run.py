@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from holdfast.live_grip import GripOutput
     from holdfast.view import View
 
-PACE_READS = 3
+PACE_READS = 30
+"""So many scans may be too slow before a hand is: the first ones are, and so is a busy machine."""
 UNLOADED = "no --bias: the first samples must be of the unloaded hand; this is not checked"
 STDOUT, STDERR = "stdout", "stderr"
 READER_GONE = (errno.EPIPE, errno.EIO, errno.EBADF)
@@ -169,20 +170,25 @@ def answer(
 
 
 def require_pace(source: Source, model: Model, clock: Any) -> None:
-    """Raise RateError where a hand cannot be read at the model's rate."""
+    """Read until one scan is as fast as the model's rate.
+
+    Raises RateError where none of PACE_READS scans is.
+    """
     if source.rate_hz is not None:
         return
-    rate_hz, times = model.card.rate_hz, []
+    rate_hz, fastest_s = model.card.rate_hz, float("inf")
     for _ in range(PACE_READS):
         before_ns = clock.now_ns()
         source.read()
-        times.append(1e-9 * (clock.now_ns() - before_ns))
-    if min(times) * rate_hz > 1.0:
-        raise RateError(
-            f"a scan takes {1e3 * min(times):.1f} ms, the model needs {rate_hz:g} a second",
-            cause="a bridge too slow for this model",
-            next_step="holdfast scan shows the rate that it serves",
-        )
+        fastest_s = min(fastest_s, 1e-9 * (clock.now_ns() - before_ns))
+        if fastest_s * rate_hz <= 1.0:
+            return
+    raise RateError(
+        f"the fastest of {PACE_READS} scans takes {1e3 * fastest_s:.1f} ms, "
+        f"the model needs {rate_hz:g} a second",
+        cause="a bridge too slow for this model",
+        next_step="holdfast scan shows the rate that it serves",
+    )
 
 
 def _view(model: Model) -> AbstractContextManager[View]:
