@@ -7,6 +7,7 @@ Recording, simulation, training and evaluation share this module::
     <object>/<action>/trial_<n>/        of the recorder: tactile.csv, events.jsonl, meta.json and
                                         tactile.truth.json
 
+Folders of people may stand above the objects: `<person>/<object>/<action>/`.
 It imports no numpy, so that the command line can list actions at once.
 """
 

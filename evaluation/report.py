@@ -18,6 +18,7 @@ from evaluation.report_methods import actions_section, camera_section, methods_s
 from evaluation.report_parts import heading, kind_of
 from evaluation.report_states import closing_section, outcomes_section, states_section
 from evaluation.style import SITUATION_COLOURS
+from training.hold_out import PLURAL
 
 CLOSE = """<style>table.close th{white-space:normal} table.close .note{font-size:.7rem}
 table.close td{vertical-align:top}
@@ -58,8 +59,14 @@ def _answer(of: Evaluation) -> str:
 <p class=note>Model {of.model.model_id} at {of.model.rate_hz:g} Hz, trained on {trained_on};
 {len(of.sets)} sets, {row.minutes:.0f} minutes, every sample answered by the file itself from a
 fresh state. {html.escape(SIMULATED) if "simulated" in kind else ""} Intervals are 95 %, over
-trials (bootstrap) or exact (shares of actions).</p>
+{_resampled(of)} (bootstrap) or exact (shares of actions).</p>
 {_warnings(of)}"""
+
+
+def _resampled(of: Evaluation) -> str:
+    """What the intervals resample, such as people, or people and trials of several sets."""
+    kinds = sorted({one.card.group_kind for one in of.sets.values()})
+    return " and ".join(PLURAL[kind] for kind in kinds)
 
 
 def _boxes(row: MethodFigures, kind: str) -> str:

@@ -45,6 +45,7 @@ class SetCard:
     unit: str
     recordings: int
     groups: int
+    group_kind: str
     minutes: float
     events: int
     samples: dict[str, int] | None
@@ -206,6 +207,7 @@ def _card(root: Path, data: DataSet, windows: WindowFigures) -> SetCard:
         unit=data.unit,
         recordings=len(data.recordings),
         groups=len(data.groups()),
+        group_kind=data.group_kind,
         minutes=sum(len(one.samples) / one.rate_hz for one in data.recordings) / 60.0,
         events=sum(len(one.events) for one in data.recordings),
         samples=data.notes.get("samples"),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from evaluation.methods import MethodFigures
     from evaluation.request import EvaluationRequest
     from evaluation.window_scores import WindowFigures
-    from training.figures import Interval
+    from training.figures import HeadFigures, Interval
     from training.progress import Stages
 
 
@@ -155,19 +155,20 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
 def _windows_in_words(figures: WindowFigures) -> list[str]:
     heads = figures.heads
     situations, head = heads.situations, heads.predict_250ms
-    macro = _with_interval(situations.macro_f1, situations.macro_f1_ci)
+    kind = heads.group_kind
+    macro = _with_interval(situations.macro_f1, situations.macro_f1_ci, kind)
     lines = [
-        f"{figures.data} ({figures.kind}): {heads.n_trials} trials, {heads.n_groups} groups",
+        f"{figures.data} ({figures.kind}): {_trials_in_words(heads)}",
         f"macro F1 over four situations  {macro}",
     ]
     lines += [
-        f"  F1 {name:<12} {_with_interval(value, situations.f1_ci[name])}"
+        f"  F1 {name:<12} {_with_interval(value, situations.f1_ci[name], kind)}"
         for name, value in situations.f1.items()
     ]
     if head is not None:
-        precision = _with_interval(head.average_precision, head.average_precision_ci)
+        precision = _with_interval(head.average_precision, head.average_precision_ci, kind)
         lines += [
-            f"0.25 s prediction: AUC          {_with_interval(head.auc, head.auc_ci)}",
+            f"0.25 s prediction: AUC          {_with_interval(head.auc, head.auc_ci, kind)}",
             f"  average precision {precision}",
         ]
     return [*lines, *_warnings(figures), figures.caveat]
@@ -190,10 +191,21 @@ def _warnings(figures: WindowFigures) -> list[str]:
     return warnings
 
 
-def _with_interval(value: float | None, interval: Interval | None) -> str:
+def _trials_in_words(of: HeadFigures) -> str:
+    from training.hold_out import in_words
+
+    trials = in_words(of.n_trials, "trial")
+    return (
+        trials if of.group_kind == "trial" else f"{trials}, {in_words(of.n_groups, of.group_kind)}"
+    )
+
+
+def _with_interval(value: float | None, interval: Interval | None, kind: str) -> str:
+    from training.hold_out import PLURAL
+
     if value is None:
         return "not defined (the class is absent)"
     if not interval:
         return f"{value:.3f}"
     low, high = interval
-    return f"{value:.3f}  (95 % interval over groups {low:.3f} to {high:.3f})"
+    return f"{value:.3f}  (95 % interval over {PLURAL[kind]} {low:.3f} to {high:.3f})"

@@ -45,12 +45,16 @@ class PredictionFigures:
 
 @dataclass(frozen=True)
 class HeadFigures:
-    """Figures of a model's heads on a set. predict_250ms: None without that head."""
+    """Figures of a model's heads on a set. predict_250ms: None without that head.
+
+    group_kind: what is held out together, and what intervals resample: person, object, trial, ..
+    """
 
     n_trials: int
     n_groups: int
     situations: SituationFigures
     predict_250ms: PredictionFigures | None
+    group_kind: str = "trial"
 
     def to_json(self) -> Json:
         """As a model card and the reports of studies have it; an absent head has no key."""

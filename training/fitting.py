@@ -145,6 +145,7 @@ def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) 
         "data_sha256": hashlib.sha256("".join(sorted(prints)).encode()).hexdigest(),
         "recordings": prints,
         "groups": len(data.groups()),
+        "group_kind": data.group_kind,
         "windows": {
             task: dict(
                 zip(

@@ -51,7 +51,8 @@ def report(
     if risky_score is not None:
         truth, groups = data.tasks["predict_250ms"].label, data.group_of("predict_250ms")
         prediction = prediction_scores(truth, risky_score, groups, n_draws=n_draws, seed=seed)
-    return HeadFigures(len(data.recordings), len(data.groups()), situations, prediction)
+    n_groups, kind = len(data.groups()), data.group_kind
+    return HeadFigures(len(data.recordings), n_groups, situations, prediction, kind)
 
 
 def situation_scores(

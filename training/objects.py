@@ -1,19 +1,22 @@
 """The objects of the thesis, and what makes one light or heavy.
 
 An object without a known mass has no weight class, and a guess would put wrong labels on all its
-windows. The mass comes from MASSES_G or from `meta.json` beside the recordings.
+windows. The mass comes from `meta.json` beside the recordings, else from "masses_g" of the set's
+meta.json, else from MASSES_G.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from edge_runtime.contract import LIGHT_BELOW_G
 from edge_runtime.errors import LabelError
 from edge_runtime.reading import Json, json_of, text_of
-from edge_runtime.trial_layout import MASSES_G
+from edge_runtime.trial_layout import MASSES_G, META
 
+MASSES_KEY, TABLE = "masses_g", "table"
 ALIASES = {"colabottle": "full-bottle"}
 
 
@@ -34,31 +37,57 @@ def is_heavy(mass_g: float) -> bool:
     return mass_g >= LIGHT_BELOW_G
 
 
-def mass_g(folder: Path) -> float:
-    """Mass of the object a folder is named after, g: from its `meta.json`, else from the table.
+@dataclass(frozen=True)
+class Mass:
+    """Mass of an object, and the file that gives it ("table" for MASSES_G)."""
 
-    Raises LabelError where neither knows it, or where the mass is no positive number.
+    mass_g: float
+    source: str
+
+    @property
+    def heavy(self) -> bool:
+        """150 g and more."""
+        return is_heavy(self.mass_g)
+
+
+def mass_g(folder: Path) -> float:
+    """Mass of the object a folder is named after, g. Raises LabelError."""
+    return mass_of(folder).mass_g
+
+
+def mass_of(folder: Path, masses_g: Json | None = None) -> Mass:
+    """Mass of the object a folder is named after: its `meta.json`, the set's, or the table.
+
+    masses_g: "masses_g" of the set's meta.json. Raises LabelError where none knows the mass, or
+    where it is no positive number.
     """
-    name = object_name(folder.name)
-    mass = read_json(folder / "meta.json").get("mass_g")
-    if mass is None and name in MASSES_G:
-        return MASSES_G[name]
-    if mass is None:
+    of_set = {object_name(name): mass for name, mass in (masses_g or {}).items()}
+    name, beside = object_name(folder.name), folder / META
+    places = (
+        (read_json(beside).get("mass_g"), str(beside)),
+        (of_set.get(name), MASSES_KEY),
+        (MASSES_G.get(name), TABLE),
+    )
+    known = next(((mass, source) for mass, source in places if mass is not None), None)
+    if known is None:
         raise LabelError(
             f"no mass given for object {folder.name!r}",
             where=folder,
             cause="an object whose mass Holdfast does not know",
-            next_step=f'weigh it and add "mass_g" to {folder / "meta.json"}: {{"mass_g": 120.0}}',
+            next_step=f'weigh it and add "mass_g" to {beside}: {{"mass_g": 120.0}}',
         )
+    mass, source = known
     if (
         isinstance(mass, bool)
         or not isinstance(mass, int | float)
         or not 0.0 < mass <= sys.float_info.max
     ):
         raise LabelError(
-            f"mass_g is {mass!r}", where=folder / "meta.json", next_step="write the mass in gram"
+            f"the mass of {folder.name!r} is {mass!r}",
+            where=source,
+            next_step="write the mass in gram",
         )
-    return float(mass)
+    return Mass(float(mass), source)
 
 
 def read_json(path: Path) -> Json:

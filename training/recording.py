@@ -19,11 +19,11 @@ from training.timeline import Phase, RiskyEvent
 class Recording:
     """One trial, as it was recorded, unit and rate known.
 
-    trial_id: unique in its set. group: the person (or block) that must not be split.
+    trial_id: unique in its set. group: the person (or block, object, trial) that must not be split.
     samples: [T, C] float64, *prepared* (bias removed, magnets turned the right way round).
     valid: [T, C/3]. rate_hz: from the time stamps where there are any.
     object_name, action: None where the set has no such notion. phases: what happens when, in rows;
-    those in no phase have no label. events: grips that fail.
+    those in no phase have no label. events: grips that fail. person: None where none is named.
     """
 
     trial_id: str
@@ -36,6 +36,7 @@ class Recording:
     action: str | None = None
     phases: tuple[Phase, ...] = ()
     events: tuple[RiskyEvent, ...] = ()
+    person: str | None = None
 
     @property
     def n_sensors(self) -> int:
@@ -78,6 +79,7 @@ class DataSet:
     redistributable: False for sets without a licence; what is made from them stays in build/.
     caveat: the sentence that must stand beside every number from this set.
     lacks: situations the set does not have by its nature; any other absent class is an error.
+    group_kind: what a group is: person, object, trial or block.
     """
 
     name: str
@@ -91,6 +93,7 @@ class DataSet:
     caveat: str
     notes: Json = field(default_factory=dict)
     lacks: tuple[str, ...] = ()
+    group_kind: str = "trial"
 
     @property
     def n_sensors(self) -> int:

@@ -4,8 +4,9 @@ A `hold` (disturbed, but kept) and a `daily` (many grasps in a row) follow no sc
 their truth.
 
 The script (s): nothing, grasp, hold until 7, the action from 7. A put-down, and the hand-over of
-the full bottle, act in [7, 10) and release from 10. Then nothing. The script does not contain
-contact: the normal forces give when the hand closes, and when it is empty again.
+the full bottle, act in [7, 10) and release from 10. Then nothing. Where "action_at_s" gives another
+start of the action, the times after it move along. The script does not contain contact: the normal
+forces give when the hand closes, and when it is empty again.
 """
 
 from __future__ import annotations
@@ -27,16 +28,21 @@ from edge_runtime.contract import (
     FloatArray,
 )
 from edge_runtime.errors import LabelError
-from edge_runtime.trial_file import Trial
+from edge_runtime.reading import Json
+from edge_runtime.trial_file import LONGEST_S, Trial
 from edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
 from training.objects import read_json
 
 UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth beside a trial."""
 ACTION_S = 7.0
-HOLD_AGAIN_S = 9.0
-"""A put-down holds again in its last second before the release; the script gives no time."""
-RELEASE_S = 10.0
+HOLD_AGAIN_S = 2.0
+"""After the action's start; a put-down holds again in its last second before the release; the
+script gives no time."""
+RELEASE_S = 3.0
+"""After the action's start."""
+ACTION_KEY = "action_at_s"
+"""In meta.json of the set or in a trial's truth: when the action starts."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,13 @@ def whole(n_rows: int, situation: int) -> tuple[Phase, ...]:
     return (Phase(0, n_rows, situation),)
 
 
-def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -> tuple[Phase, ...]:
+def scripted(
+    trial: Trial,
+    samples: FloatArray,
+    action: str,
+    object_name: str,
+    action_at_s: float = ACTION_S,
+) -> tuple[Phase, ...]:
     """Phases of a trial that followed the script; samples [T, C] are the trial's, prepared.
 
     Raises LabelError where the hand is not closed when the action should begin, or where there is
@@ -77,20 +89,40 @@ def scripted(trial: Trial, samples: FloatArray, action: str, object_name: str) -
         )
     t_s = trial.t_s
     onset, empty = contact(t_s, samples)
-    acts = int(np.searchsorted(t_s, ACTION_S))
+    acts = int(np.searchsorted(t_s, action_at_s))
     if not onset < acts < empty:
-        raise LabelError(
-            f"the layout expects the action to start at {ACTION_S:g} s, but contact lasted from "
-            f"{t_s[onset]:.2f} to {t_s[empty - 1]:.2f} s",
-            where=trial.path,
-            cause="a trial that did not follow the script",
-            next_step=f"give its phases in {truth_path(trial.path).name}, or remove it",
-        )
+        raise _off_the_script(trial, action_at_s, onset, empty)
     marks = [(0, NOTHING), (onset, GRASP), (acts, situation_of(action))]
     if action == "put-down" or (action, object_name) == ("pass", "full-bottle"):
-        again, release = np.searchsorted(t_s, [HOLD_AGAIN_S, RELEASE_S])
+        again, release = np.searchsorted(t_s, [action_at_s + HOLD_AGAIN_S, action_at_s + RELEASE_S])
         marks += [(int(again), GRASP), (int(release), situation_of(action))]
     return _phases([mark for mark in marks if mark[0] < empty] + [(empty, NOTHING)], len(t_s))
+
+
+def _off_the_script(trial: Trial, action_at_s: float, onset: int, empty: int) -> LabelError:
+    truth = truth_path(trial.path).name
+    return LabelError(
+        f"the layout expects the action to start at {action_at_s:g} s, but contact lasted from "
+        f"{trial.t_s[onset]:.2f} to {trial.t_s[empty - 1]:.2f} s",
+        where=trial.path,
+        cause="a trial that did not follow the script",
+        next_step=f'write {{"{ACTION_KEY}": ..}} or its phases to {truth}, or remove it',
+    )
+
+
+def action_start_s(about: Json, where: Path) -> float | None:
+    """When the action starts, s, as a meta.json or a truth says; None where it does not.
+
+    Raises LabelError.
+    """
+    at_s = about.get(ACTION_KEY)
+    if at_s is None:
+        return None
+    if isinstance(at_s, bool) or not isinstance(at_s, int | float) or not 0.0 < at_s < LONGEST_S:
+        raise LabelError(
+            f"{ACTION_KEY} is {at_s!r}", where=where, next_step="write seconds from the first row"
+        )
+    return float(at_s)
 
 
 def situation_of(action: str) -> int:
@@ -115,6 +147,30 @@ def _phases(marks: list[tuple[int, int]], n_rows: int) -> tuple[Phase, ...]:
     pairs = zip(marks, stops, strict=True)
     return tuple(
         Phase(first, stop, situation) for (first, situation), stop in pairs if first < stop
+    )
+
+
+def has_phases(path: Path) -> bool:
+    """Whether a truth gives phases: one that is there, unless it only says when the action starts.
+
+    A truth with neither is one with its phases missing.
+    """
+    return path.exists() and ("phases" in (truth := read_json(path)) or ACTION_KEY not in truth)
+
+
+def labels_by(path: Path, action_at_s: float) -> str:
+    """What the labels of a trial come from: provenances of its truth, or the script.
+
+    path: of the truth. action_at_s: of the set.
+    """
+    truth = read_json(path)
+    if has_phases(path):
+        entries = [one for one in truth.get("phases", []) if isinstance(one, dict)]
+        names = {str(one["provenance"]) for one in entries if one.get("provenance")}
+        return ", ".join(sorted(names)) or "truth file"
+    of_trial = action_start_s(truth, path)
+    return f"script, action at {of_trial or action_at_s:g} s" + (
+        " (truth file)" if of_trial else ""
     )
 
 

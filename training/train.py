@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
 """As training/windows.py and training/plan.py have them; here so that --help need not import
 them."""
+HELD_OUT_BY = ("person", "object", "trial")
 DEFAULT_OUT = Path("build/default")
 FIXTURE = "fixture"
 MOST_STAGES = 9
@@ -60,6 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
     parser.add_argument(
+        "--hold-out",
+        choices=HELD_OUT_BY,
+        metavar="WHAT",
+        help="what is held out together: person (default with two or more), object, or trial",
+    )
+    parser.add_argument(
         "--windows",
         choices=WINDOWS,
         default="balanced",
@@ -86,9 +93,10 @@ def run(args: argparse.Namespace) -> int:
         say("loading the libraries")
         data, figures = _trained(args, folders, say)
     head = figures.predict_250ms
-    print(f"held out, grouped: macro F1 over four situations {figures.situations.macro_f1:.3f}")
+    held_out = f"held out by {data.group_kind}"
+    print(f"{held_out}: macro F1 over four situations {figures.situations.macro_f1:.3f}")
     if head is not None:
-        print(f"held out, grouped: 0.25 s prediction AUC {head.auc:.3f}")
+        print(f"{held_out}: 0.25 s prediction AUC {head.auc:.3f}")
     show(data.caveat)
     show(f"artifact: {args.out}; next: holdfast export {args.out}")
     return 0
@@ -136,6 +144,7 @@ def _read_set(folder: str, args: argparse.Namespace, say: Stages) -> DataSet:
             groups=args.groups,
             seed=args.seed,
             windows=args.windows,
+            hold_out=args.hold_out,
             part=say.part,
         )
     except ChannelsNotOffered as error:

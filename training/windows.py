@@ -36,6 +36,7 @@ from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from edge_runtime.errors import ClassMissing
 from export.spec import HISTORY_S, WINDOW_S, window_samples
 from training.critical_points import CriticalPoint, offline_critical_points
+from training.objects import Mass
 from training.recording import LabelledRows, Recording
 from training.say import Part, ignored
 from training.timeline import Phase
@@ -59,13 +60,16 @@ STRATA = ["object", "action", "source"]
 class TimedTrial:
     """A recording, what happens in it, and whether its object is heavy (None: there is no object).
 
-    timed: the phases are known to the moment and not from a script.
+    timed: the phases are known to the moment and not from a script. mass: of the object, None where
+    it is not known here. labels_by: what gives the phases.
     """
 
     recording: Recording
     phases: tuple[Phase, ...]
     heavy: bool | None
     timed: bool = False
+    mass: Mass | None = None
+    labels_by: str = ""
 
 
 @dataclass(frozen=True)

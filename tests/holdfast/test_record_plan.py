@@ -35,7 +35,7 @@ from holdfast.recorder.folder import opened
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.recording import record
 from simulation import protocol as simulated
-from training.datasets import load, thesis
+from training.datasets import load, places
 
 NAMES = ["Anna Müller", "a@b.org", "", "p_01", "../p01", "nothing", "discarded", "p-", "x" * 25]
 
@@ -191,7 +191,7 @@ def test_a_run_goes_on_where_the_last_one_stopped(tmp_path):
 
 def test_actions_are_those_of_scenes_and_of_training():
     assert set(ACTIONS) == set(simulated.ACTIONS)
-    assert set(ACTIONS) - {"nothing"} <= set(thesis.FOLDERS)
+    assert set(ACTIONS) - {"nothing"} <= set(places.FOLDERS)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.errors import DataNotFound, TooFewGroups, UsageError
+from training.hold_out import HoldOut, regrouped
 from training.recording import DataSet
 from training.say import Part, ignored
 from training.windows import Choice
@@ -32,6 +33,7 @@ def load(
     groups: int | None = None,
     seed: int = 0,
     windows: Choice = "balanced",
+    hold_out: HoldOut | None = None,
     part: Part = ignored,
 ) -> DataSet:
     """A data set by its name (a folder in HOLDFAST_DATA) or by its path.
@@ -39,13 +41,15 @@ def load(
     channels: one of the channel counts a set offers, None for its usual 18. groups: keep so many
     people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows:
     in the thesis' layout equal class counts, or every window there is (to score on), or dense
-    (training/windows.py).
+    (training/windows.py). hold_out: what a group is; None for people where there are two.
 
     Raises DataNotFound, ChannelsNotOffered, TooFewGroups, UsageError, or what the reader says about
     its files.
     """
     root = find(name_or_path)
     data = _read(root, channels, seed, windows, part)
+    if hold_out is not None:
+        data = regrouped(data, hold_out)
     return data if groups is None else keep_groups(data, groups, seed=seed)
 
 

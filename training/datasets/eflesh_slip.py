@@ -71,6 +71,7 @@ def load(root: Path, *, channels: int = 18) -> DataSet:
         kind="real, recorded by others: a gripper, tugged or not",
         redistributable=True,
         caveat=CAVEAT,
+        group_kind="block",
         lacks=("nothing", "safe_slip"),
         notes={"doubtful_trials": ["trial_086: labelled as held, but shows a large event"]},
     )

@@ -93,6 +93,7 @@ def load(root: Path, *, channels: int = 18, in_hand: bool = False) -> DataSet:
         kind="real, recorded by others: people pinch-holding one object",
         redistributable=False,
         caveat=CAVEAT,
+        group_kind="person",
         notes={"unusable_trials": len(moves) - len(usable)},
     )
 
@@ -208,6 +209,7 @@ def _trial(
         unit="N",
         object_name="book",
         action=move.stage,
+        person=move.subject,
     )
     force_n = labels.contact_force_n(prepared)
     rotation_deg = labels.rotation_from_start_deg(angle_deg[move.rows], move.start)

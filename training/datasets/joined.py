@@ -40,6 +40,7 @@ def join(sets: Sequence[DataSet]) -> DataSet:
         redistributable=all(data.redistributable for data in sets),
         caveat=" ".join(dict.fromkeys(data.caveat for data in sets)),
         notes={"sets": {data.name: data.notes for data in sets}},
+        group_kind=" and by ".join(dict.fromkeys(data.group_kind for data in sets)),
         lacks=tuple(name for name in first.lacks if all(name in data.lacks for data in sets)),
     )
 

@@ -12,13 +12,13 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from edge_runtime.errors import DataNotFound, LabelError, UnitError
 from edge_runtime.reading import Json
 from edge_runtime.trial_file import Trial
 from edge_runtime.trial_layout import META, TACTILE, truth_path
 from training.datasets import thesis
+from training.datasets.places import EMPTY_HAND, TrialPlace
 from training.objects import object_name, read_json
 from training.recording import DataSet, Recording
 from training.say import Part, ignored, span
@@ -26,7 +26,6 @@ from training.timeline import Phase, RiskyEvent, read_events, read_truth
 from training.windows import Choice, TimedTrial
 
 KEPT = "kept"
-EMPTY_HAND = "nothing"
 EXACT = ("scene", "camera")
 CAVEAT = (
     "Phases come from keys, a camera, a scene or a rule, as tactile.truth.json says of each: a "
@@ -63,16 +62,16 @@ def load(
         raise UnitError(
             f"trials in {' and in '.join(units)}", where=root, next_step="keep them in two folders"
         )
-    people = {str(meta.get("person")) for _, meta in kept}
     trials = []
     for number, (path, meta) in enumerate(kept, 1):
-        trials.append(_timed(path, meta, root, units[0], len(people) > 1))
+        trials.append(_timed(path, meta, root))
         part(thesis.READING * number / len(kept))
     kinds = sorted({_kind(meta) for _, meta in kept})
     about = {"unit": units[0], "kind": " and ".join(kinds), "name": root.resolve().name}
     rest = span(part, thesis.READING, 1.0)
     data = thesis.assembled(about, trials, channels=channels, seed=seed, windows=windows, part=rest)
     states = dict(Counter(str(meta.get("state")) for _, meta in found))
+    people = {one.person for one in data.recordings}
     caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
     notes = {**data.notes, "layout": "recorded", "states": states, "people": len(people)}
     return replace(data, caveat=caveat, notes=notes)
@@ -92,18 +91,21 @@ def _kind(meta: Json) -> str:
     return "simulated" if source.startswith(("virtual://", "sim://")) else "recorded"
 
 
-def _timed(path: Path, meta: Json, root: Path, unit: Any, people: bool) -> TimedTrial:
+def _timed(path: Path, meta: Json, root: Path) -> TimedTrial:
     thing, action = str(meta.get("object")), str(meta.get("action"))
     empty = action == EMPTY_HAND
-    place = thesis.TrialPlace(
-        path, None if empty else path.parent.parent.parent, None if empty else action
+    place = TrialPlace(
+        path,
+        None if empty else path.parent.parent.parent,
+        None if empty else action,
+        str(meta.get("person")),
     )
-    timed = thesis.timed(place, root, unit, phased)
+    timed = thesis.timed(place, root, {"unit": meta.get("unit")}, phased)
     trial_id = path.parent.relative_to(root).as_posix() if path.parent != root else path.parent.name
     recording = replace(
         timed.recording,
         trial_id=trial_id,
-        group=str(meta.get("person")) if people else trial_id,
+        group=trial_id,
         object_name=None if empty else object_name(thing),
     )
     provenances = {

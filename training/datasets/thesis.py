@@ -1,41 +1,53 @@
-"""Reader of the thesis' layout: `<root>/<object>/<action>/trial_<n>.csv`.
+"""Reader of the thesis' layout: `<root>/[<person>/]<object>/<action>/trial_<n>.csv`.
 
-Beside the objects there may be the hand alone, `nothing/trial_<n>.csv` or `nothing.csv`; in the
-root a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable"}; in an object's
-folder a `meta.json` {"mass_g"}; beside a trial its truth, `trial_<n>.truth.json`, which replaces
-the script and which the actions `hold` and `daily` need. The preparation is the thesis': magnets
+In the root there may be a `meta.json` {"unit", "kind", "name", "recordings by", "redistributable",
+"action_at_s", "masses_g"}; in an object's folder a `meta.json` {"mass_g"}; beside a trial its
+truth, `trial_<n>.truth.json`, with the phases that replace the script (the actions `hold` and
+`daily` need them) or with "action_at_s" alone. The preparation is the thesis': magnets
 turned the right way round, the mean of five rows subtracted, time from zero. Its moving average is
 left out, because it removes the vibrations that the band-pass bank detects.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
-from edge_runtime.errors import ChannelError, DataNotFound, LabelError, RateError, UnitError
+from edge_runtime.errors import (
+    ChannelError,
+    DataError,
+    DataNotFound,
+    LabelError,
+    RateError,
+    UnitError,
+)
 from edge_runtime.preparation import Preparation
 from edge_runtime.reading import Json
 from edge_runtime.trial_file import Trial, read_trial
-from edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
+from edge_runtime.trial_layout import META, truth_path
 from export.bank import bands_for
 from training.datasets.channels import ChannelsNotOffered
+from training.datasets.places import EMPTY_HAND, Fault, TrialPlace, places, refuse
+from training.datasets.places import recognises as recognises
 from training.datasets.rows import finite_sensors
-from training.objects import is_heavy, mass_g, object_name, plain_word, read_json
+from training.hold_out import grouped
+from training.objects import MASSES_KEY, mass_of, object_name, read_json
 from training.recording import DataSet, Recording
 from training.say import Part, ignored, span
 from training.timeline import (
-    UNSCRIPTED,
+    ACTION_KEY,
+    ACTION_S,
     Phase,
     RiskyEvent,
+    action_start_s,
     events_of,
+    has_phases,
+    labels_by,
     read_events,
     read_truth,
     scripted,
@@ -53,37 +65,14 @@ from training.windows import (
     sample_counts,
 )
 
-EMPTY_HAND = "nothing"
-FOLDERS = (*SITUATION_OF_ACTION, *UNSCRIPTED)
-TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 Phased = Callable[[Trial, Recording], tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]]
 CAVEAT = (
     "Light and heavy differ only by object: windows without contact keep the light/heavy label of "
     "their trial although no signal carries it. Where a trial has no truth file its labels follow "
-    "the script (action from 7 s), not a measurement."
+    "the script (action from {at_s:g} s), not a measurement."
 )
-
-
-@dataclass(frozen=True)
-class TrialPlace:
-    """Where a trial is; `object_folder` and `action` are None for the hand alone."""
-
-    path: Path
-    object_folder: Path | None = None
-    action: str | None = None
-
-
 READING = 0.5
 """Of the time of `load`; the rest is for finding the windows."""
-
-
-def recognises(root: Path) -> bool:
-    """Whether a folder holds an `<object>/<action>/trial_<n>.csv` with an action of the thesis."""
-    return any(
-        _action(path.parent)
-        for path in root.glob("*/*/trial_*.csv")
-        if TRIAL_NAME.fullmatch(path.name)
-    )
 
 
 def preparation(unit: Unit) -> Preparation:
@@ -105,25 +94,42 @@ def load(
 
     channels: refuse the set if it has another number; None takes it as it is.
     windows: balanced (drawn by the seed; every class must be there), natural (every one), or dense.
-    Every trial is a group of its own. `notes` has the counts of samples, of all windows and of
-    those kept, and the latter as a table. rate_hz is the median over the trials to three digits, so
-    that a clock that is a microsecond off does not cost the window a sample. Raises a DataError,
-    such as RateError for a trial more than 10 % off the others, which names the place.
+    People are the groups; without at least two, every trial is one. `notes` has the counts of
+    samples, of all windows and of those kept, and the latter as a table. rate_hz is the median over
+    the trials to three digits, so that a clock that is a microsecond off does not cost the window a
+    sample. Raises a DataError, such as RateError for a trial more than 10 % off the others, which
+    names the place.
     """
-    meta = _meta(root)
-    places, trials = list(_places(root)), []
-    for number, place in enumerate(places, 1):
-        trials.append(timed(place, root, meta["unit"]))
-        part(READING * number / len(places))
-    if not trials:
-        raise DataNotFound(
-            "no trials",
-            where=root,
-            next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
-        )
-    about = {"name": root.resolve().name, **meta}
+    meta = meta_of(root)
+    trials = read_trials(root, meta, part=span(part, 0.0, READING))
     rest = span(part, READING, 1.0)
-    return assembled(about, trials, channels=channels, seed=seed, windows=windows, part=rest)
+    return assembled(meta, trials, channels=channels, seed=seed, windows=windows, part=rest)
+
+
+def read_trials(
+    root: Path, meta: Json, fault: Fault = refuse, part: Part = ignored
+) -> list[TimedTrial]:
+    """All trials of a folder, prepared and labelled, each a group of its own.
+
+    fault: receives the DataError of each trial that cannot be used, which is then left out. Raises
+    DataNotFound without any trial.
+    """
+    found, trials = list(places(root, fault)), []
+    for number, place in enumerate(found, 1):
+        try:
+            trials.append(timed(place, root, meta))
+        except DataError as error:
+            fault(error)
+        part(number / len(found))
+    if not found:
+        fault(
+            DataNotFound(
+                "no trials",
+                where=root,
+                next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
+            )
+        )
+    return trials
 
 
 def assembled(
@@ -146,16 +152,18 @@ def assembled(
         "natural": lambda: natural,
         "dense": lambda: dense_windows(trials),
     }[windows]()
+    recordings, group_kind = grouped([trial.recording for trial in trials])
     return DataSet(
         name=str(meta["name"]),
-        recordings=[trial.recording for trial in trials],
+        recordings=recordings,
         tasks={"classes": labelled_rows(chosen)},
         rate_hz=rate_hz,
         unit=meta["unit"],
         preparation=preparation(meta["unit"]),
         kind=str(meta["kind"]),
         redistributable=meta.get("redistributable") is True,
-        caveat=CAVEAT,
+        caveat=CAVEAT.format(at_s=meta.get(ACTION_KEY, ACTION_S)),
+        group_kind=group_kind,
         notes={
             "layout": "thesis",
             "recordings_by": str(meta.get("recordings by", "not stated")),
@@ -169,55 +177,26 @@ def assembled(
     )
 
 
-def _meta(root: Path) -> Json:
-    meta = {"unit": "N", "kind": "recorded"} | read_json(root / "meta.json")
+def meta_of(root: Path) -> Json:
+    """The set's meta.json, with what is assumed where it says nothing. Raises a DataError."""
+    where = root / META
+    meta = {"unit": "N", "kind": "recorded", "name": root.resolve().name} | read_json(where)
     if meta["unit"] not in UNITS:
         raise UnitError(
             f"unit {meta['unit']!r} is not one of {', '.join(UNITS)}",
-            where=root / "meta.json",
+            where=where,
             next_step="write the unit the channels are in",
         )
+    if not isinstance(meta.get(MASSES_KEY, {}), dict):
+        example = f'{{"{MASSES_KEY}": {{"mug": 320.0}}}}'
+        raise LabelError(f"{MASSES_KEY} is no table", where=where, next_step=f"write {example}")
+    action_start_s(meta, where)
     return meta
 
 
-def _places(root: Path) -> Iterator[TrialPlace]:
-    """Every trial of the folder, objects and actions by name, trials by number."""
-    for folder in sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else ():
-        if plain_word(folder.name) == EMPTY_HAND:
-            yield from (TrialPlace(path) for path in _numbered(folder))
-            continue
-        for actions in sorted(path for path in folder.iterdir() if path.is_dir()):
-            for path in _numbered(actions):
-                yield TrialPlace(path, folder, _known_action(actions))
-    if (root / f"{EMPTY_HAND}.csv").is_file():
-        yield TrialPlace(root / f"{EMPTY_HAND}.csv")
-
-
-def _numbered(folder: Path) -> list[Path]:
-    matches = ((TRIAL_NAME.fullmatch(path.name), path) for path in folder.iterdir())
-    return [path for _, path in sorted((int(match[1]), path) for match, path in matches if match)]
-
-
-def _action(folder: Path) -> str | None:
-    return next(
-        (action for action in FOLDERS if plain_word(action) == plain_word(folder.name)), None
-    )
-
-
-def _known_action(folder: Path) -> str:
-    action = _action(folder)
-    if action is None:
-        raise LabelError(
-            f"{folder.name!r} is not an action",
-            where=folder,
-            next_step=f"name the folder one of {', '.join(FOLDERS)}, or move it out of the set",
-        )
-    return action
-
-
-def timed(place: TrialPlace, root: Path, unit: Any, phased: Phased | None = None) -> TimedTrial:
+def timed(place: TrialPlace, root: Path, meta: Json, phased: Phased | None = None) -> TimedTrial:
     """Read and prepare a trial. phased: gives its phases; default: its truth, else the script."""
-    trial = read_trial(place.path)
+    trial, unit = read_trial(place.path), meta["unit"]
     trial_id = place.path.relative_to(root).with_suffix("").as_posix()
     recording = Recording(
         trial_id=trial_id,
@@ -228,30 +207,39 @@ def timed(place: TrialPlace, root: Path, unit: Any, phased: Phased | None = None
         unit=unit,
         object_name=object_name(place.object_folder.name) if place.object_folder else None,
         action=place.action,
+        person=place.person,
     )
-    phases, events = (phased or _phased)(trial, recording)
+    action_at_s = action_start_s(meta, root / META) or ACTION_S
+    phases, events = phased(trial, recording) if phased else _phased(trial, recording, action_at_s)
     recording = replace(recording, phases=phases, events=events)
-    heavy = is_heavy(mass_g(place.object_folder)) if place.object_folder else None
-    return TimedTrial(recording, phases, heavy, timed=truth_path(trial.path).exists())
+    folder = place.object_folder
+    mass = mass_of(folder, meta.get(MASSES_KEY)) if folder else None
+    return TimedTrial(
+        recording,
+        phases,
+        heavy=mass.heavy if mass else None,
+        timed=has_phases(truth_path(trial.path)),
+        mass=mass,
+        labels_by=labels_by(truth_path(trial.path), action_at_s) if folder else EMPTY_HAND,
+    )
 
 
-def _phased(trial: Trial, recording: Recording) -> tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]:
-    phases = _phases(trial, recording)
-    return phases, _events(trial, phases)
+def _phased(
+    trial: Trial, recording: Recording, action_at_s: float
+) -> tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]:
+    truth = truth_path(trial.path)
+    phases = _phases(trial, recording, action_at_s)
+    return phases, read_events(truth) if has_phases(truth) else events_of(phases, trial.rate_hz)
 
 
-def _phases(trial: Trial, recording: Recording) -> tuple[Phase, ...]:
+def _phases(trial: Trial, recording: Recording, action_at_s: float) -> tuple[Phase, ...]:
     if recording.object_name is None or recording.action is None:
         return whole(len(trial.t_s), NOTHING)
     truth = truth_path(trial.path)
-    if truth.exists():
+    if has_phases(truth):
         return read_truth(truth, trial.t_s)
-    return scripted(trial, recording.samples, recording.action, recording.object_name)
-
-
-def _events(trial: Trial, phases: tuple[Phase, ...]) -> tuple[RiskyEvent, ...]:
-    truth = truth_path(trial.path)
-    return read_events(truth) if truth.exists() else events_of(phases, trial.rate_hz)
+    action_at_s = action_start_s(read_json(truth), truth) or action_at_s
+    return scripted(trial, recording.samples, recording.action, recording.object_name, action_at_s)
 
 
 def _common_rate(recordings: list[Recording]) -> float:

@@ -1,0 +1,206 @@
+"""Folders of people, and what is held out together."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import fails
+from own_data import write_meta, write_people_folders
+
+from edge_runtime.errors import DataError, DataNotFound, LabelError, TooFewGroups
+from edge_runtime.trial_layout import truth_path
+from training.datasets import load
+from training.datasets.joined import join
+from training.hold_out import regrouped
+from training.recording import DataSet
+from training.splits import grouped_folds
+
+PULL = "soft-ball/pull/trial_1"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_people_folders(tmp_path_factory.mktemp("own") / "people")
+
+
+@pytest.fixture(scope="module")
+def data(made: Path) -> DataSet:
+    return load(made, windows="natural")
+
+
+@pytest.fixture
+def small(made: Path, tmp_path: Path) -> Path:
+    """Two people, a pull each."""
+    for person in ("p01", "p02"):
+        to = tmp_path / "small" / person / "soft-ball/pull"
+        to.mkdir(parents=True)
+        shutil.copy(made / person / f"{PULL}.csv", to)
+    write_meta(tmp_path / "small", unit="N")
+    return tmp_path / "small"
+
+
+def test_folders_of_people_make_people_the_groups_of_every_split(data: DataSet) -> None:
+    assert (data.groups(), data.group_kind) == (["p01", "p02"], "person")
+    assert len(data.recordings) == 2 * 16
+    for train, test in grouped_folds(data.group_of("classes"), 2):
+        people = [{data.group_of("classes")[row] for row in rows} for rows in (train, test)]
+        assert people[0].isdisjoint(people[1])
+    trial = next(one for one in data.recordings if one.trial_id == f"p02/{PULL}")
+    assert (trial.person, trial.object_name, trial.action) == ("p02", "soft-ball", "pull")
+
+
+def test_the_hand_alone_is_that_of_its_person(data: DataSet, small: Path, made: Path) -> None:
+    empty = [one for one in data.recordings if one.object_name is None]
+    assert [(one.trial_id, one.group) for one in empty] == [
+        (f"{person}/nothing/trial_1", person) for person in ("p01", "p02")
+    ]
+    shutil.copytree(made / "p01/nothing", small / "p03/nothing")
+    assert load(small, windows="natural").groups() == ["p01", "p02", "p03"]
+
+
+def test_one_person_alone_is_held_out_by_trial(small: Path) -> None:
+    shutil.rmtree(small / "p02")
+    data = load(small, windows="natural")
+    assert (data.groups(), data.group_kind) == ([f"p01/{PULL}"], "trial")
+
+
+def test_a_set_may_be_held_out_by_object_or_by_trial_instead(made: Path, data: DataSet) -> None:
+    by_object = load(made, windows="natural", hold_out="object")
+    assert by_object.group_kind == "object"
+    assert {"soft-ball", "full-bottle", "-"} <= set(by_object.groups())
+    assert len(regrouped(data, "trial").groups()) == len(data.recordings)
+
+
+def test_what_cannot_be_held_out_says_what_to_record(made: Path) -> None:
+    one = load(made / "p01", windows="natural")
+    with pytest.raises(TooFewGroups, match=r"held out by person.*next: sort trials into <person>/"):
+        regrouped(one, "person")
+    pulls = one.of_groups([PULL])
+    with pytest.raises(TooFewGroups, match=r"held out by object.*record another object"):
+        regrouped(pulls, "object")
+
+
+def test_sets_held_out_in_two_ways_say_both(data: DataSet) -> None:
+    other = replace(regrouped(data, "trial"), name="other")
+    assert join([data, other]).group_kind == "person and by trial"
+
+
+def test_two_sets_in_one_folder_are_not_two_people(made: Path, tmp_path: Path) -> None:
+    for name in ("monday", "tuesday"):
+        shutil.copytree(made / "p01/soft-ball", tmp_path / name / "soft-ball")
+        write_meta(tmp_path / name, unit="N", kind="recorded")
+    with pytest.raises(DataNotFound, match="a level too high"):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize("stray", ["soft-ball/pull/trial_1.csv", "nothing/trial_1.csv"])
+def test_a_trial_without_a_person_is_refused_beside_people(small: Path, stray: str) -> None:
+    (small / stray).parent.mkdir(parents=True)
+    shutil.copy(small / "p01" / f"{PULL}.csv", small / stray)
+    with pytest.raises(LabelError, match=f"without a person.*next: move it to .*<person>/{stray}"):
+        load(small, windows="natural")
+
+
+def test_a_mass_for_all_people_stands_in_the_meta_of_the_set(small: Path) -> None:
+    for person in ("p01", "p02"):
+        (small / person / "soft-ball").rename(small / person / "mug")
+    write_meta(small, unit="N", masses_g={"mug": 320.0})
+    write_meta(small / "p02/mug", mass_g=90.0)
+    task = load(small, windows="natural").tasks["classes"]
+    heavy = [set((task.label[task.trial == trial] % 2).tolist()) for trial in (0, 1)]
+    assert heavy == [{1}, {0}]
+
+
+def starts_s(root: Path) -> list[float]:
+    """When the action of each trial starts by its phases, s."""
+    recordings = load(root, windows="natural").recordings
+    return [one.phases[2].first / one.rate_hz for one in recordings]
+
+
+def test_the_start_of_the_action_is_that_of_the_trial_then_of_the_set_then_the_script_s(
+    small: Path,
+) -> None:
+    assert starts_s(small) == [7.0, 7.0]
+    write_meta(small, unit="N", action_at_s=6.5)
+    truth_path(small / "p02" / f"{PULL}.csv").write_text('{"action_at_s": 6.2}')
+    assert starts_s(small) == [6.5, 6.2]
+    assert "action from 6.5 s" in load(small, windows="natural").caveat
+
+
+def test_a_trial_off_the_script_is_told_where_to_write_its_start(small: Path) -> None:
+    write_meta(small, unit="N", action_at_s=1.0)
+    with pytest.raises(LabelError, match=r"action_at_s.*to trial_1\.truth\.json"):
+        load(small, windows="natural")
+
+
+BAD_META: dict[str, tuple[dict[str, object], str]] = {
+    "a start that is no number": ({"action_at_s": "late"}, "action_at_s is 'late'"),
+    "a start before the trial": ({"action_at_s": -1}, "write seconds from the first row"),
+    "masses that are no table": ({"masses_g": 3}, "masses_g is no table"),
+    "a mass that is none": ({"masses_g": {"soft-ball": "heavy"}}, "'heavy'"),
+}
+
+
+@pytest.mark.parametrize("fault", BAD_META)
+def test_a_meta_that_cannot_be_is_refused_by_name(small: Path, fault: str) -> None:
+    keys, says = BAD_META[fault]
+    write_meta(small, **keys)
+    with pytest.raises(DataError, match=says):
+        load(small, windows="natural")
+
+
+@pytest.fixture(scope="module")
+def trained(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A model of the people's trials, and what its training printed."""
+    import contextlib
+    import io
+    import warnings
+
+    from holdfast.cli import main
+
+    out = tmp_path_factory.mktemp("trained")
+    words = ["train", "--data", str(made), "--out", str(out), "--size", "tiny"]
+    with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert main(words) == 0
+        assert main(["export", str(out)]) == 0
+    return out, printed.getvalue()
+
+
+def test_training_says_that_people_were_held_out(trained: tuple[Path, str]) -> None:
+    out, printed = trained
+    assert "held out by person: macro F1" in printed
+    assert "grouped" not in printed
+    card = json.loads((out / "holdfast.json").read_text())["training"]
+    assert (card["groups"], card["group_kind"]) == (2, "person")
+
+
+def test_evaluation_counts_people_and_resamples_them(
+    trained: tuple[Path, str], made: Path, run: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    model, out = next(trained[0].glob("*.onnx")), tmp_path / "figures.json"
+    code, words, _ = run("evaluate", model, "--data", made, "--json", out)
+    assert code == 0
+    assert "32 trials, 2 people" in words
+    assert "95 % interval over people" in words
+    figures = json.loads(out.read_text())
+    assert (figures["n_groups"], figures["group_kind"]) == (2, "person")
+    assert figures["sets"]["people"]["data"]["group_kind"] == "person"
+
+
+def test_an_unknown_way_to_hold_out_names_the_known_ones(
+    run: Callable[..., tuple[int, str, str]],
+) -> None:
+    fails(run, 2, "UsageError", "train", "--hold-out", "hand", says="'person', 'object', 'trial'")
+
+
+def test_groups_of_recordings_do_not_change_their_samples(data: DataSet) -> None:
+    again = regrouped(data, "object")
+    pairs = zip(data.recordings, again.recordings, strict=True)
+    assert all(np.shares_memory(one.samples, other.samples) for one, other in pairs)
