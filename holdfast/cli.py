@@ -15,6 +15,7 @@ from edge_runtime.errors import UsageError
 
 VERBS = {
     "simulate": ("holdfast.simulate", "simulate the trials of a scene card, with their truth"),
+    "check": ("holdfast.check", "say what a folder of recordings holds and what is missing"),
     "train": ("training.train", "train on recordings; writes an artifact folder"),
     "export": ("export.export", "turn an artifact folder into one verified, sealed model file"),
     "evaluate": ("holdfast.evaluate", "score a model file on labelled sets or folders"),

@@ -167,7 +167,7 @@ def labels_by(path: Path, action_at_s: float) -> str:
     if has_phases(path):
         entries = [one for one in truth.get("phases", []) if isinstance(one, dict)]
         names = {str(one["provenance"]) for one in entries if one.get("provenance")}
-        return ", ".join(sorted(names)) or "truth file"
+        return ", ".join(sorted(names)) or ("truth file" if entries else "no label")
     of_trial = action_start_s(truth, path)
     return f"script, action at {of_trial or action_at_s:g} s" + (
         " (truth file)" if of_trial else ""

@@ -127,6 +127,23 @@ def test_every_error_of_a_word_says_what_is_allowed():
     assert word("p-01", "pseudonym") == "p-01"
 
 
+def test_check_reads_the_same_folders_and_names_the_source_of_labels(people, capsys):
+    assert main(["check", str(people), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["layout"], report["held_out_by"], report["groups"]) == ("recorded", "person", 2)
+    pull = next(one for one in report["cells"] if one["action"] == "pull")
+    assert (pull["person"], pull["object_name"], pull["unit"]) == ("p01", "soft-ball", "N")
+    assert "scene" in next(iter(pull["labels_by"]))
+
+
+def test_check_says_that_no_trial_was_kept(people, tmp_path, capsys):
+    copy = shutil.copytree(people / "p01", tmp_path / "p01")
+    for meta in copy.rglob("trial_*/meta.json"):
+        meta.write_text(json.dumps(meta_of(meta.parent) | {"state": "interrupted"}))
+    assert main(["check", str(copy)]) == 3
+    assert "no kept trial among 4" in capsys.readouterr().out
+
+
 # -- the page
 
 

@@ -108,22 +108,28 @@ def keep_groups(data: DataSet, n_groups: int, *, seed: int = 0) -> DataSet:
     return replace(part, notes={**data.notes, "kept_groups": sorted(kept)})
 
 
+def layout_of(root: Path) -> str | None:
+    """The name of the reader that recognises a folder: one of PUBLIC_SETS or LAYOUTS, or None."""
+    names = (*PUBLIC_SETS, *LAYOUTS)
+    return next((name for name in names if _reader(name).recognises(root)), None)
+
+
+def _reader(name: str) -> Any:
+    return import_module(f"training.datasets.{name}")
+
+
 def _read(root: Path, channels: int | None, seed: int, windows: Choice, part: Part) -> DataSet:
-    choice: dict[str, Any] = {} if channels is None else {"channels": channels}
-    for name in PUBLIC_SETS:
-        reader = import_module(f"training.datasets.{name}")
-        if reader.recognises(root):
-            public: DataSet = reader.load(root, **choice)
-            return public
-    readers = [import_module(f"training.datasets.{name}") for name in LAYOUTS]
-    fits = [one for one in readers if one.recognises(root)]
-    if not fits:
+    layout = layout_of(root)
+    if layout is None:
         raise DataNotFound(
             "no known data set in this folder",
             where=root,
             cause="a level too high or too low, or an empty copy",
             next_step="give a public set, a folder of `holdfast record`, or a folder with "
-            "<object>/<action>/trial_<n>.csv",
+            "<object>/<action>/trial_<n>.csv; holdfast check says what was found",
         )
-    data: DataSet = fits[0].load(root, channels=channels, seed=seed, windows=windows, part=part)
+    choice: dict[str, Any] = {} if channels is None else {"channels": channels}
+    if layout in LAYOUTS:
+        choice |= {"seed": seed, "windows": windows, "part": part}
+    data: DataSet = _reader(layout).load(root, **choice)
     return data

@@ -18,7 +18,7 @@ from training.objects import plain_word, read_json
 from training.timeline import UNSCRIPTED
 
 EMPTY_HAND = "nothing"
-FOLDERS = (*SITUATION_OF_ACTION, *UNSCRIPTED)
+FOLDERS = tuple(dict.fromkeys((*SITUATION_OF_ACTION, *UNSCRIPTED)))
 TRIAL_NAME = re.compile(r"trial_(\d+)\.csv")
 KEYS_OF_A_SET = {"unit", "kind"}
 Fault = Callable[[DataError], None]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from edge_runtime.errors import DataNotFound, LabelError, UnitError
@@ -18,7 +19,8 @@ from edge_runtime.reading import Json
 from edge_runtime.trial_file import Trial
 from edge_runtime.trial_layout import META, TACTILE, truth_path
 from training.datasets import thesis
-from training.datasets.places import EMPTY_HAND, TrialPlace
+from training.datasets.places import EMPTY_HAND, Fault, TrialPlace, refuse
+from training.datasets.trial_readers import TrialReader, read_all
 from training.objects import object_name, read_json
 from training.recording import DataSet, Recording
 from training.say import Part, ignored, span
@@ -48,7 +50,29 @@ def load(
     part: Part = ignored,
 ) -> DataSet:
     """All kept trials of a folder, as training.datasets.thesis does. Raises a DataError."""
-    found = [(path, read_json(path.with_name(META))) for path in _trials(root)]
+    found, reading = _found(root), span(part, 0.0, thesis.READING)
+    trials = [trial for trial in read_all(readers(root), part=reading) if trial]
+    kinds = sorted({_kind(meta) for _, meta in found if meta.get("state") == KEPT})
+    about = {
+        "unit": trials[0].recording.unit,
+        "kind": " and ".join(kinds),
+        "name": root.resolve().name,
+    }
+    rest = span(part, thesis.READING, 1.0)
+    data = thesis.assembled(about, trials, channels=channels, seed=seed, windows=windows, part=rest)
+    states = dict(Counter(str(meta.get("state")) for _, meta in found))
+    people = {one.person for one in data.recordings}
+    caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
+    notes = {**data.notes, "layout": "recorded", "states": states, "people": len(people)}
+    return replace(data, caveat=caveat, notes=notes)
+
+
+def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
+    """The kept trials of a folder, to be read one by one; fault: receives nothing.
+
+    Raises DataNotFound without any, and UnitError for several units.
+    """
+    found = _found(root)
     kept = [(path, meta) for path, meta in found if meta.get("state") == KEPT]
     if not kept:
         raise DataNotFound(
@@ -62,19 +86,14 @@ def load(
         raise UnitError(
             f"trials in {' and in '.join(units)}", where=root, next_step="keep them in two folders"
         )
-    trials = []
-    for number, (path, meta) in enumerate(kept, 1):
-        trials.append(_timed(path, meta, root))
-        part(thesis.READING * number / len(kept))
-    kinds = sorted({_kind(meta) for _, meta in kept})
-    about = {"unit": units[0], "kind": " and ".join(kinds), "name": root.resolve().name}
-    rest = span(part, thesis.READING, 1.0)
-    data = thesis.assembled(about, trials, channels=channels, seed=seed, windows=windows, part=rest)
-    states = dict(Counter(str(meta.get("state")) for _, meta in found))
-    people = {one.person for one in data.recordings}
-    caveat = CAVEAT + (ONE_PERSON if len(people) == 1 else "")
-    notes = {**data.notes, "layout": "recorded", "states": states, "people": len(people)}
-    return replace(data, caveat=caveat, notes=notes)
+    thesis.require_unit(units[0], kept[0][0].with_name(META))
+    return [
+        TrialReader(_place(path, meta), partial(_timed, path, meta, root)) for path, meta in kept
+    ]
+
+
+def _found(root: Path) -> list[tuple[Path, Json]]:
+    return [(path, read_json(path.with_name(META))) for path in _trials(root)]
 
 
 def _trials(root: Path) -> list[Path]:
@@ -91,22 +110,22 @@ def _kind(meta: Json) -> str:
     return "simulated" if source.startswith(("virtual://", "sim://")) else "recorded"
 
 
+def _place(path: Path, meta: Json) -> TrialPlace:
+    person, action = str(meta.get("person")), str(meta.get("action"))
+    if action == EMPTY_HAND:
+        return TrialPlace(path, person=person)
+    return TrialPlace(path, path.parent.parent.parent, action, person)
+
+
 def _timed(path: Path, meta: Json, root: Path) -> TimedTrial:
-    thing, action = str(meta.get("object")), str(meta.get("action"))
-    empty = action == EMPTY_HAND
-    place = TrialPlace(
-        path,
-        None if empty else path.parent.parent.parent,
-        None if empty else action,
-        str(meta.get("person")),
-    )
+    thing, place = str(meta.get("object")), _place(path, meta)
     timed = thesis.timed(place, root, {"unit": meta.get("unit")}, phased)
     trial_id = path.parent.relative_to(root).as_posix() if path.parent != root else path.parent.name
     recording = replace(
         timed.recording,
         trial_id=trial_id,
         group=trial_id,
-        object_name=None if empty else object_name(thing),
+        object_name=object_name(thing) if place.object_folder else None,
     )
     provenances = {
         str(phase.get("provenance")) for phase in read_json(truth_path(path)).get("phases", [])

@@ -10,8 +10,9 @@ left out, because it removes the vibrations that the band-pass bank detects.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
 from edge_runtime.errors import (
     ChannelError,
-    DataError,
     DataNotFound,
     LabelError,
     RateError,
@@ -35,6 +35,7 @@ from training.datasets.channels import ChannelsNotOffered
 from training.datasets.places import EMPTY_HAND, Fault, TrialPlace, places, refuse
 from training.datasets.places import recognises as recognises
 from training.datasets.rows import finite_sensors
+from training.datasets.trial_readers import TrialReader, read_all
 from training.hold_out import grouped
 from training.objects import MASSES_KEY, mass_of, object_name, read_json
 from training.recording import DataSet, Recording
@@ -101,35 +102,26 @@ def load(
     names the place.
     """
     meta = meta_of(root)
-    trials = read_trials(root, meta, part=span(part, 0.0, READING))
+    found = read_all(readers(root), part=span(part, 0.0, READING))
+    trials = [trial for trial in found if trial]
+    if not trials:
+        raise DataNotFound(
+            "no trials",
+            where=root,
+            next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
+        )
     rest = span(part, READING, 1.0)
     return assembled(meta, trials, channels=channels, seed=seed, windows=windows, part=rest)
 
 
-def read_trials(
-    root: Path, meta: Json, fault: Fault = refuse, part: Part = ignored
-) -> list[TimedTrial]:
-    """All trials of a folder, prepared and labelled, each a group of its own.
+def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
+    """All trials of a folder, to be read one by one.
 
-    fault: receives the DataError of each trial that cannot be used, which is then left out. Raises
-    DataNotFound without any trial.
+    fault: receives the DataError of each folder that is at no trial's place. Raises one for the
+    set's meta.json.
     """
-    found, trials = list(places(root, fault)), []
-    for number, place in enumerate(found, 1):
-        try:
-            trials.append(timed(place, root, meta))
-        except DataError as error:
-            fault(error)
-        part(number / len(found))
-    if not found:
-        fault(
-            DataNotFound(
-                "no trials",
-                where=root,
-                next_step="give a folder with <object>/<action>/trial_<n>.csv in it",
-            )
-        )
-    return trials
+    meta = meta_of(root)
+    return [TrialReader(one, partial(timed, one, root, meta)) for one in places(root, fault)]
 
 
 def assembled(
@@ -142,7 +134,7 @@ def assembled(
     part: Part = ignored,
 ) -> DataSet:
     """A data set of trials. meta: name, unit, kind, origin. Raises RateError or ChannelError."""
-    rate_hz = _common_rate([trial.recording for trial in trials])
+    rate_hz = common_rate([trial.recording for trial in trials])
     has = 3 * trials[0].recording.n_sensors
     if channels is not None and channels != has:
         raise ChannelsNotOffered(str(meta["name"]), channels, [has])
@@ -181,17 +173,22 @@ def meta_of(root: Path) -> Json:
     """The set's meta.json, with what is assumed where it says nothing. Raises a DataError."""
     where = root / META
     meta = {"unit": "N", "kind": "recorded", "name": root.resolve().name} | read_json(where)
-    if meta["unit"] not in UNITS:
-        raise UnitError(
-            f"unit {meta['unit']!r} is not one of {', '.join(UNITS)}",
-            where=where,
-            next_step="write the unit the channels are in",
-        )
+    require_unit(meta["unit"], where)
     if not isinstance(meta.get(MASSES_KEY, {}), dict):
         example = f'{{"{MASSES_KEY}": {{"mug": 320.0}}}}'
         raise LabelError(f"{MASSES_KEY} is no table", where=where, next_step=f"write {example}")
     action_start_s(meta, where)
     return meta
+
+
+def require_unit(unit: object, where: Path) -> None:
+    """Raise UnitError where a meta.json gives no unit that is known."""
+    if unit not in UNITS:
+        raise UnitError(
+            f"unit {unit!r} is not one of {', '.join(UNITS)}",
+            where=where,
+            next_step="write the unit the channels are in",
+        )
 
 
 def timed(place: TrialPlace, root: Path, meta: Json, phased: Phased | None = None) -> TimedTrial:
@@ -242,21 +239,29 @@ def _phases(trial: Trial, recording: Recording, action_at_s: float) -> tuple[Pha
     return scripted(trial, recording.samples, recording.action, recording.object_name, action_at_s)
 
 
-def _common_rate(recordings: list[Recording]) -> float:
+def common_rate(recordings: Sequence[Recording], fault: Fault = refuse) -> float:
+    """Median sampling rate, Hz, to three digits.
+
+    fault: receives a RateError or ChannelError for each recording that differs from the others.
+    """
     rate_hz = float(f"{np.median([recording.rate_hz for recording in recordings]):.3g}")
     for recording in recordings:
         if abs(recording.rate_hz / rate_hz - 1.0) > RATE_TOLERANCE:
-            raise RateError(
-                f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
-                where=recording.trial_id,
-                cause="recorded with other settings",
-                next_step="move it to a set of its own",
+            fault(
+                RateError(
+                    f"runs at {recording.rate_hz:.4g} Hz, the set at {rate_hz:g} Hz",
+                    where=recording.trial_id,
+                    cause="recorded with other settings",
+                    next_step="move it to a set of its own",
+                )
             )
         if recording.n_sensors != recordings[0].n_sensors:
-            raise ChannelError(
-                f"{recording.n_sensors} sensors, but {recordings[0].n_sensors} in "
-                f"{recordings[0].trial_id}",
-                where=recording.trial_id,
-                next_step="move it to a set of its own",
+            fault(
+                ChannelError(
+                    f"{recording.n_sensors} sensors, but {recordings[0].n_sensors} in "
+                    f"{recordings[0].trial_id}",
+                    where=recording.trial_id,
+                    next_step="move it to a set of its own",
+                )
             )
     return rate_hz

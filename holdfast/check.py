@@ -1,0 +1,116 @@
+"""`holdfast check FOLDER`: what a folder of recordings holds, what is missing, what to write where.
+
+It reads every trial and goes on after a fault. Exit code 0 if `holdfast evaluate` can read the
+folder, else 3.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edge_runtime.command import show
+from edge_runtime.errors import DataError
+
+if TYPE_CHECKING:
+    from training.folder_report import Cell, FolderReport
+
+HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
+CLASS_HEADS = ("situation", "light, s", "heavy, s")
+FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
+HAND_ALONE = "hand alone"
+LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this verb."""
+    option = parser.add_argument
+    option("folder", metavar="FOLDER|SET", help="a folder of recordings, or a public set by name")
+    option("--json", action="store_true", help="print one JSON object instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Examine the folder and print the report."""
+    from training.datasets import find
+    from training.folder_check import examine
+    from training.progress import stages
+
+    with stages(1) as say:
+        say(f"reading {args.folder}")
+        report = examine(find(args.folder), say.part)
+    if args.json:
+        print(json.dumps(report.to_json(), indent=1))
+    else:
+        show("\n".join(in_words(report)))
+    return 0 if report.readable else DataError.exit_code
+
+
+def in_words(report: FolderReport) -> list[str]:
+    """The report as lines for people."""
+    lines = _summary(report)
+    if report.cells:
+        lines += ["", *_aligned([HEADS, *map(_row, report.cells)])]
+    if report.classes:
+        rows = [
+            (one.situation, f"{one.light_s:.1f}", f"{one.heavy_s:.1f}") for one in report.classes
+        ]
+        lines += ["", *_aligned([CLASS_HEADS, *rows])]
+    for one in report.missing:
+        lines += ["", f"{LEVELS[one.level]} {one.where}: {one.what}", f"  -> {one.next_step}"]
+    return [*lines, "", _verdict(report)]
+
+
+def _summary(report: FolderReport) -> list[str]:
+    from training.hold_out import in_words as counted
+
+    if report.layout is None or report.held_out_by is None:
+        return [f"{report.folder}: no recording can be read"]
+    trials, people = sum(one.trials for one in report.cells), {one.person for one in report.cells}
+    minutes = sum(one.seconds for one in report.cells) / 60.0
+    n_people = len(people - {None})
+    of = f" of {counted(n_people, 'person')}" if n_people else ""
+    return [
+        f"{report.folder}: {counted(trials, 'trial')}{of}, {minutes:.1f} min, "
+        f"{report.channels} channels; {FORMATS.get(report.layout, 'a public set')}",
+        f"held out by {report.held_out_by}: {counted(report.groups, report.held_out_by)}",
+    ]
+
+
+def _row(cell: Cell) -> tuple[str, ...]:
+    unread = cell.trials - cell.read
+    mass = "-" if cell.mass_g is None else f"{cell.mass_g:g} ({Path(cell.mass_from or '').name})"
+    labels = ", ".join(
+        name if len(cell.labels_by) == 1 else f"{name}: {count}"
+        for name, count in cell.labels_by.items()
+    )
+    return (
+        cell.person or "-",
+        cell.object_name or HAND_ALONE,
+        cell.action or "-",
+        f"{cell.trials}" + (f" ({unread} unread)" if unread else ""),
+        "-" if cell.rate_hz is None else f"{cell.rate_hz:.4g}",
+        cell.unit or "-",
+        mass,
+        labels or "-",
+    )
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def _verdict(report: FolderReport) -> str:
+    if report.layout not in (None, *FORMATS):
+        return "a public set, read as it is"
+    if not report.readable:
+        return "not ready: correct each ERROR, then run holdfast check again"
+    if not report.trainable:
+        return "ready for holdfast evaluate; holdfast train needs what FOR TRAINING says"
+    return "ready for holdfast train and holdfast evaluate"

@@ -1,0 +1,208 @@
+"""`holdfast check`: what a folder holds, what is missing, and what to write where."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from command_line import Run, fails
+from own_data import write_meta, write_people_folders
+
+from edge_runtime.trial_layout import truth_path
+
+PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_people_folders(tmp_path_factory.mktemp("made"))
+
+
+@pytest.fixture
+def own(made: Path, tmp_path: Path) -> Path:
+    """Two people with a pull, a fall and a put-down each, labelled by the script but for one."""
+    root = tmp_path / "own"
+    for person in ("p01", "p02"):
+        for trial in (PULL, FALL, "soft-ball/pass/trial_1.csv", "hard-ball/pass/trial_1.csv"):
+            (root / person / trial).parent.mkdir(parents=True)
+            shutil.copy(made / person / trial, root / person / trial)
+    shutil.copy(truth_path(made / "p01" / PULL), truth_path(root / "p01" / PULL))
+    write_meta(root, unit="N")
+    return root
+
+
+def cell(report: dict, person: str, name: str, action: str) -> dict:
+    wanted = {"person": person, "object_name": name, "action": action}
+    return next(one for one in report["cells"] if wanted.items() <= one.items())
+
+
+def reported(run: Run, folder: Path, code: int = 0) -> dict:
+    got, out, _ = run("check", folder, "--json")
+    assert got == code
+    report: dict = json.loads(out)
+    return report
+
+
+def test_every_person_object_and_action_has_its_line(run: Run, own: Path) -> None:
+    code, out, _ = run("check", own)
+    assert code == 0
+    assert "8 trials of 2 people" in out
+    assert "held out by person: 2 people" in out
+    assert out.endswith("ready for holdfast train and holdfast evaluate\n")
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    assert "p01 soft-ball pull 1 50 N 15.1 (table) generated fixture" in lines
+    assert "p02 hard-ball fall 1 50 N 197.9 (table) script, action at 7 s" in lines
+
+
+def test_the_json_has_rate_unit_mass_labels_and_their_sources(run: Run, own: Path) -> None:
+    write_meta(own, unit="uT", action_at_s=6.8, masses_g={"soft-ball": 20})
+    write_meta(own / "p02/hard-ball", mass_g=200)
+    truth_path(own / "p02" / PULL).write_text('{"action_at_s": 6.9}')
+    report = reported(run, own)
+    assert (report["layout"], report["held_out_by"], report["channels"]) == ("thesis", "person", 18)
+    first = cell(report, "p01", "soft-ball", "pull")
+    assert (first["rate_hz"], first["unit"]) == (50.0, "uT")
+    assert (first["mass_g"], first["mass_from"]) == (20.0, "masses_g")
+    assert first["labels_by"] == {"generated fixture": 1}
+    other = cell(report, "p02", "hard-ball", "fall")
+    assert other["mass_from"].endswith("p02/hard-ball/meta.json")
+    assert other["labels_by"] == {"script, action at 6.8 s": 1}
+    moved = cell(report, "p02", "soft-ball", "pull")
+    assert moved["labels_by"] == {"script, action at 6.9 s (truth file)": 1}
+    assert (report["readable"], report["trainable"]) == (True, True)
+    seconds = {one["situation"]: one for one in report["classes"]}
+    assert seconds["risky_slip"]["light_s"] > 0 < seconds["risky_slip"]["heavy_s"]
+
+
+def without_a_mass(own: Path) -> None:
+    (own / "p01/soft-ball").rename(own / "p01/mug")
+
+
+def with_a_trial_off_the_script(own: Path) -> None:
+    truth_path(own / "p02" / FALL).write_text('{"action_at_s": 0.5}')
+
+
+def with_an_unknown_action(own: Path) -> None:
+    (own / "p02/hard-ball/fall").rename(own / "p02/hard-ball/drop")
+
+
+def with_another_rate(own: Path) -> None:
+    path = own / "p02" / FALL
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0], *lines[1::2]]))
+
+
+def with_an_unknown_column(own: Path) -> None:
+    path = own / "p02" / FALL
+    path.write_text(path.read_text().replace("X1", "Thumb", 1))
+
+
+def with_an_unknown_unit(own: Path) -> None:
+    write_meta(own, unit="lbf")
+
+
+FAULTS: dict[str, tuple[Callable[[Path], None], str, str]] = {
+    "a mass": (
+        without_a_mass,
+        "no mass given for object 'mug'",
+        'mug/meta.json: {"mass_g": 120.0}',
+    ),
+    "the script": (with_a_trial_off_the_script, "start at 0.5 s", "to trial_1.truth.json"),
+    "an action": (with_an_unknown_action, "'drop' is not an action", "pass, put-down, pull, fall"),
+    "a rate": (with_another_rate, "runs at 25 Hz", "a set of its own"),
+    "a column": (with_an_unknown_column, "X1", "the layout is Time,X1,Y1,Z1"),
+    "a unit": (with_an_unknown_unit, "unit 'lbf'", "write the unit"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_says_what_to_write_where_and_the_rest_is_read(
+    run: Run, own: Path, fault: str
+) -> None:
+    spoil, what, next_step = FAULTS[fault]
+    spoil(own)
+    report = reported(run, own, code=3)
+    errors = [one for one in report["missing"] if one["level"] == "error"]
+    assert len(errors) == 1
+    assert what in errors[0]["what"]
+    assert next_step in errors[0]["next_step"]
+    assert sum(one["read"] for one in report["cells"]) in (6, 7, 8, 0)
+    assert (report["cells"] == []) == (fault == "a unit")
+    code, out, _ = run("check", own)
+    assert code == 3
+    assert "not ready: correct each ERROR" in out
+
+
+def test_two_faults_are_both_told_at_once(run: Run, own: Path) -> None:
+    without_a_mass(own)
+    with_an_unknown_action(own)
+    levels = [one["level"] for one in reported(run, own, code=3)["missing"]]
+    assert levels.count("error") == 2
+
+
+def missing(report: dict, level: str) -> str:
+    return "\n".join(
+        f"{one['where']} {one['what']} {one['next_step']}"
+        for one in report["missing"]
+        if one["level"] == level
+    )
+
+
+def test_a_class_that_is_missing_keeps_it_from_training_alone(run: Run, own: Path) -> None:
+    for person in ("p01", "p02"):
+        shutil.rmtree(own / person / "hard-ball/fall")
+    report = reported(run, own)
+    assert (report["readable"], report["trainable"]) == (True, False)
+    said = missing(report, "training")
+    assert "no risky_slip with an object of 150 g or more" in said
+    assert "<person>/<object of 150 g or more>/pull/trial_1.csv" in said
+    assert "ready for holdfast evaluate; holdfast train needs" in run("check", own)[1]
+
+
+def test_advice_names_unit_labels_and_people(run: Run, own: Path) -> None:
+    (own / "meta.json").unlink()
+    shutil.rmtree(own / "p02/soft-ball")
+    shutil.rmtree(own / "p02/hard-ball/fall")
+    said = missing(reported(run, own), "advice")
+    assert f'{own}/meta.json no unit; N is assumed write {{"unit": "N"}}' in said
+    assert f"{own}/p02 no risky_slip of p02 record a pull or fall" in said
+    assert "4 of 5 trials have labels by the script" in said
+    assert f"{own}/p01/hard-ball/fall/trial_1.truth.json" in said
+
+
+def test_one_person_or_none_is_held_out_by_trial_and_says_so(run: Run, own: Path) -> None:
+    shutil.rmtree(own / "p02")
+    assert "one person, p01: figures are held out by trial" in missing(reported(run, own), "advice")
+    report = reported(run, own / "p01")
+    assert (report["held_out_by"], report["groups"]) == ("trial", 4)
+    assert "no people: figures are held out by trial" in missing(report, "advice")
+    assert "<person>/<object>/<action>/trial_1.csv" in missing(report, "advice")
+
+
+def test_files_at_no_trial_s_place_are_counted_and_named(run: Run, own: Path) -> None:
+    (own / "p01" / PULL).with_name("log.csv").touch()
+    assert "CSV files at no trial's place: 1, such as p01/soft-ball/pull/log.csv" in missing(
+        reported(run, own), "advice"
+    )
+    loose = own.parent / "loose"
+    loose.mkdir()
+    report = reported(run, loose, code=3)
+    assert (report["layout"], report["cells"]) == (None, [])
+    assert "CSV files at no trial's place: 0" in missing(report, "error")
+    shutil.copy(own / "p01" / PULL, loose / "mine.csv")
+    said = missing(reported(run, loose, code=3), "error")
+    assert f"such as mine.csv move to {loose}/<person>/<object>/<action>/trial_1.csv" in said
+
+
+def test_an_absent_folder_is_one_line(run: Run, tmp_path: Path) -> None:
+    fails(run, 3, "DataNotFound", "check", tmp_path / "nowhere")
+
+
+def test_the_hand_alone_has_a_line(run: Run, own: Path, made: Path) -> None:
+    shutil.copytree(made / "p01/nothing", own / "p01/nothing")
+    report = reported(run, own)
+    assert cell(report, "p01", None, None)["labels_by"] == {"nothing": 1}  # type: ignore[arg-type]
+    assert "hand alone" in run("check", own)[1]

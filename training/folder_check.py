@@ -1,0 +1,88 @@
+"""Examine a folder of recordings: read every trial, go on after a fault, say what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from edge_runtime.errors import DataError
+from training.datasets import LAYOUTS, layout_of, load
+from training.datasets.thesis import common_rate
+from training.datasets.trial_readers import TrialReader, read_all
+from training.folder_advice import advice, not_read
+from training.folder_report import (
+    FolderReport,
+    Found,
+    Missing,
+    cell_of,
+    cells_of,
+    seconds_of_classes,
+)
+from training.hold_out import grouped
+from training.say import Part, ignored
+from training.windows import TimedTrial
+
+OF_THE_SET = "labels of the set"
+
+
+def examine(root: Path, part: Part = ignored) -> FolderReport:
+    """What a folder holds, and what is missing. part: receives the share of it that is read.
+
+    Raises a DataError only where not even the layout can be told.
+    """
+    layout = layout_of(root)
+    if layout is None:
+        return FolderReport(str(root), None, None, 0, None, [], [], not_read(root, []))
+    if layout not in LAYOUTS:
+        return _public(root, layout, part)
+    faults: list[DataError] = []
+    readers = _readers(root, layout, faults)
+    trials = read_all(readers, faults.append, part)
+    found = [(cell_of(one.place), trial) for one, trial in zip(readers, trials, strict=True)]
+    return _report(root, layout, found, faults, [one.place.path for one in readers])
+
+
+def _report(
+    root: Path, layout: str, found: Sequence[Found], faults: list[DataError], paths: Sequence[Path]
+) -> FolderReport:
+    trials = [trial for _, trial in found if trial]
+    if trials:
+        common_rate([trial.recording for trial in trials], faults.append)
+    recordings, kind = grouped([trial.recording for trial in trials])
+    classes = seconds_of_classes(trials)
+    wrong = list(dict.fromkeys(Missing.of(fault) for fault in faults))
+    others = not_read(root, paths) if paths else []
+    return FolderReport(
+        str(root),
+        layout,
+        kind if trials else None,
+        len({one.group for one in recordings}),
+        3 * recordings[0].n_sensors if recordings else None,
+        cells_of(found),
+        classes,
+        [*wrong, *advice(root, layout, trials, classes), *others],
+    )
+
+
+def _readers(root: Path, layout: str, faults: list[DataError]) -> list[TrialReader]:
+    module: Any = import_module(f"training.datasets.{layout}")
+    try:
+        readers: list[TrialReader] = module.readers(root, faults.append)
+    except DataError as error:
+        faults.append(error)
+        return []
+    return readers
+
+
+def _public(root: Path, layout: str, part: Part) -> FolderReport:
+    """A public set: its reader refuses what is wrong, and it lacks nothing."""
+    data = load(root, part=part)
+    found = [
+        ((one.person, one.object_name, one.action), TimedTrial(one, (), None, labels_by=OF_THE_SET))
+        for one in data.recordings
+    ]
+    n_groups, channels = len(data.groups()), 3 * data.n_sensors
+    cells = cells_of(found)
+    return FolderReport(str(root), layout, data.group_kind, n_groups, channels, cells, [], [])
