@@ -54,12 +54,12 @@ from edge_runtime.timing import TURNS, busy_wait, time_in_turns
 from export.bank import bands_for
 from export.exporting import export_artifact
 from export.forest import Forest
-from export.reference import reference_votes
+from export.learner import reference_votes
 from export.verify import cut_forests
 from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
-from training.crossval import fit_forest
+from training.crossval import fit_learner
 from training.datasets import load
 from training.featurise import FloatRows, features_of, spec_for
 from training.fitting import train
@@ -195,7 +195,7 @@ def _bare(data: DataSet, work: Path) -> tuple[Model, Forest]:
     path, _ = export_artifact(work / "raw")
     rows = features_of(data, spec_for(data, RAW_BASELINE.groups))["classes"]
     everything = np.arange(len(rows))
-    return Model(path), fit_forest(data, rows, RAW_BASELINE, "classes", everything, 0)
+    return Model(path), fit_learner(data, rows, RAW_BASELINE, "classes", everything, 0)
 
 
 def _predict(forest: Forest, rows: FloatRows) -> Callable[[], object]:

@@ -14,7 +14,7 @@ import numpy as np
 from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
-from training.crossval import cross_validate, fit_forest
+from training.crossval import cross_validate, fit_learner
 from training.datasets import load
 from training.featurise import features_of, spec_for
 from training.plan import TrainingPlan
@@ -49,7 +49,7 @@ def _row(place: Path, trials: int) -> TrainingCost:
     features, features_s = _cpu_s(lambda: features_of(data, spec_for(data, plan.groups)))
     task = data.tasks["classes"]
     _, fit_s = _cpu_s(
-        lambda: fit_forest(data, features["classes"], plan, "classes", np.arange(len(task)), 0)
+        lambda: fit_learner(data, features["classes"], plan, "classes", np.arange(len(task)), 0)
     )
     _, validated_s = _cpu_s(lambda: cross_validate(data, features, plan))
     return TrainingCost(

@@ -34,7 +34,7 @@ from export.detectors import detector_names
 from export.exporting import whole_graph
 from export.heads import Head
 from export.spec import StepSpec
-from training.crossval import fit_forest, main_task, uncalibrated
+from training.crossval import fit_learner, main_task, uncalibrated
 from training.featurise import features_of, spec_for
 from training.plan import RAW_BASELINE
 from training.recording import DataSet, Recording
@@ -90,7 +90,7 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
     narrow, task = spec_for(data, RAW_BASELINE.groups), main_task(data)
     narrow = replace(narrow, rate_hz=spec.rate_hz)
     features = features_of(replace(data, tasks={task: data.tasks[task]}), narrow)[task]
-    fitted = fit_forest(data, features, RAW_BASELINE, task, np.arange(len(features)), seed)
+    fitted = fit_learner(data, features, RAW_BASELINE, task, np.arange(len(features)), seed)
     classes = data.tasks[task].classes
     head = Head("situation", classes, fitted, uncalibrated(len(classes)))
     session = open_session(whole_graph(narrow, [head]).SerializeToString())

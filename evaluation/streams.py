@@ -12,10 +12,11 @@ from edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, FloatArray
 from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
 from edge_runtime.trial_layout import truth_path
 from evaluation.scores import labels_at
-from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
+from export.learner import reference_votes
+from export.reference import IntArray, riskier_argmax, situation_votes
 from export.spec import StepSpec
 from training.critical_points import CriticalPoint, offline_critical_points
-from training.crossval import fit_forest
+from training.crossval import fit_learner
 from training.featurise import FloatRows, features_everywhere, spec_for
 from training.objects import read_json
 from training.plan import TrainingPlan
@@ -58,7 +59,7 @@ def held_out_streams(
 ) -> list[StreamPicture]:
     """Pictures of the shown trials of a folder, from one forest trained without them."""
     shown, task = shown_trials(data), data.tasks["classes"]
-    forest = fit_forest(
+    forest = fit_learner(
         data, features, plan, "classes", np.flatnonzero(~np.isin(task.trial, shown)), seed
     )
     spec = spec_for(data, plan.groups)

@@ -16,20 +16,26 @@ from typing import Any
 import numpy as np
 
 from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
+from edge_runtime.contract import SITUATIONS
 from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import ArtifactError, OutputError, TooLarge
 from edge_runtime.preparation import Preparation, preparation_from_json
 from edge_runtime.reading import Json, json_of, text_of
 from edge_runtime.writing import remove, write_whole
+from export.committee import Committee
 from export.features import feature_count
 from export.forest import FOREST_KINDS, Forest
 from export.heads import MAIN_HEAD, Calibration, Head
+from export.learner import Learner, features_in, forest_of, network_of
+from export.network import Network
+from export.network_file import read_network, write_network
 from export.reference import FloatRows
 from export.spec import StepSpec
 
 FORMAT = 1
 INDEX = "artifact.json"
 ROWS = "rows.npz"
+MOST_LABEL_WEIGHT = 1e6
 ALLOWED_TYPES = ("sklearn.tree._tree.Tree",)
 """The only type besides skops' own defaults that a forest needs."""
 
@@ -66,19 +72,17 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
 
     So a folder without an index is unfinished.
     """
-    import skops.io  # half a second, which reading figures need not wait for
-
     folder = Path(folder)
     remove(folder / INDEX)
-    heads = {}
+    heads: dict[str, Any] = {}
     for head in artifact.heads:
-        name = f"{head.name}.skops"
-        write_whole(folder / name, skops.io.dumps(head.forest))
         heads[head.name] = {
             "classes": list(head.classes),
-            "forest": name,
+            **_write_learner(folder, head),
             "calibration": head.calibration.to_json(),
         }
+        if head.label_weights is not None:
+            heads[head.name]["label_weights"] = list(head.label_weights)
     buffer = io.BytesIO()
     np.savez(buffer, rows=artifact.rows)
     write_whole(folder / ROWS, buffer.getvalue())
@@ -92,6 +96,21 @@ def write_artifact(folder: str | Path, artifact: Artifact) -> Path:
         "training": artifact.training,
     }
     return write_whole(folder / INDEX, json.dumps(index, indent=2) + "\n")
+
+
+def _write_learner(folder: Path, head: Head) -> dict[str, str]:
+    """Write a head's files; returns their names by what they hold."""
+    import skops.io  # half a second, which reading figures need not wait for
+
+    names = {}
+    forest, network = forest_of(head.learner), network_of(head.learner)
+    if forest is not None:
+        names["forest"] = f"{head.name}.skops"
+        write_whole(folder / names["forest"], skops.io.dumps(forest))
+    if network is not None:
+        names["network"] = f"{head.name}.npz"
+        write_network(folder / names["network"], network)
+    return names
 
 
 def read_artifact(folder: str | Path) -> Artifact:
@@ -135,13 +154,32 @@ def _require_that_parts_fit(artifact: Artifact) -> None:
     for head in artifact.heads:
         k = len(head.classes)
         shapes = head.calibration.weights.shape, head.calibration.bias.shape
-        columns = head.forest.classes_
         if (
-            head.forest.n_features_in_ != width
+            features_in(head.learner) != width
             or shapes != ((k, k), (k,))
-            or not np.isin(columns, range(k)).all()
+            or not _votes_for(head.learner, k)
         ):
             raise ValueError(f"head {head.name} does not fit the spec or its classes")
+        if head.label_weights is not None:
+            _require_label_weights(head)
+
+
+def _votes_for(learner: Learner, n_classes: int) -> bool:
+    """Whether a learner votes for these classes and no others."""
+    forest, network = forest_of(learner), network_of(learner)
+    return (forest is None or bool(np.isin(forest.classes_, range(n_classes)).all())) and (
+        network is None or network.n_classes == n_classes
+    )
+
+
+def _require_label_weights(head: Head) -> None:
+    weights = np.asarray(head.label_weights, dtype=np.float64)
+    if (
+        head.name != MAIN_HEAD
+        or weights.shape != (len(SITUATIONS),)
+        or not ((weights > 0.0) & (weights <= MOST_LABEL_WEIGHT)).all()
+    ):
+        raise ValueError(f"head {head.name} has label weights that are no weights of situations")
 
 
 def _read_index(folder: Path) -> Mapping[str, Any]:
@@ -167,7 +205,26 @@ def _read_head(folder: Path, name: str, entry: Mapping[str, Any]) -> Head:
     calibration = Calibration(
         np.array(entry["calibration"]["weights"]), np.array(entry["calibration"]["bias"])
     )
-    return Head(name, tuple(entry["classes"]), _load_forest(folder / entry["forest"]), calibration)
+    forest = _load_forest(folder / entry["forest"]) if "forest" in entry else None
+    network = read_network(folder / entry["network"]) if "network" in entry else None
+    weights = entry.get("label_weights")
+    return Head(
+        name,
+        tuple(entry["classes"]),
+        _joined(forest, network),
+        calibration,
+        None if weights is None else tuple(float(weight) for weight in weights),
+    )
+
+
+def _joined(forest: Forest | None, network: Network | None) -> Learner:
+    """The learner of a head's files. Raises KeyError without any."""
+    if forest is not None and network is not None:
+        return Committee(forest, network)
+    one = forest if forest is not None else network
+    if one is None:
+        raise KeyError("forest")
+    return one
 
 
 def _load_forest(path: Path) -> Forest:

@@ -55,10 +55,12 @@ def _say_stage(line: str) -> None:
 
 
 def _agreement(head: HeadVerification) -> str:
-    """How a head of the file compares with the reference, and that with scikit-learn's predict."""
+    """How a head of the file compares with the reference; a forest, with scikit-learn's predict."""
     plain = head.predict_disagreement
-    share = f"{1.0 - plain.share_off_ties:.4%}".replace("100.0000%", "100 %")
     labels = f"{head.label_mismatches} labels differ from the reference"
+    if plain is None:
+        return f"{head.rows} rows, {labels}"
+    share = f"{1.0 - plain.share_off_ties:.4%}".replace("100.0000%", "100 %")
     agreement = f"agreement with scikit-learn predict: {share} ({plain.ties} ties)"
     return f"{head.rows} rows, {labels}; {agreement}"
 
@@ -69,7 +71,7 @@ def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
 
     for path in (model, model.with_suffix(".json")):
         own = path.resolve().parent == artifact.resolve()
-        if own and (path.name in (INDEX, ROWS) or path.suffix == ".skops"):
+        if own and (path.name in (INDEX, ROWS) or path.suffix in (".skops", ".npz")):
             raise OutputError(
                 "is part of the artifact",
                 where=path,

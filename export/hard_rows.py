@@ -1,4 +1,4 @@
-"""Rows that are hard for a converted forest: on its thresholds, and at the edges of float32."""
+"""Rows that are hard for a converted learner: on its steps, and at the edges of float32."""
 
 from __future__ import annotations
 
@@ -7,9 +7,36 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from export.learner import Learner, features_in, forest_of, network_of
+from export.network import Network
 from export.reference import FloatRows
 
 THRESHOLD_ROWS = 20_000
+STEP_ROWS, STEP_SHARE = 5_000, 0.2
+"""Rows beside steps of a network's inputs, and the share of inputs that are moved there."""
+
+
+def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
+    """Hard rows [H, F] for all that is in a learner."""
+    forest, network = forest_of(learner), network_of(learner)
+    parts = [edge_rows(features_in(learner))]
+    if forest is not None:
+        parts.insert(0, threshold_rows(forest, rows, seed))
+    if network is not None:
+        parts.append(step_rows(network, rows, seed))
+    return np.concatenate(parts)
+
+
+def step_rows(network: Network, rows: FloatRows, seed: int) -> FloatRows:
+    """Rows in which some inputs are where rounding steps, or one float32 beside it."""
+    rng = np.random.default_rng(seed)
+    hard = rows[rng.integers(len(rows), size=STEP_ROWS)].copy()
+    inputs, columns = network.inputs, rng.random(hard.shape) < STEP_SHARE
+    half = np.floor(np.abs(inputs.gain) * rng.uniform(-1, 1, hard.shape)) + 0.5
+    squashed = np.clip((half - inputs.offset) / inputs.gain, -0.999, 0.999)
+    at = (squashed * inputs.knee / (1.0 - np.abs(squashed))).astype(np.float32)
+    towards = rng.choice(np.array([-np.inf, 0.0, np.inf], np.float32), size=hard.shape)
+    return np.where(columns, np.where(towards == 0.0, at, np.nextafter(at, towards)), hard)
 
 
 def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
@@ -67,7 +94,7 @@ class _Branches:
                 row[feature] = at if left else self.beside[2][above]
 
 
-def edge_rows(forest: Any) -> FloatRows:
+def edge_rows(n_features: int) -> FloatRows:
     """Rows of zeros of both signs, subnormals, the smallest and the largest finite numbers."""
     limits = np.finfo(np.float32)
     values = [
@@ -79,4 +106,4 @@ def edge_rows(forest: Any) -> FloatRows:
         limits.max,
         limits.min,
     ]
-    return np.repeat(np.array(values, dtype=np.float32)[:, None], forest.n_features_in_, axis=1)
+    return np.repeat(np.array(values, dtype=np.float32)[:, None], n_features, axis=1)

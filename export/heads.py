@@ -1,4 +1,4 @@
-"""The answers of forests, joined to the step graph: votes, labels, probabilities, weight.
+"""The answers of learners, joined to the step graph: votes, labels, probabilities, weight.
 
 The main head is called "situation" and votes for four situations or for eight classes. Each other
 head votes no or yes on one question (p_risky_250ms) and publishes the probability of yes. Labels
@@ -17,7 +17,7 @@ from onnx import TensorProto
 from edge_runtime.contract import CLASSES, SITUATIONS
 from edge_runtime.reading import Json
 from export.builder import GraphBuilder
-from export.forest import Forest, add_forest, vote_bits
+from export.learner import Learner, add_learner, votes_in_all
 
 MAIN_HEAD = "situation"
 
@@ -36,34 +36,37 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Head:
-    """A trained forest, the classes it votes for, and the calibration of its votes."""
+    """A trained learner, the classes it votes for, and the calibration of its votes.
+
+    label_weights: what each situation's votes count for the label, None for the same.
+    """
 
     name: str
     classes: tuple[str, ...]
-    forest: Forest
+    learner: Learner
     calibration: Calibration
+    label_weights: tuple[float, ...] | None = None
 
 
 def add_heads(graph: GraphBuilder, features: str, heads: list[Head]) -> None:
     """Join every head to the features; publishes the outputs of the model's interface."""
     for head in heads:
         out = "votes" if head.name == MAIN_HEAD else f"votes_{head.name}"
-        votes = add_forest(graph, head.forest, features, len(head.classes), out)
+        votes = add_learner(graph, head.learner, features, len(head.classes), out)
         graph.output(out, TensorProto.FLOAT, len(head.classes))
         if head.name != MAIN_HEAD:
             _publish_extra(graph, head, votes)
         elif head.classes == CLASSES:
             _publish_classes(graph, head, votes)
         else:
-            _publish_label(graph, votes)
+            _publish_label(graph, head, votes)
             _calibrated(graph, head, votes, "p_situation")
             graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
 
 
 def _calibrated(graph: GraphBuilder, head: Head, votes: str, out: str = "") -> str:
     """[B, K] float32 probabilities; the division of votes into shares is part of the weights."""
-    n_trees = len(head.forest.estimators_)
-    weights = head.calibration.weights / (n_trees << vote_bits(n_trees))
+    weights = head.calibration.weights / votes_in_all(head.learner)
     product = graph.node("MatMul", votes, graph.constant(weights, np.float32))
     logits = graph.node("Add", product, graph.constant(head.calibration.bias, np.float32))
     return graph.node("Softmax", logits, out=out, axis=1)
@@ -75,8 +78,10 @@ def _publish_extra(graph: GraphBuilder, head: Head, votes: str) -> None:
     graph.output(head.name, TensorProto.FLOAT)
 
 
-def _publish_label(graph: GraphBuilder, situation_votes: str) -> None:
-    graph.node("ArgMax", situation_votes, out="situation", axis=1, keepdims=0, select_last_index=1)
+def _publish_label(graph: GraphBuilder, head: Head, votes: str) -> None:
+    if head.label_weights is not None:
+        votes = graph.node("Mul", votes, graph.constant(head.label_weights, np.float32))
+    graph.node("ArgMax", votes, out="situation", axis=1, keepdims=0, select_last_index=1)
     graph.output("situation", TensorProto.INT64)
 
 
@@ -86,7 +91,7 @@ def _publish_classes(graph: GraphBuilder, head: Head, votes: str) -> None:
     pairs = graph.constant(np.kron(np.eye(len(SITUATIONS)), np.ones((2, 1))), np.float32)
     graph.node("MatMul", "p_class", pairs, out="p_situation")
     graph.output("p_situation", TensorProto.FLOAT, len(SITUATIONS))
-    _publish_label(graph, graph.node("MatMul", votes, pairs))
+    _publish_label(graph, head, graph.node("MatMul", votes, pairs))
     # "nothing" has no weight, so its two classes do not count; a tie is heavy, which is riskier
     heavier = graph.constant([0, 0] + [-1, 1] * 3, np.float32)
     difference = graph.node("MatMul", votes, heavier)

@@ -1,4 +1,4 @@
-"""The reference for an exported file: scikit-learn's trees, quantised leaves, the tie rule."""
+"""The reference for what an exported file makes of votes: labels, probabilities, flags."""
 
 from __future__ import annotations
 
@@ -8,35 +8,31 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import SITUATIONS, BoolArray, FloatArray
-from edge_runtime.errors import NotANumber
-from export.forest import Forest, IntArray, leaf_votes
-from export.heads import Head
+from export.forest import IntArray
+from export.heads import MAIN_HEAD, Head
 from export.spec import RANGE_LIMIT, StepSpec
 
 FloatRows = npt.NDArray[np.float32]
-ROWS_AT_ONCE = 8192
-"""So many stay in the processor's caches; a long stream at once takes twice as long."""
 
 
-def reference_votes(forest: Forest, features: FloatRows, n_classes: int) -> IntArray:
-    """Exact integer votes [N, n_classes] of float32 rows [N, F]. Raises NotANumber."""
-    total = np.zeros((len(features), n_classes), dtype=np.int64)
-    trees = list(zip(forest.estimators_, leaf_votes(forest, n_classes), strict=True))
-    for start in range(0, len(features), ROWS_AT_ONCE):
-        some = slice(start, start + ROWS_AT_ONCE)
-        rows = np.asarray(features[some], dtype=np.float32)
-        if not np.isfinite(rows).all():
-            what = f"a feature of rows {start} to {start + len(rows)} is not finite"
-            raise NotANumber(what, where="feature rows")
-        for tree, votes in trees:
-            total[some] += votes[tree.tree_.apply(rows)]
-    return total
-
-
-def riskier_argmax(votes: IntArray) -> IntArray:
+def riskier_argmax(votes: npt.NDArray[Any]) -> IntArray:
     """[N, K] votes -> [N] label: the largest; among equal ones the riskier (the last)."""
     k = votes.shape[1]
     return np.asarray(k - 1 - np.argmax(votes[:, ::-1], axis=1), dtype=np.int64)
+
+
+def reference_label(head: Head, votes: IntArray) -> IntArray:
+    """[N, K] votes -> [N] label of a head; of the main one, a situation by its label weights."""
+    if head.name != MAIN_HEAD:
+        return riskier_argmax(votes)
+    return riskier_argmax(weighted(situation_votes(votes), head.label_weights))
+
+
+def weighted(votes: IntArray, weights: tuple[float, ...] | None) -> npt.NDArray[Any]:
+    """Votes [N, 4] times the weights of their situations, in float32 as in the file."""
+    if weights is None:
+        return votes
+    return np.asarray(votes.astype(np.float32) * np.asarray(weights, dtype=np.float32))
 
 
 def reference_probability(head: Head, votes: IntArray) -> npt.NDArray[np.float64]:

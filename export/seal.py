@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Any
 
 import onnx
 
@@ -17,6 +16,8 @@ from edge_runtime.reading import Json
 from export.artifact import Artifact
 from export.detectors import detector_names
 from export.forest import vote_bits
+from export.heads import Head
+from export.learner import forest_of, kind_of, network_of, votes_in_all
 from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 
 TIE_RULE = "the riskier class wins"
@@ -47,16 +48,22 @@ def model_card(artifact: Artifact) -> Json:
     }
 
 
-def _head_card(head: Any) -> Json:
-    trees = head.forest.estimators_
-    return {
-        "classes": list(head.classes),
-        "trees": len(trees),
-        "nodes": int(sum(tree.tree_.node_count for tree in trees)),
-        "vote_bits": vote_bits(len(trees)),
-        "kind": type(head.forest).__name__,
-        "calibration": head.calibration.to_json(),
-    }
+def _head_card(head: Head) -> Json:
+    card: Json = {"classes": list(head.classes)}
+    forest, network = forest_of(head.learner), network_of(head.learner)
+    if forest is not None:
+        trees = forest.estimators_
+        card["trees"] = len(trees)
+        card["nodes"] = int(sum(tree.tree_.node_count for tree in trees))
+        card["vote_bits"] = vote_bits(len(trees))
+        card["kind"] = type(forest).__name__
+    if network is not None:
+        card["learner"] = kind_of(head.learner)
+        card["layers"] = [len(layer.bias) for layer in network.layers]
+        card["votes"] = votes_in_all(head.learner)
+    if head.label_weights is not None:
+        card["label_weights"] = list(head.label_weights)
+    return {**card, "calibration": head.calibration.to_json()}
 
 
 def seal(model: onnx.ModelProto, card: Json, spec: StepSpec) -> bytes:

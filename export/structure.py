@@ -13,19 +13,51 @@ import onnx
 from onnx import helper
 
 from edge_runtime.errors import VerificationFailed
-from export.forest import leaf_votes
+from export.forest import Forest, leaf_votes
 from export.hard_rows import largest_float32_not_above
 from export.heads import Head
+from export.learner import forest_of, network_of
+from export.network import Network
 
 
-def require_same_trees(model: onnx.ModelProto, head: Head, votes_name: str) -> int:
-    """Compare features, thresholds, children and leaves; returns the number of nodes.
+def require_same_numbers(model: onnx.ModelProto, head: Head, votes_name: str) -> int:
+    """Compare all numbers of a learner; returns how many nodes and weights it has.
 
-    Raises VerificationFailed with the number of nodes that differ.
+    Raises VerificationFailed with the number of those that differ.
     """
+    forest, network = forest_of(head.learner), network_of(head.learner)
     (node,) = [node for node in model.graph.node if node.output[0] == votes_name]
+    count = 0
+    if forest is not None:
+        made_by = {node.output[0]: node for node in model.graph.node}
+        trees = made_by[node.input[0]] if network is not None else node
+        count += _same_trees(trees, forest, head)
+    if network is not None:
+        count += _same_weights(model, network, head)
+    return count
+
+
+def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
+    """Every matrix of the network is in the file, number by number."""
+    stored = [onnx.numpy_helper.to_array(one) for one in model.graph.initializer]
+    for layer in network.layers:
+        if not any(np.array_equal(layer.weights, one) for one in stored):
+            _refuse(head, layer.weights.size, network.n_weights)
+    return network.n_weights
+
+
+def _refuse(head: Head, wrong: int, of: int) -> None:
+    raise VerificationFailed(
+        f"head {head.name}: {wrong} of {of} nodes or weights differ from training",
+        cause="a converter that treats them differently",
+        next_step="report the versions that holdfast doctor prints",
+    )
+
+
+def _same_trees(node: onnx.NodeProto, forest: Forest, head: Head) -> int:
+    """Features, thresholds, children and leaves."""
     exported = {one.name: helper.get_attribute_value(one) for one in node.attribute}
-    trees = [tree.tree_ for tree in head.forest.estimators_]
+    trees = [tree.tree_ for tree in forest.estimators_]
     feature, threshold, left, right = (
         np.concatenate([getattr(tree, name) for tree in trees])
         for name in ("feature", "threshold", "children_left", "children_right")
@@ -33,7 +65,7 @@ def require_same_trees(model: onnx.ModelProto, head: Head, votes_name: str) -> i
     branch = feature >= 0
     wrong = (
         np.array([mode == b"BRANCH_LEQ" for mode in exported["nodes_modes"]]) != branch
-    ) | _leaves_differ(exported, head)
+    ) | _leaves_differ(exported, forest, len(head.classes))
     wrong |= branch & (
         np.array(exported["nodes_values"], np.float32) != largest_float32_not_above(threshold)
     )
@@ -44,22 +76,18 @@ def require_same_trees(model: onnx.ModelProto, head: Head, votes_name: str) -> i
     ):
         wrong |= branch & (np.array(exported[name]) != expected)
     if wrong.any():
-        raise VerificationFailed(
-            f"head {head.name}: {int(wrong.sum())} of {len(wrong)} nodes differ from training",
-            cause="a converter that treats the trees differently",
-            next_step="report the versions that holdfast doctor prints",
-        )
+        _refuse(head, int(wrong.sum()), len(wrong))
     return len(wrong)
 
 
-def _leaves_differ(exported: dict[str, Any], head: Head) -> Any:
+def _leaves_differ(exported: dict[str, Any], forest: Forest, n_classes: int) -> Any:
     """[nodes] whether a node's votes differ from those of its leaf (a branch has none)."""
-    votes = leaf_votes(head.forest, len(head.classes))
+    votes = leaf_votes(forest, n_classes)
     starts = np.concatenate([[0], np.cumsum([len(tree) for tree in votes])])
-    given = np.zeros((starts[-1], len(head.classes)))
+    given = np.zeros((starts[-1], n_classes))
     rows = starts[np.array(exported["target_treeids"], int)] + np.array(
         exported["target_nodeids"], int
     )
     np.add.at(given, (rows, np.array(exported["target_ids"], int)), exported["target_weights"])
-    leaf = np.concatenate([tree.tree_.feature for tree in head.forest.estimators_]) < 0
+    leaf = np.concatenate([tree.tree_.feature for tree in forest.estimators_]) < 0
     return np.any(given != np.concatenate(votes) * leaf[:, None], axis=1)

@@ -18,13 +18,14 @@ class PredictDisagreement:
 class HeadVerification:
     """One head of a file beside the reference. rows: given rows, thresholds and edges together.
 
-    nodes: of its trees, each compared.
+    predict_disagreement: None but for a forest alone. nodes: of its trees, and weights of its
+    network, each compared.
     """
 
     rows: int
     label_mismatches: int
     vote_mismatches: int
-    predict_disagreement: PredictDisagreement
+    predict_disagreement: PredictDisagreement | None
     nodes: int
 
 

@@ -18,19 +18,20 @@ from edge_runtime.contract import CLASSES, SITUATIONS
 from edge_runtime.errors import VerificationFailed
 from edge_runtime.golden import golden_input
 from edge_runtime.graph import BATCH, StepGraph, open_session, run_recording
-from export.hard_rows import edge_rows, threshold_rows
+from export.forest import FOREST_KINDS, Forest
+from export.hard_rows import hard_rows
 from export.heads import MAIN_HEAD, Head
+from export.learner import reference_votes
 from export.reference import (
     FloatRows,
     reference_flags,
     reference_heavy,
+    reference_label,
     reference_probability,
-    reference_votes,
     riskier_argmax,
-    situation_votes,
 )
 from export.spec import StepSpec
-from export.structure import require_same_trees
+from export.structure import require_same_numbers
 from export.verification import HeadVerification, PredictDisagreement, Verification
 
 SINGLE_ROWS = 2_000
@@ -60,11 +61,9 @@ def verify(
     single = 0
     for head in heads:
         say(f"verifying head {head.name} on {len(rows)} rows and on its own thresholds")
-        hard = np.concatenate(
-            [rows, threshold_rows(head.forest, rows, seed), edge_rows(head.forest)]
-        )
+        hard = np.concatenate([rows, hard_rows(head.learner, rows, seed)])
         votes = _run(forests, hard, CHUNK)
-        nodes = require_same_trees(model, head, _votes(head))
+        nodes = require_same_numbers(model, head, _votes(head))
         compared[head.name] = _compare(head, hard, votes, len(rows), nodes)
         single += _compare_single(forests, hard, votes, seed)
     say("verifying ties, and streams of one hand against a batch")
@@ -99,14 +98,10 @@ def _run(session: Any, rows: FloatRows, chunk: int) -> dict[str, npt.NDArray[Any
 def _compare(
     head: Head, rows: FloatRows, answers: dict[str, npt.NDArray[Any]], given: int, nodes: int
 ) -> HeadVerification:
-    expected = reference_votes(head.forest, rows, len(head.classes))
+    expected = reference_votes(head.learner, rows, len(head.classes))
     got = answers[_votes(head)]
     wrong_votes = int(np.any(got != expected, axis=1).sum())
-    label = (
-        riskier_argmax(situation_votes(expected))
-        if head.name == MAIN_HEAD
-        else riskier_argmax(expected)
-    )
+    label = reference_label(head, expected)
     answered = (
         answers["situation"] if head.name == MAIN_HEAD else riskier_argmax(got.astype(np.int64))
     )
@@ -116,10 +111,15 @@ def _compare(
         raise VerificationFailed(
             f"head {head.name}: {wrong} labels, {wrong_votes} votes "
             f"and {wrong_others} other outputs of {len(rows)} rows differ",
-            cause="a converter or runtime that treats the trees differently",
+            cause="a converter or runtime that treats the learner differently",
             next_step="report the versions that holdfast doctor prints",
         )
-    plain = _disagreement(head, rows[:given], expected[:given])
+    forest = head.learner
+    plain = (
+        _disagreement(forest, rows[:given], expected[:given])
+        if isinstance(forest, FOREST_KINDS)
+        else None
+    )
     return HeadVerification(len(rows), wrong, wrong_votes, plain, nodes)
 
 
@@ -146,9 +146,11 @@ def _far(got: npt.NDArray[Any], expected: npt.NDArray[np.float64]) -> int:
     return int(np.sum(~(apart <= PROBABILITY_TOLERANCE)))
 
 
-def _disagreement(head: Head, rows: FloatRows, votes: npt.NDArray[np.int64]) -> PredictDisagreement:
+def _disagreement(
+    forest: Forest, rows: FloatRows, votes: npt.NDArray[np.int64]
+) -> PredictDisagreement:
     """How often scikit-learn's predict gives another class."""
-    plain = np.asarray(head.forest.predict(rows))
+    plain = np.asarray(forest.predict(rows))
     top = np.sort(votes, axis=1)
     tied = top[:, -1] == top[:, -2]
     differs = plain != riskier_argmax(votes)
@@ -187,7 +189,7 @@ def _check_ties(model: onnx.ModelProto, heads: list[Head]) -> int:
     session = open_session(_cut(model, ["votes"], ["situation"]))
     votes = np.array(list(_tied_votes(len(main.classes))), dtype=np.float32)
     (got,) = session.run(None, {"votes": votes})
-    if not np.array_equal(got, riskier_argmax(situation_votes(votes.astype(np.int64)))):
+    if not np.array_equal(got, reference_label(main, votes.astype(np.int64))):
         raise VerificationFailed("the riskier class does not win ties", next_step="report this")
     return len(votes)
 

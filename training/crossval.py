@@ -13,19 +13,24 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.linear_model import LogisticRegression
 
+from edge_runtime.contract import SITUATIONS
 from edge_runtime.errors import ClassMissing
+from export.committee import Committee
 from export.exporting import whole_graph
-from export.forest import Forest
+from export.forest import IntArray, votes_of_trees
 from export.heads import Calibration, Head
-from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
+from export.learner import Learner, reference_votes
+from export.reference import reference_label, situation_votes
 from export.spec import StepSpec
 from export.verification import Verification
 from export.verify import verify
 from training.featurise import FloatRows
+from training.label_rule import LabelWeights, fit_label_weights, situation_labels
+from training.network_fit import fit_network
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet
 from training.say import Say
-from training.splits import Fold, assign_groups, folds_of
+from training.splits import Fold, assign_groups, folds_of, grouped_folds
 
 CALIBRATION_C = 1.0
 """Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""
@@ -33,12 +38,15 @@ CALIBRATION_C = 1.0
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Votes for every window, each from a forest that never saw its person.
+    """Votes for every window, each from a learner that never saw its person.
 
-    votes: task -> [M, K] exact integers. verification: one report a fold.
+    votes: task -> [M, K] exact integers. labels: [M] situations of the main task, where a fold's
+    label weights count; else the riskiest of those with most votes. verification: one report a
+    fold.
     """
 
     votes: dict[str, IntArray]
+    labels: IntArray | None = None
     verification: list[Verification] = field(default_factory=list)
 
     def shares(self, task: str) -> npt.NDArray[np.float64]:
@@ -48,8 +56,13 @@ class HeldOut:
 
     def situations(self) -> IntArray:
         """[M] labels of the main task by the declared tie rule."""
-        task = "classes" if "classes" in self.votes else "situations"
-        return riskier_argmax(situation_votes(self.votes[task]))
+        return (
+            situation_labels(self.situation_votes(), None) if self.labels is None else self.labels
+        )
+
+    def situation_votes(self) -> IntArray:
+        """[M, 4] votes of the main task."""
+        return situation_votes(self.votes["classes" if "classes" in self.votes else "situations"])
 
 
 def cross_validate(
@@ -63,7 +76,7 @@ def cross_validate(
 ) -> HeldOut:
     """Held-out votes for every window of every task; folds of people are shared by all tasks.
 
-    features: task -> [M, F]. verify_spec: export every fold's forests and compare them on all
+    features: task -> [M, F]. verify_spec: export every fold's learners and compare them on all
     held-out rows. A fold may hold out no window of a task; one that leaves none to train on is a
     ClassMissing. Raises TooFewGroups.
     """
@@ -74,6 +87,7 @@ def cross_validate(
         task: np.zeros((len(rows), len(rows.classes)), np.int64)
         for task, rows in data.tasks.items()
     }
+    labels = np.zeros(len(data.tasks[main]), np.int64)
     reports = []
     for fold in range(plan.folds):
         say(f"fold {fold + 1} of {plan.folds}")
@@ -83,12 +97,37 @@ def cross_validate(
         for task, head in zip(data.tasks, heads, strict=True):
             held = splits[task][fold][1]
             votes[task][held] = reference_votes(
-                head.forest, features[task][held], len(head.classes)
+                head.learner, features[task][held], len(head.classes)
             )
+            if task == main:
+                labels[held] = reference_label(head, votes[main][held])
         if verify_spec is not None:
             rows = np.concatenate([features[task][splits[task][fold][1]] for task in data.tasks])
             reports.append(verify(whole_graph(verify_spec, heads), verify_spec, heads, rows, seed))
-    return HeldOut(votes, reports)
+    return HeldOut(votes, labels, reports)
+
+
+def chosen_label_weights(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    rows: npt.NDArray[np.int64],
+    seed: int,
+) -> LabelWeights | None:
+    """Label weights from these windows of the main task alone, their people held out in turn.
+
+    None where the plan wants none. Raises TooFewGroups.
+    """
+    if not plan.label_folds:
+        return None
+    task = main_task(data)
+    held_out = data.tasks[task]
+    votes = np.zeros((len(rows), len(held_out.classes)), np.int64)
+    for train, test in grouped_folds(data.group_of(task)[rows], plan.label_folds, seed=seed):
+        learner = fit_learner(data, features[task], plan, task, rows[train], seed)
+        votes[test] = reference_votes(learner, features[task][rows[test]], votes.shape[1])
+    situation = held_out.label[rows] // (votes.shape[1] // len(SITUATIONS))
+    return fit_label_weights(situation_votes(votes), situation)
 
 
 def _groups_of_all(data: DataSet, main: str) -> npt.NDArray[np.str_]:
@@ -103,15 +142,15 @@ def main_task(data: DataSet) -> str:
     return "classes" if "classes" in data.tasks else "situations"
 
 
-def fit_forest(
+def fit_learner(
     data: DataSet,
     features: FloatRows,
     plan: TrainingPlan,
     task: str,
     rows: npt.NDArray[np.int64],
     seed: int,
-) -> Forest:
-    """The plan's forest for a task, fitted on some windows. Raises ClassMissing without any."""
+) -> Learner:
+    """The plan's learner for a task, fitted on some windows. Raises ClassMissing without any."""
     if not len(rows):
         raise ClassMissing(
             f"task {task}: no window to train on",
@@ -119,8 +158,17 @@ def fit_forest(
             cause="all of its windows are in recordings that are held out",
             next_step="add recordings of other people, or leave the task out",
         )
+    given = data.tasks[task]
+    label, n_classes = given.label[rows], len(given.classes)
+    if plan.learner == "network":
+        return fit_network(plan.network_for(task), features[rows], label, n_classes, seed)
     by_column = np.asfortranarray(features[rows])  # as a tree reads them: the same forest, sooner
-    return plan.forest_for(task).build(seed).fit(by_column, data.tasks[task].label[rows])
+    forest = plan.forest_for(task).build(seed).fit(by_column, label)
+    if plan.learner == "forest":
+        return forest
+    votes = votes_of_trees(len(forest.estimators_))
+    network = fit_network(plan.network_for(task), features[rows], label, n_classes, seed, votes)
+    return Committee(forest, network)
 
 
 def fit_calibration(shares: npt.NDArray[np.float64], label: npt.NDArray[np.int64]) -> Calibration:
@@ -143,7 +191,7 @@ def fit_calibration(shares: npt.NDArray[np.float64], label: npt.NDArray[np.int64
 
 
 def uncalibrated(n_classes: int) -> Calibration:
-    """A placeholder for forests of single folds, whose probabilities are not used."""
+    """A placeholder for learners of single folds, whose probabilities are not used."""
     return Calibration(np.eye(n_classes), np.zeros(n_classes))
 
 
@@ -155,6 +203,8 @@ def _fold_head(
     split: Fold,
     seed: int,
 ) -> Head:
-    forest = fit_forest(data, features[task], plan, task, split[0], seed)
-    classes = data.tasks[task].classes
-    return Head(TASK_HEADS[task], classes, forest, uncalibrated(len(classes)))
+    learner = fit_learner(data, features[task], plan, task, split[0], seed)
+    classes, weights = data.tasks[task].classes, None
+    if task == main_task(data):
+        weights = chosen_label_weights(data, features, plan, split[0], seed)
+    return Head(TASK_HEADS[task], classes, learner, uncalibrated(len(classes)), weights)

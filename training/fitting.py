@@ -1,4 +1,4 @@
-"""Recordings -> features -> cross-validation -> calibrated forests -> an artifact for export."""
+"""Recordings -> features -> cross-validation -> calibrated learners -> an artifact for export."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from edge_runtime.errors import ClassMissing
 from edge_runtime.reading import Json
 from export.artifact import Artifact, write_artifact
 from export.heads import Head
-from training.crossval import HeldOut, cross_validate, fit_calibration, fit_forest, main_task
+from training.crossval import HeldOut, cross_validate, fit_calibration, fit_learner, main_task
 from training.featurise import FloatRows, features_of, spec_for
 from training.figures import HeadFigures
+from training.label_rule import fit_label_weights
 from training.metrics import report
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet, Recording
@@ -56,7 +57,7 @@ def train(
     say(f"features of {len(data.recordings)} recordings")
     features = features_of(data, spec, part)
     held_out = cross_validate(data, features, plan, seed=seed, say=say)
-    say("final forests on all recordings")
+    say("final learners on all recordings")
     figures = held_out_figures(data, held_out, seed)
     write_artifact(out, final_artifact(data, features, held_out, figures, plan, seed))
     return Trained(figures, held_out)
@@ -70,7 +71,7 @@ def final_artifact(
     plan: TrainingPlan,
     seed: int,
 ) -> Artifact:
-    """Forests on all windows, calibrated on the held-out votes, with their origin.
+    """Learners on all windows, calibrated on the held-out votes, with their origin.
 
     figures: of the held-out votes, for the model card.
     """
@@ -128,10 +129,12 @@ def _final_head(
     data: DataSet, features: FloatRows, plan: TrainingPlan, task: str, held_out: HeldOut, seed: int
 ) -> Head:
     rows = data.tasks[task]
-    forest = fit_forest(data, features, plan, task, np.arange(len(rows)), seed)
-    return Head(
-        TASK_HEADS[task], rows.classes, forest, fit_calibration(held_out.shares(task), rows.label)
-    )
+    learner = fit_learner(data, features, plan, task, np.arange(len(rows)), seed)
+    calibration, weights = fit_calibration(held_out.shares(task), rows.label), None
+    if plan.label_folds and task == main_task(data):
+        votes = held_out.situation_votes()
+        weights = fit_label_weights(votes, rows.label // (len(rows.classes) // len(SITUATIONS)))
+    return Head(TASK_HEADS[task], rows.classes, learner, calibration, weights)
 
 
 def _origin(data: DataSet, plan: TrainingPlan, seed: int, figures: HeadFigures) -> Json:

@@ -1,4 +1,4 @@
-"""What is trained by default: feature groups, one forest a head, how many folds. One place to look.
+"""What is trained by default: feature groups, learner, how many folds. One place to look.
 
 The choice was made on human_slip_uskin, people held out (docs/decisions.md says how many were
 tried).
@@ -14,10 +14,12 @@ from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from edge_runtime.decision import DecisionRules
 from edge_runtime.reading import Json
 from export.forest import Forest
+from training.network_fit import NetworkPlan
 
 CLOCK_FREE_GROUPS = ("now", "differences", "scaled_differences", "scaled_sums", "activity")
 RAW_GROUPS = ("window",)
 
+LearnerKind = Literal["forest", "network", "committee"]
 TASK_HEADS = {"situations": "situation", "classes": "situation", "predict_250ms": "p_risky_250ms"}
 """Which head of the exported file learns which task."""
 
@@ -50,13 +52,25 @@ UNTUNED = ForestPlan(kind="random", class_weight=None)
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """All choices of a training run beside the data and the seed."""
+    """All choices of a training run beside the data and the seed.
+
+    label_folds: the label weights are chosen on the votes of so many folds of the training windows
+    alone; 0 for none.
+    """
 
     groups: tuple[str, ...] = CLOCK_FREE_GROUPS
     situation: ForestPlan = ForestPlan(n_estimators=60, min_samples_leaf=8, max_features=0.12)
     prediction: ForestPlan = ForestPlan(n_estimators=100, min_samples_leaf=5, max_features=0.3)
     folds: int = 6
     decision: DecisionRules = TWO_SAMPLES
+    learner: LearnerKind = "forest"
+    network: NetworkPlan = NetworkPlan()
+    prediction_network: NetworkPlan = NetworkPlan(hidden=(32,))
+    label_folds: int = 0
+
+    def network_for(self, task: str) -> NetworkPlan:
+        """The network of a task."""
+        return self.prediction_network if TASK_HEADS[task] == "p_risky_250ms" else self.network
 
     def forest_for(self, task: str) -> ForestPlan:
         """The forest of a task."""
@@ -64,7 +78,12 @@ class TrainingPlan:
 
     def to_json(self) -> Json:
         """As a JSON object, for the model card."""
-        return asdict(self)
+        fields = asdict(self)
+        if self.learner == "forest":
+            del fields["learner"], fields["network"], fields["prediction_network"]
+        if not self.label_folds:
+            del fields["label_folds"]
+        return fields
 
 
 RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)

@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from export.forest import Forest
-from training.crossval import fit_forest
+from training.crossval import fit_learner
 from training.featurise import FloatRows
 from training.plan import TrainingPlan
 from training.recording import DataSet
 
 
 class Grown:
-    """Forests of up to n_trees that differ in their number only; fit is as fit_forest, seed 0."""
+    """Forests of up to n_trees that differ in their number only; fit is as fit_learner, seed 0."""
 
     def __init__(self, n_trees: int) -> None:
         self._n_trees = n_trees
@@ -34,7 +34,7 @@ class Grown:
         key = rows.tobytes()
         if key not in self._largest:
             largest = replace(plan, situation=replace(plan.situation, n_estimators=self._n_trees))
-            self._largest[key] = fit_forest(data, features, largest, task, rows, 0)
+            self._largest[key] = fit_learner(data, features, largest, task, rows, 0)
         return first_trees(self._largest[key], plan.situation.n_estimators)
 
 

@@ -23,7 +23,8 @@ from evaluation.event_scores import EventScores, choose_confidence, event_scores
 from export.exporting import whole_graph
 from export.forest import Forest
 from export.heads import Calibration, Head
-from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
+from export.learner import reference_votes
+from export.reference import IntArray, riskier_argmax, situation_votes
 from export.spec import StepSpec
 from training.crossval import HeldOut, fit_calibration, main_task
 from training.featurise import FloatRows

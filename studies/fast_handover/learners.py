@@ -13,7 +13,8 @@ from sklearn.utils.class_weight import compute_sample_weight
 from threadpoolctl import threadpool_limits
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SITUATIONS
-from export.reference import IntArray, reference_votes, riskier_argmax, situation_votes
+from export.learner import reference_votes
+from export.reference import IntArray, riskier_argmax, situation_votes
 from training.featurise import FloatRows
 from training.plan import ForestPlan
 

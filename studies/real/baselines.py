@@ -12,9 +12,10 @@ import numpy as np
 
 from edge_runtime.contract import FloatArray
 from export.forest import Forest
-from export.reference import IntArray, reference_votes, riskier_argmax
+from export.learner import reference_votes
+from export.reference import IntArray, riskier_argmax
 from studies.row_names import LEAKY_FOLDS
-from training.crossval import cross_validate, fit_forest
+from training.crossval import cross_validate, fit_learner
 from training.datasets.human_slip_uskin import clock_features
 from training.featurise import FloatRows, features_of, spec_for
 from training.figures import HeadFigures
@@ -59,6 +60,6 @@ def _leaky_votes(
     n_classes = len(data.tasks[task].classes)
     votes = np.zeros((len(features), n_classes), dtype=np.int64)
     for train, test in leaky_folds(len(features), LEAKY_FOLDS, seed=seed):
-        forest: Forest = fit_forest(data, features, plan, task, train, seed)
+        forest: Forest = fit_learner(data, features, plan, task, train, seed)
         votes[test] = reference_votes(forest, features[test], n_classes)
     return votes

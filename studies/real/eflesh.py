@@ -13,8 +13,9 @@ import numpy.typing as npt
 from edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
 from edge_runtime.decision import DecisionRules
 from evaluation.eflesh_figures import DelaySpread, EfleshFigures
-from export.reference import reference_votes, riskier_argmax
-from training.crossval import fit_forest
+from export.learner import reference_votes
+from export.reference import riskier_argmax
+from training.crossval import fit_learner
 from training.datasets.eflesh_slip import amplitude, detection_delay_s, threshold_baseline
 from training.featurise import features_everywhere, features_of, spec_for
 from training.metrics import situation_scores
@@ -46,7 +47,7 @@ def study_eflesh(data: DataSet, plan: TrainingPlan, seed: int = 0) -> EfleshStud
     predicted = np.zeros(len(task), dtype=np.int64)
     alarms: list[BoolArray] = [np.zeros(0, dtype=np.bool_)] * len(data.recordings)
     for train, test in folds_of(blocks, folds):
-        forest = fit_forest(data, windows, plan, "situations", train, seed)
+        forest = fit_learner(data, windows, plan, "situations", train, seed)
         predicted[test] = riskier_argmax(reference_votes(forest, windows[test], len(task.classes)))
         for trial in np.unique(task.trial[test]):
             label = riskier_argmax(reference_votes(forest, everywhere[trial], len(task.classes)))

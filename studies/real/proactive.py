@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import RISKY_SLIP, FloatArray
-from export.reference import reference_votes, riskier_argmax
-from training.crossval import fit_forest
+from export.learner import reference_votes
+from export.reference import riskier_argmax
+from training.crossval import fit_learner
 from training.featurise import features_everywhere, features_of, spec_for
 from training.plan import TrainingPlan
 from training.recording import DataSet, Recording
@@ -55,7 +56,7 @@ def _picture(
     seed: int,
 ) -> ReplayPicture:
     task = data.tasks["situations"]
-    forest = fit_forest(
+    forest = fit_learner(
         data, windows, plan, "situations", np.flatnonzero(task.trial != index), seed
     )
     votes = reference_votes(forest, stream, len(task.classes))

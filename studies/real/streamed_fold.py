@@ -14,7 +14,7 @@ from export.artifact import Artifact, write_artifact
 from export.exporting import export_artifact
 from export.heads import Head
 from studies.real.figures import StreamedFold
-from training.crossval import HeldOut, fit_calibration, fit_forest
+from training.crossval import HeldOut, fit_calibration, fit_learner
 from training.featurise import FloatRows, spec_for
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet
@@ -68,6 +68,6 @@ def _head(
     held_out: HeldOut,
     seed: int,
 ) -> Head:
-    forest = fit_forest(data, features, plan, task, train, seed)
+    forest = fit_learner(data, features, plan, task, train, seed)
     calibration = fit_calibration(held_out.shares(task)[train], data.tasks[task].label[train])
     return Head(TASK_HEADS[task], data.tasks[task].classes, forest, calibration)

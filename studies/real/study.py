@@ -115,7 +115,7 @@ def table_rows(
 def verification_of(held_out: HeldOut) -> VerificationSums:
     """Sums over the folds of what export compared."""
     heads = [head for fold in held_out.verification for head in fold.heads.values()]
-    plain = [head.predict_disagreement for head in heads]
+    plain = [head.predict_disagreement for head in heads if head.predict_disagreement]
     return VerificationSums(
         folds=len(held_out.verification),
         heldout_rows=sum(fold.given_rows for fold in held_out.verification),

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from edge_runtime.contract import CLASSES
-from export.reference import IntArray, reference_votes
-from training.crossval import fit_forest
+from export.learner import reference_votes
+from export.reference import IntArray
+from training.crossval import fit_learner
 from training.featurise import FloatRows
 from training.plan import TrainingPlan
 from training.recording import DataSet
@@ -24,5 +25,5 @@ class Candidate:
         self, data: DataSet, features: FloatRows, train: IntArray, rows: FloatRows, seed: int
     ) -> IntArray:
         """Votes [K, 8] on rows [K, F] of a forest fitted on some windows of a set."""
-        forest = fit_forest(data, features, self.plan, "classes", train, seed)
+        forest = fit_learner(data, features, self.plan, "classes", train, seed)
         return reference_votes(forest, rows, len(CLASSES))

@@ -27,7 +27,7 @@ from edge_runtime.errors import DataError, UsageError
 from edge_runtime.graph import open_session, run_recordings
 from edge_runtime.trial_file import read_trial
 from export.features import feature_count
-from export.reference import reference_votes
+from export.learner import reference_votes
 from export.spec import StepSpec
 from export.step_graph import feature_graph
 from simulation.card import Card, read_card

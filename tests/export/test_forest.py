@@ -26,7 +26,8 @@ from export.exporting import export_artifact, whole_graph
 from export.forest import Forest, leaf_votes, vote_bits
 from export.hard_rows import edge_rows, threshold_rows
 from export.heads import Calibration, Head
-from export.reference import reference_votes, riskier_argmax, situation_votes
+from export.learner import reference_votes
+from export.reference import riskier_argmax, situation_votes
 from export.spec import StepSpec
 from export.verify import verify
 
@@ -78,7 +79,7 @@ def published(model: onnx.ModelProto) -> set[str]:
 def hard_rows(forest: Forest, rows: Rows) -> Rows:
     """Rows it knows, rows on its thresholds and a float32 step beside them, and the edges of
     float32."""
-    return np.concatenate([rows, threshold_rows(forest, rows, 0)[:2000], edge_rows(forest)])
+    return np.concatenate([rows, threshold_rows(forest, rows, 0)[:2000], edge_rows(forest.n_features_in_)])
 
 
 FORESTS: dict[str, tuple[tuple[str, ...], tuple[int, ...], int, int | None]] = {

@@ -34,7 +34,8 @@ from export.exporting import whole_graph
 from export.forest import Forest, IntArray, leaf_votes, vote_bits
 from export.hard_rows import edge_rows, largest_float32_not_above, threshold_rows
 from export.heads import Calibration, Head
-from export.reference import reference_votes, riskier_argmax, situation_votes
+from export.learner import reference_votes
+from export.reference import riskier_argmax, situation_votes
 from export.spec import StepSpec
 from export.verify import CHUNK, cut_forests
 
@@ -107,7 +108,7 @@ def of_edges(forest: Forest, n: int, rng: np.random.Generator) -> Rows:
     """[n, F] of zeros of both signs, subnormals, the tiniest and the largest finite numbers, in any
     mixture."""
     return np.asarray(
-        rng.choice(edge_rows(forest)[:, 0], (n, forest.n_features_in_)), dtype=np.float32
+        rng.choice(edge_rows(forest.n_features_in_)[:, 0], (n, forest.n_features_in_)), dtype=np.float32
     )
 
 

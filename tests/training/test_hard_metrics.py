@@ -29,7 +29,8 @@ from edge_runtime.graph import open_session
 from edge_runtime.preparation import Preparation
 from export.exporting import whole_graph
 from export.heads import Calibration, Head
-from export.reference import reference_probability, reference_votes
+from export.learner import reference_votes
+from export.reference import reference_probability
 from export.spec import StepSpec
 from export.verify import cut_forests
 from training.critical_points import band_pass_envelope, band_pass_rows
