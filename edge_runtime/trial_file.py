@@ -64,8 +64,17 @@ def read_trial(path: str | Path) -> Trial:
     path = Path(path)
     require_file(path)
     header = _header(path)
+    check_columns(header, path)
+    return trial_of(header, _table(path, header), path)
+
+
+def trial_of(header: list[str], table: FloatArray, path: Path) -> Trial:
+    """A trial of a table [T, len(header)]; path: what its errors name.
+
+    Raises EmptyRecording, ColumnError or TimeError.
+    """
     n_sensors = check_columns(header, path)
-    table = _table(path, header)
+    require_rows(table, path)
     counted = table[:, header.index("sequence")] if "sequence" in header else None
     t_s = _check_time(table[:, 0], path, gaps_counted=counted is not None)
     raw = table[:, 1 : 1 + 3 * n_sensors]
@@ -207,6 +216,11 @@ def _table(path: Path, header: list[str]) -> FloatArray:
         raise _first_bad_cell(path, header) from None
     if table.size and table.shape[1] != len(header):
         raise _first_bad_cell(path, header)
+    return table
+
+
+def require_rows(table: FloatArray, path: Path) -> None:
+    """Raise EmptyRecording for a table with less than two rows."""
     if len(table) < MIN_ROWS:
         raise EmptyRecording(
             f"{len(table)} rows of data",
@@ -214,7 +228,6 @@ def _table(path: Path, header: list[str]) -> FloatArray:
             cause="the recording stopped at once",
             next_step="record it again",
         )
-    return table
 
 
 def _first_bad_cell(path: Path, header: list[str]) -> NotANumber | ColumnError:

@@ -15,8 +15,9 @@ from edge_runtime.graph import Outputs
 from edge_runtime.monitor import Model
 from evaluation.alarms import Answers
 from evaluation.scores import answers_at
+from evaluation.window_scores import require_model_fits
 from export.reference import IntArray
-from training.recording import Recording
+from training.recording import DataSet, Recording
 from training.say import Part, ignored
 from training.stepping import stepped
 
@@ -45,6 +46,16 @@ class ModelOutputs:
     def answers(self) -> Answers:
         """What the decision is made from."""
         return Answers(self.recording, self.situation, self.risky_permille)
+
+
+def run_model(model: Model, data: DataSet) -> list[ModelOutputs]:
+    """The outputs of a model file on a set, each recording from a fresh state.
+
+    Raises ChannelError, UnitError or RateError where the set does not fit the model.
+    """
+    require_model_fits(model, data)
+    computed = everywhere(model.session, data.recordings, OUTPUTS)
+    return read_outputs(model, data.recordings, computed)
 
 
 def everywhere(

@@ -8,8 +8,10 @@ meta.json, else from MASSES_G.
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from edge_runtime.contract import LIGHT_BELOW_G
 from edge_runtime.errors import LabelError
@@ -61,14 +63,11 @@ def mass_of(folder: Path, masses_g: Json | None = None) -> Mass:
     masses_g: "masses_g" of the set's meta.json. Raises LabelError where none knows the mass, or
     where it is no positive number.
     """
-    of_set = {object_name(name): mass for name, mass in (masses_g or {}).items()}
-    name, beside = object_name(folder.name), folder / META
-    places = (
-        (read_json(beside).get("mass_g"), str(beside)),
-        (of_set.get(name), MASSES_KEY),
-        (MASSES_G.get(name), TABLE),
-    )
-    known = next(((mass, source) for mass, source in places if mass is not None), None)
+    beside = folder / META
+    mass = read_json(beside).get("mass_g")
+    if mass is not None:
+        return _checked(mass, str(beside), folder.name)
+    known = named_mass(folder.name, masses_g)
     if known is None:
         raise LabelError(
             f"no mass given for object {folder.name!r}",
@@ -76,16 +75,29 @@ def mass_of(folder: Path, masses_g: Json | None = None) -> Mass:
             cause="an object whose mass Holdfast does not know",
             next_step=f'weigh it and add "mass_g" to {beside}: {{"mass_g": 120.0}}',
         )
-    mass, source = known
+    return known
+
+
+def named_mass(name: str, masses_g: Mapping[str, Any] | None = None) -> Mass | None:
+    """The mass of an object by the set's masses_g, else by the table; None where neither knows it.
+
+    Raises LabelError for a mass that is no positive number.
+    """
+    of_set = {object_name(other): mass for other, mass in (masses_g or {}).items()}
+    table = object_name(name)
+    if table in of_set:
+        return _checked(of_set[table], MASSES_KEY, name)
+    return Mass(MASSES_G[table], TABLE) if table in MASSES_G else None
+
+
+def _checked(mass: Any, source: str, name: str) -> Mass:
     if (
         isinstance(mass, bool)
         or not isinstance(mass, int | float)
         or not 0.0 < mass <= sys.float_info.max
     ):
         raise LabelError(
-            f"the mass of {folder.name!r} is {mass!r}",
-            where=source,
-            next_step="write the mass in gram",
+            f"the mass of {name!r} is {mass!r}", where=source, next_step="write the mass in gram"
         )
     return Mass(float(mass), source)
 

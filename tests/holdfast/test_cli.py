@@ -69,6 +69,7 @@ def loaded_by(*words: str) -> tuple[str, set[str]]:
 
 
 OFTEN = (
+    "check",
     "simulate",
     "train",
     "export",

@@ -1,0 +1,82 @@
+"""Answers and figures as data frames."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import evaluation
+from edge_runtime.contract import CLASSES, SITUATIONS
+from edge_runtime.errors import RateError
+from edge_runtime.monitor import Model
+from evaluation.evaluate import evaluate_events
+from evaluation.request import EvaluationRequest
+from training.datasets import load
+from training.fixture import write_fixture
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+TRIALS = ("soft-ball/pull/trial_1", "hard-ball/fall/trial_1", "soft-ball/pass/trial_1")
+
+
+@pytest.fixture(scope="module")
+def few(eight_classes: Built, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("few")
+    for trial in TRIALS:
+        (root / trial).parent.mkdir(parents=True)
+        for suffix in (".csv", ".truth.json"):
+            shutil.copy(f"{eight_classes.fixture / trial}{suffix}", f"{root / trial}{suffix}")
+    return root
+
+
+def test_answers_have_a_line_a_sample_with_truth_and_state(eight_classes: Built, few: Path) -> None:
+    data = load(few, windows="natural")
+    frame = evaluation.to_frame(evaluation.run_model(Model(eight_classes.model), data))
+    assert len(frame) == sum(len(one.samples) for one in data.recordings)
+    assert set(frame["trial_id"]) == set(TRIALS)
+    pull = frame[frame["trial_id"] == TRIALS[0]]
+    assert (set(pull["object"]), set(pull["action"])) == ({"soft-ball"}, {"pull"})
+    assert pull["t_s"].iloc[50] == pytest.approx(1.0)
+    onset_s = next(one for one in data.recordings if one.action == "pull").events[0].onset_s
+    assert pull.loc[pull["truth"] == "risky_slip", "t_s"].min() == pytest.approx(onset_s, abs=0.02)
+    assert pull["state"].iloc[0] == "unknown"
+    assert set(frame["state"]) <= {"unknown", *SITUATIONS}
+    assert set(frame["class"].dropna()) <= set(CLASSES)
+    settled = pull[pull["state"] != "unknown"]
+    sums = settled[[f"p_{name}" for name in SITUATIONS]].sum(axis=1)
+    np.testing.assert_allclose(sums, 1.0, atol=1e-5)
+    assert (settled["state"] == settled["truth"]).mean() > 0.8
+    assert settled["risky_share"].between(0, 1).all()
+
+
+def test_a_model_without_weight_names_no_class(four_situations: Built, few: Path) -> None:
+    data = load(few, windows="natural").of_groups([TRIALS[0]])
+    frame = evaluation.to_frame(evaluation.run_model(Model(four_situations.model), data))
+    assert frame["class"].isna().all()
+
+
+def test_a_set_at_another_rate_is_refused(eight_classes: Built, tmp_path: Path) -> None:
+    write_fixture(tmp_path, trials_per_cell=1, rate_hz=100.0)
+    with pytest.raises(RateError):
+        evaluation.run_model(Model(eight_classes.model), load(tmp_path, windows="natural"))
+
+
+def test_figures_have_a_line_a_set_and_method(eight_classes: Built, few: Path) -> None:
+    result = evaluate_events(Model(eight_classes.model), EvaluationRequest([str(few)]))
+    frame = evaluation.to_frame(result)
+    ours = frame[frame["method"] == "this model, as deployed"].iloc[0]
+    row = result.rows[result.thresholds.headline]
+    assert (ours["set"], ours["events"], ours["recall"]) == (few.name, 2, row.recall)
+    assert {"shear-rate threshold", "friction cone"} <= set(frame["method"])
+    assert {"recall_low", "recall_high", "safe_acts_called.share"} <= set(frame.columns)
+    assert not [name for name in frame.columns if name.endswith("_ci")]
+
+
+def test_the_package_has_no_other_late_name() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nothing_like_that'"):
+        _ = evaluation.nothing_like_that

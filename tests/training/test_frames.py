@@ -1,0 +1,182 @@
+"""Recordings from pandas are those that a folder of the same trials gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from own_data import write_meta, write_people_folders
+
+import training
+from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
+from edge_runtime.errors import (
+    ColumnError,
+    DataError,
+    DataNotFound,
+    EmptyRecording,
+    LabelError,
+    NotANumber,
+    TimeError,
+    UnitError,
+)
+from edge_runtime.trial_layout import truth_path
+from training.datasets import load
+
+PULL = "p01/soft-ball/pull/trial_1"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two people without any truth, the action at 6.9 s; the trials of three cells."""
+    root = write_people_folders(tmp_path_factory.mktemp("frames"))
+    kept = ("soft-ball/pull", "hard-ball/pass", "nothing")
+    for path in root.glob("p*/**/trial_1.csv"):
+        truth_path(path).unlink(missing_ok=True)
+        if path.parent.relative_to(root).as_posix().partition("/")[2] not in kept:
+            path.unlink()
+    write_meta(root, unit="N", action_at_s=6.9)
+    return root
+
+
+@pytest.fixture(scope="module")
+def frames(folder: Path) -> dict[str, pd.DataFrame]:
+    paths = sorted(folder.rglob("trial_1.csv"))
+    return {
+        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path) for path in paths
+    }
+
+
+def test_frames_are_read_as_the_folder_of_the_same_trials(
+    folder: Path, frames: dict[str, pd.DataFrame]
+) -> None:
+    before = {key: frame.copy() for key, frame in frames.items()}
+    data = training.recordings_from_frames(frames, action_at_s=6.9, windows="natural")
+    other = load(folder, windows="natural")
+    assert (data.groups(), data.group_kind, data.rate_hz) == (["p01", "p02"], "person", 50.0)
+    of_folder = {one.trial_id: one for one in other.recordings}
+    assert set(of_folder) == {one.trial_id for one in data.recordings}
+    for one in data.recordings:
+        same = of_folder[one.trial_id]
+        np.testing.assert_array_equal(one.samples, same.samples)
+        assert (one.phases, one.events) == (same.phases, same.events)
+        assert (one.person, one.object_name, one.action) == (
+            same.person,
+            same.object_name,
+            same.action,
+        )
+    assert data.notes["windows"] == other.notes["windows"]
+    assert all(frame.equals(before[key]) for key, frame in frames.items())
+
+
+def test_a_start_may_be_given_for_each_frame(frames: dict[str, pd.DataFrame]) -> None:
+    data = training.recordings_from_frames(frames, action_at_s={PULL: 6.5}, windows="natural")
+    starts = {one.trial_id: one.phases[-2].first for one in data.recordings if one.action}
+    assert starts[PULL] == round(6.5 * 50)
+    assert starts[PULL.replace("p01", "p02")] == round(7.0 * 50)
+
+
+def labelled(frame: pd.DataFrame) -> pd.DataFrame:
+    """Nothing to 3 s, grasp to 7 s, risky to 7.5 s, no label after."""
+    edges = [3.0, 7.0, 7.5]
+    names = np.array(["nothing", "grasp", "risky_slip", None], dtype=object)
+    return frame.assign(label=names[np.searchsorted(edges, frame["Time"], side="right")])
+
+
+def phases_of(frame: pd.DataFrame) -> list[tuple[float, float, int]]:
+    data = training.recordings_from_frames({PULL: frame}, windows="natural")
+    phases = data.recordings[0].phases
+    return [(one.first / 50, one.stop / 50, one.situation) for one in phases]
+
+
+def test_a_column_of_labels_is_believed_before_the_script(frames: dict[str, pd.DataFrame]) -> None:
+    expected = [(0.0, 3.0, NOTHING), (3.0, 7.0, GRASP), (7.0, 7.5, RISKY_SLIP)]
+    assert phases_of(labelled(frames[PULL])) == expected
+    event = (
+        training.recordings_from_frames({PULL: labelled(frames[PULL])}, windows="natural")
+        .recordings[0]
+        .events[0]
+    )
+    assert (event.onset_s, event.end_s) == (7.0, 7.5)
+
+
+def test_labels_stay_at_their_time_where_rows_were_lost(frames: dict[str, pd.DataFrame]) -> None:
+    with_gap = labelled(frames[PULL]).drop(index=[100, 101])
+    assert phases_of(with_gap)[1:] == [(3.0, 7.0, GRASP), (7.0, 7.5, RISKY_SLIP)]
+
+
+def without_time(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {PULL: frame.drop(columns="Time")}
+
+
+def with_text(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {PULL: frame.assign(X1="far")}
+
+
+def with_an_unknown_label(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {PULL: frame.assign(label="hovering")}
+
+
+def with_a_column_too_many(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {PULL: frame.assign(Thumb=1.0)}
+
+
+def with_time_backwards(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {PULL: frame.iloc[::-1]}
+
+
+def with_one_row(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {PULL: frame.iloc[:1]}
+
+
+def of_an_object_without_a_mass(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {"p01/mug/pull/1": frame}
+
+
+def of_an_unknown_action(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {"p01/soft-ball/drop/1": frame}
+
+
+def of_a_bare_name(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {"pull": frame}
+
+
+def of_nothing_at_all(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return {}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "says"),
+    [
+        (without_time, ColumnError, "first column is 'X1'"),
+        (with_text, NotANumber, PULL),
+        (with_an_unknown_label, LabelError, "'hovering' is not a situation"),
+        (with_a_column_too_many, ColumnError, "Thumb"),
+        (with_time_backwards, TimeError, PULL),
+        (with_one_row, EmptyRecording, PULL),
+        (of_an_object_without_a_mass, LabelError, "masses_g={'mug': 120.0}"),
+        (of_an_unknown_action, LabelError, "<person>/<object>/<action>/<name>"),
+        (of_a_bare_name, LabelError, "<person>/<object>/<action>/<name>"),
+        (of_nothing_at_all, DataNotFound, "no data frame"),
+    ],
+)
+def test_a_frame_that_cannot_be_used_is_refused_by_its_name(
+    frames: dict[str, pd.DataFrame], spoil, error: type[DataError], says: str
+) -> None:
+    with pytest.raises(error) as caught:
+        training.recordings_from_frames(spoil(frames[PULL]), windows="natural")
+    assert says in str(caught.value)
+
+
+def test_a_mass_or_a_unit_is_checked(frames: dict[str, pd.DataFrame]) -> None:
+    mug = {"p01/mug/pull/1": frames[PULL]}
+    heavy = training.recordings_from_frames(mug, masses_g={"mug": 320}, windows="natural")
+    assert set((heavy.tasks["classes"].label % 2).tolist()) == {1}
+    with pytest.raises(UnitError, match="lbf"):
+        training.recordings_from_frames(frames, unit="lbf")  # type: ignore[arg-type]
+
+
+def test_the_package_has_no_other_late_name() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nothing_like_that'"):
+        _ = training.nothing_like_that
