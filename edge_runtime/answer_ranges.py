@@ -11,6 +11,7 @@ from edge_runtime.contract import SITUATIONS
 from edge_runtime.errors import NotAModel
 from edge_runtime.graph import Outputs
 from edge_runtime.model_file import ModelCard
+from edge_runtime.onnx_rules import votes_in_all
 
 ROUNDING = 1e-5
 """A probability is a float32, and so is a sum of eight of them."""
@@ -35,12 +36,9 @@ def _wrong(answers: Outputs, card: ModelCard) -> Iterator[str]:
         yield "usable_sensors"
     for head in ("situation", *card.heads):
         name = "votes" if head == "situation" else f"votes_{head}"
-        votes, forest = answers[name], card.raw["heads"][head]
+        votes, in_all = answers[name], votes_in_all(card.raw["heads"][head])
         whole = (votes >= 0) & (votes == np.floor(votes))
-        if (
-            not whole.all()
-            or (votes.sum(axis=1, dtype=np.float64) != forest["trees"] << forest["vote_bits"]).any()
-        ):
+        if not whole.all() or (votes.sum(axis=1, dtype=np.float64) != in_all).any():
             yield name
     for name in ("p_situation", *(("p_class",) if card.has_weight else ())):
         if not (

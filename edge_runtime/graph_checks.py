@@ -13,6 +13,7 @@ from edge_runtime.check_result import CheckResult, clean_input
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.graph import Outputs, StepGraph, run_recording, run_recordings
 from edge_runtime.monitor import Model
+from edge_runtime.onnx_rules import votes_in_all
 
 SILENT_STEPS = 10_000
 WARM_STEPS = 500
@@ -104,14 +105,14 @@ def check_reset(model: Model) -> Iterator[CheckResult]:
 
 
 def check_votes(model: Model) -> Iterator[CheckResult]:
-    """Every sample must get whole votes, and as many as its trees give."""
+    """Every sample must get whole votes, and as many as its card says."""
     values, valid = clean_input(model)
     votes = run_recording(model.session, values, valid, ["votes"])["votes"].astype(np.float64)
     head = model.card.raw["heads"]["situation"]
-    wanted = head["trees"] * 2 ** head["vote_bits"]
+    wanted = votes_in_all(head)
     sums = np.unique(votes.sum(axis=1))
     whole = bool((votes == np.round(votes)).all()) and sums.tolist() == [wanted]
-    verdict = f"{head['trees']} trees x 2^{head['vote_bits']} = {wanted}, found {sums[:3].tolist()}"
+    verdict = f"{wanted} a sample, found {sums[:3].tolist()}"
     yield CheckResult("votes", whole, verdict)
 
 

@@ -62,6 +62,18 @@ class _Ranges:
         (a, b), (c, d) = (self.of(one, levels) for one in node.inputs)
         return a + c, b + d
 
+    def least(self, node: Node, name: str, levels: int) -> Bounds:
+        """The smaller of two."""
+        (a, b), (c, d) = (self.of(one, levels) for one in node.inputs)
+        return min(a, c), min(b, d)
+
+    def difference(self, node: Node, name: str, levels: int) -> Bounds:
+        """How far a value is behind the largest is not below 0."""
+        first = self._made_by.get(node.inputs[0])
+        if first is None or first.op_type != "ReduceMax" or first.inputs[0] != node.inputs[1]:
+            return ANYTHING
+        return 0.0, math.inf
+
     def product(self, node: Node, name: str, levels: int) -> Bounds:
         """Of values from 0 to 1 with a constant matrix: its columns' negative and positive sums."""
         weights = self._tensors[node.inputs[1]].values
@@ -113,5 +125,7 @@ _RULES: dict[str, Callable[[_Ranges, Node, str, int], Bounds]] = {
     "Add": _Ranges.add,
     "MatMul": _Ranges.product,
     "Gather": _Ranges.gather,
+    "Min": _Ranges.least,
+    "Sub": _Ranges.difference,
     "Split": _Ranges.split,
 }

@@ -8,16 +8,18 @@ has the type and shape that the monitor reads.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from edge_runtime.contract import SITUATIONS
 from edge_runtime.golden import golden_length
 from edge_runtime.model_file import ModelCard
 from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, Node, OnnxModel, TensorSpec
+from edge_runtime.onnx_network import require_network
 from edge_runtime.onnx_ranges import require_indices
 from edge_runtime.onnx_shapes import shapes_of
 from edge_runtime.onnx_tensors import Tensor
-from edge_runtime.onnx_trees import require_trees
+from edge_runtime.onnx_trees import EXACT_FLOAT32, require_trees
 
 IR_VERSION = 10
 OPSETS = {"": 20, "ai.onnx.ml": 3}
@@ -46,6 +48,7 @@ ALLOWED: dict[tuple[str, str], frozenset[str]] = {
             "And",
             "Clip",
             "Div",
+            "Floor",
             "Greater",
             "GreaterOrEqual",
             "Less",
@@ -54,6 +57,7 @@ ALLOWED: dict[tuple[str, str], frozenset[str]] = {
             "Min",
             "Mul",
             "Reshape",
+            "Round",
             "Slice",
             "Sqrt",
             "Sub",
@@ -184,14 +188,41 @@ def _words(names: Any) -> str:
 
 
 def _require_votes(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]) -> None:
-    """Votes come from trees alone, and a situation is the largest of four."""
+    """Votes come from trees or a network, and a situation is the largest of four."""
     made_by = {name: node for node in model.nodes for name in node.outputs}
     situation = made_by["situation"]
     if situation.op_type != "ArgMax" or tensors[situation.inputs[0]].shape != (1, len(SITUATIONS)):
         raise ValueError("its situation is not the one with the most votes")
     for head in ("situation", *card.heads):
         name = "votes" if head == "situation" else f"votes_{head}"
-        _require_forest(made_by[name], card.raw["heads"][head], tensors)
+        _require_learner(name, card.raw["heads"][head], made_by, tensors)
+
+
+def _require_learner(
+    votes: str, head: Any, made_by: dict[str, Node], tensors: dict[str, Tensor]
+) -> None:
+    """Trees, a network, or the sum of both, as the card says."""
+    kind = head.get("learner", "forest")
+    if kind == "forest":
+        _require_forest(made_by[votes], head, tensors)
+        return
+    in_all = head.get("votes")
+    if kind not in ("network", "committee") or type(in_all) is not int or in_all >= EXACT_FLOAT32:
+        raise ValueError("its card does not say what votes, and with how many votes")
+    if kind == "committee":
+        if made_by[votes].op_type != "Add" or made_by[votes].inputs[0] not in made_by:
+            raise ValueError("its votes are not the sum of trees and network")
+        trees, votes = made_by[votes].inputs
+        _require_forest(made_by[trees], head, tensors)
+        in_all -= head["trees"] << head["vote_bits"]
+    require_network(votes, in_all, made_by, tensors)
+
+
+def votes_in_all(head: Mapping[str, Any]) -> int:
+    """The sum of a sample's votes, from a head's card."""
+    if "votes" in head:
+        return int(head["votes"])
+    return int(head["trees"]) << int(head["vote_bits"])
 
 
 def _require_forest(node: Node, head: Any, tensors: dict[str, Tensor]) -> None:

@@ -29,7 +29,7 @@ WEIGHT_MOST = 2**15 - 1
 LOGIT_STEPS, TABLE_LENGTH = 64, 1024
 """Steps of a logit, 1/nat; a class 16 nats behind the first has no votes."""
 EXPONENTIALS = np.round(2.0**16 * np.exp(-np.arange(TABLE_LENGTH) / LOGIT_STEPS))
-LARGEST = np.float32(1e30)
+LARGEST = np.float32(2.0**100)
 VOTES = 1 << 20
 """Votes of a network that stands alone."""
 

@@ -49,9 +49,9 @@ class NetworkPlan:
     hidden: tuple[int, ...] = (64, 32)
     members: int = 4
     alpha: float = 1.0
-    epochs: int = 12
+    epochs: int = 6
     batch: int = 512
-    rate: float = 1e-3
+    rate: float = 2e-3
     balance: float = 0.0
     knee: float = 1.0
 

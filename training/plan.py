@@ -50,6 +50,10 @@ UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
 
 
+SITUATION_NETWORK = NetworkPlan()
+PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
+
+
 @dataclass(frozen=True)
 class TrainingPlan:
     """All choices of a training run beside the data and the seed.
@@ -64,8 +68,8 @@ class TrainingPlan:
     folds: int = 6
     decision: DecisionRules = TWO_SAMPLES
     learner: LearnerKind = "forest"
-    network: NetworkPlan = NetworkPlan()
-    prediction_network: NetworkPlan = NetworkPlan(hidden=(32,))
+    network: NetworkPlan = SITUATION_NETWORK
+    prediction_network: NetworkPlan = PREDICTION_NETWORK
     label_folds: int = 0
 
     def network_for(self, task: str) -> NetworkPlan:

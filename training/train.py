@@ -16,6 +16,7 @@ if not __package__:
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, run_script, seed, show
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
 """As training/windows.py and training/plan.py have them; here so that --help need not import
 them."""
+LEARNERS = ("forest", "network", "committee")
 HELD_OUT_BY = ("person", "object", "trial")
 DEFAULT_OUT = Path("build/default")
 FIXTURE = "fixture"
@@ -80,6 +82,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"size of a forest for the hand: {', '.join(MODEL_SIZES)}",
     )
     parser.add_argument(
+        "--learner",
+        choices=LEARNERS,
+        default="forest",
+        metavar="WHAT",
+        help="what answers: forest (default), network, or committee (both; docs/learners.md)",
+    )
+    parser.add_argument(
         "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
     )
 
@@ -119,6 +128,7 @@ def _trained(
     if not args.data:
         _write_fixture(args.out)
     plan = SIZES[args.size] if args.size else TrainingPlan()
+    plan = replace(plan, learner=args.learner)
     sets = []
     for folder in folders:
         say(f"reading {folder}")

@@ -79,7 +79,9 @@ def published(model: onnx.ModelProto) -> set[str]:
 def hard_rows(forest: Forest, rows: Rows) -> Rows:
     """Rows it knows, rows on its thresholds and a float32 step beside them, and the edges of
     float32."""
-    return np.concatenate([rows, threshold_rows(forest, rows, 0)[:2000], edge_rows(forest.n_features_in_)])
+    return np.concatenate(
+        [rows, threshold_rows(forest, rows, 0)[:2000], edge_rows(forest.n_features_in_)]
+    )
 
 
 FORESTS: dict[str, tuple[tuple[str, ...], tuple[int, ...], int, int | None]] = {

@@ -108,7 +108,8 @@ def of_edges(forest: Forest, n: int, rng: np.random.Generator) -> Rows:
     """[n, F] of zeros of both signs, subnormals, the tiniest and the largest finite numbers, in any
     mixture."""
     return np.asarray(
-        rng.choice(edge_rows(forest.n_features_in_)[:, 0], (n, forest.n_features_in_)), dtype=np.float32
+        rng.choice(edge_rows(forest.n_features_in_)[:, 0], (n, forest.n_features_in_)),
+        dtype=np.float32,
     )
 
 

@@ -1,0 +1,352 @@
+"""Networks and committees: whole votes, the same bits everywhere, refused where altered."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+import pytest
+from hazard_marks import FOREIGN_MODEL
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from onnx import numpy_helper
+from small_model import artifact, card_of, resealed, spec
+
+from edge_runtime.contract import CLASSES, SITUATIONS
+from edge_runtime.errors import HoldfastError
+from edge_runtime.graph import open_session, run_recording
+from edge_runtime.model import Model
+from export.artifact import Artifact, read_artifact, write_artifact
+from export.committee import Committee
+from export.exporting import export_artifact, whole_graph
+from export.features import feature_count
+from export.heads import Calibration, Head
+from export.learner import Learner, reference_votes, votes_in_all
+from export.network import INPUT_MOST, Inputs, Layer, Network, network_votes
+from export.reference import reference_label, riskier_argmax, weighted
+from export.seal import model_card, seal
+from export.verify import cut_forests, verify
+from training.network_fit import NetworkPlan, fit_network
+from training.plan import ForestPlan
+
+AREA = "Learners in whole numbers"
+SPEC = spec(("now", "differences"))
+PLAN = NetworkPlan(hidden=(12, 8), members=2, epochs=4, batch=32)
+FOREST = ForestPlan(kind="random", n_estimators=3, max_depth=4)
+FloatRows = npt.NDArray[np.float32]
+
+
+def rows_of(n: int, seed: int = 0) -> FloatRows:
+    """Heavy-tailed rows [n, F]."""
+    rng = np.random.default_rng(seed)
+    return rng.standard_t(2, size=(n, feature_count(SPEC))).astype(np.float32)
+
+
+@cache
+def learner_of(kind: str, n_classes: int = 8, without: int | None = None) -> Learner:
+    """A learner of a rule that the first feature decides. without: a class it never sees."""
+    rows = rows_of(300)
+    label = np.clip((2.0 * rows[:, 0] + n_classes / 2).astype(np.int64), 0, n_classes - 1)
+    kept = label != without
+    rows, label = rows[kept], label[kept]
+    if kind == "network":
+        return fit_network(PLAN, rows, label, n_classes, 0)
+    forest = FOREST.build(0, n_jobs=1).fit(rows, label)
+    if kind == "forest":
+        return forest
+    return Committee(forest, fit_network(PLAN, rows, label, n_classes, 0, votes_in_all(forest)))
+
+
+def made_of(
+    kind: str, classes: tuple[str, ...] = CLASSES, weights: tuple[float, ...] | None = None
+) -> Artifact:
+    """An artifact with one head of that learner."""
+    k = len(classes)
+    calibration = Calibration(4.0 * np.eye(k), np.zeros(k))
+    head = Head("situation", classes, learner_of(kind, k), calibration, weights)
+    base = artifact(SPEC, extra=False)
+    return Artifact(SPEC, base.preparation, base.decision, [head], rows_of(50), {})
+
+
+@pytest.mark.parametrize("kind", ["network", "committee"])
+@pytest.mark.parametrize("classes", [CLASSES, SITUATIONS])
+@pytest.mark.parametrize("weights", [None, (1.0, 0.45, 0.3, 0.7)])
+def test_an_exported_learner_answers_what_the_reference_does(kind, classes, weights, tmp_path):
+    write_artifact(tmp_path, made_of(kind, classes, weights))
+    path, report = export_artifact(tmp_path, tmp_path / "out.onnx")
+    head = report.heads["situation"]
+    assert (head.label_mismatches, head.vote_mismatches) == (0, 0)
+    assert head.rows > 5_000
+    assert Model(path).card.classes == classes
+
+
+def test_a_network_s_votes_are_near_those_of_the_network_that_it_was_made_of():
+    rows = rows_of(300)
+    label = (rows[:, 0] > 0.0).astype(np.int64)
+    network = fit_network(NetworkPlan((16,), 1, epochs=40, batch=32, alpha=1e-3), rows, label, 2, 0)
+    right = riskier_argmax(network_votes(network, rows)) == label
+    assert right.mean() > 0.9
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([2, 4, 8]))
+@settings(max_examples=20, deadline=None)
+def test_votes_are_whole_not_negative_and_add_up_for_any_network_and_row(seed, n_classes):
+    network = random_network(seed, n_classes)
+    rng = np.random.default_rng(seed)
+    rows = (10.0 ** rng.uniform(-40, 38, (50, 6)) * rng.choice([-1, 0, 1], (50, 6))).astype(
+        np.float32
+    )
+    votes = network_votes(network, rows)
+    assert (votes >= 0).all()
+    assert (votes.sum(axis=1) == network.votes_in_all).all()
+
+
+def random_network(seed: int, n_classes: int) -> Network:
+    """A network of random whole numbers, six features."""
+    rng = np.random.default_rng(seed)
+    gain = rng.uniform(-INPUT_MOST / 2, INPUT_MOST / 2, 6)
+    inputs = Inputs(
+        rng.uniform(1e-3, 10.0, 6).astype(np.float32),
+        gain.astype(np.float32),
+        rng.uniform(-250, 250, 6).astype(np.float32),
+    )
+    layers = []
+    for width, out in ((6, 5), (5, n_classes)):
+        weights = rng.integers(-3000, 3000, (width, out)).astype(np.float32)
+        bias = rng.integers(-(10**6), 10**6, out).astype(np.float32)
+        layers.append(Layer(weights, bias, rng.uniform(1e-6, 1e-3, out).astype(np.float32)))
+    return Network(inputs, tuple(layers), int(rng.integers(1000, 2**23)))
+
+
+@pytest.mark.parametrize("kind", ["network", "committee"])
+def test_a_row_alone_in_a_batch_and_among_rows_that_are_not_finite_has_the_same_bits(kind):
+    made = made_of(kind)
+    session = open_session(cut_forests(whole_graph(SPEC, made.heads)))
+    rows = rows_of(64, seed=3)
+    spoilt = rows.copy()
+    spoilt[1::2] = np.resize(
+        np.array([np.nan, np.inf, -np.inf, 3e38], np.float32), rows[1::2].shape
+    )
+    alone = np.concatenate(
+        [session.run(["votes"], {"features": rows[k : k + 1]})[0] for k in range(64)]
+    )
+    (together,) = session.run(["votes"], {"features": rows})
+    (beside,) = session.run(["votes"], {"features": spoilt})
+    assert alone.tobytes() == together.tobytes()
+    assert beside[::2].tobytes() == together[::2].tobytes()
+    assert (beside.sum(axis=1) == votes_in_all(made.heads[0].learner)).all()
+
+
+def test_a_class_that_training_never_saw_gets_no_votes_but_what_rounding_leaves():
+    network = learner_of("network", 4, without=1)
+    votes = reference_votes(network, rows_of(200, seed=1), 4)
+    assert votes[:, 1].max() == 0
+    assert riskier_argmax(votes).max() == 3
+
+
+def test_label_weights_change_labels_and_nothing_else():
+    plain, heavy = (
+        made_of("forest", SITUATIONS),
+        made_of("forest", SITUATIONS, (0.01, 1.0, 1.0, 1.0)),
+    )
+    rng = np.random.default_rng(0)
+    values = 3.0 * rng.normal(size=(200, 6))
+    valid = np.ones((200, 2), np.bool_)
+    names = ["situation", "votes", "p_situation"]
+    one, two = (
+        run_recording(
+            open_session(whole_graph(SPEC, made.heads).SerializeToString()), values, valid, names
+        )
+        for made in (plain, heavy)
+    )
+    assert (one["situation"] == 0).any()
+    assert not (
+        two["situation"][one["votes"][:, 1:].max(axis=1) * 100 > one["votes"][:, 0]] == 0
+    ).any()
+    assert one["votes"].tobytes() == two["votes"].tobytes()
+    assert one["p_situation"].tobytes() == two["p_situation"].tobytes()
+
+
+def test_the_label_of_the_reference_is_the_riskier_of_equal_weighted_votes():
+    head = made_of("forest", SITUATIONS, (1.0, 0.5, 0.25, 1.0)).heads[0]
+    votes = np.array([[100, 200, 400, 100], [4, 8, 0, 3]])
+    assert reference_label(head, votes).tolist() == [3, 1]
+    assert weighted(votes, None) is votes
+
+
+@pytest.mark.parametrize("kind", ["network", "committee"])
+def test_an_artifact_is_read_back_as_it_was_written(kind, tmp_path):
+    made = made_of(kind, SITUATIONS, (1.0, 0.5, 0.25, 0.75))
+    write_artifact(tmp_path, made)
+    (head,) = read_artifact(tmp_path).heads
+    rows = rows_of(100, seed=5)
+    before = reference_votes(made.heads[0].learner, rows, 4)
+    assert np.array_equal(reference_votes(head.learner, rows, 4), before)
+    assert head.label_weights == (1.0, 0.5, 0.25, 0.75)
+
+
+def spoil(network: Network, **changes: Any) -> Network:
+    return Network(**{"inputs": network.inputs, "layers": network.layers, **changes})
+
+
+@pytest.mark.parametrize(
+    ("weight", "bias", "why"),
+    [(0.5, 0.0, "whole number"), (40_000.0, 0.0, "whole number"), (0.0, 2.0**24, "too large")],
+)
+def test_numbers_that_are_not_exact_make_no_network(weight, bias, why):
+    network = random_network(0, 4)
+    first, last = network.layers
+    spoilt = Layer(first.weights + np.float32(weight), first.bias + np.float32(bias), first.scale)
+    with pytest.raises(ValueError, match=why):
+        spoil(network, layers=(spoilt, last))
+
+
+@pytest.mark.parametrize(("knee", "gain", "why"), [(0, 1, "a knee"), (1, 3, "an input")])
+def test_inputs_beyond_their_bounds_make_no_network(knee, gain, why):
+    inputs = random_network(0, 4).inputs
+    with pytest.raises(ValueError, match=why):
+        Inputs(knee * inputs.knee, gain * inputs.gain, inputs.offset)
+
+
+# -- files that were altered and sealed again
+
+
+def sealed(kind: str = "committee") -> tuple[onnx.ModelProto, dict[str, Any]]:
+    made = made_of(kind, SITUATIONS)
+    data = seal(whole_graph(made.spec, made.heads), model_card(made), made.spec)
+    return onnx.load_from_string(data), card_of(data)
+
+
+def constant(model: onnx.ModelProto, node: onnx.NodeProto, place: int = 1) -> onnx.TensorProto:
+    (one,) = [c for c in model.graph.initializer if c.name == node.input[place]]
+    return one
+
+
+def nodes(model: onnx.ModelProto, op: str) -> list[onnx.NodeProto]:
+    return [node for node in model.graph.node if node.op_type == op]
+
+
+def change(model: onnx.ModelProto, node: onnx.NodeProto, to: Any, place: int = 1) -> None:
+    """Give a node a constant of its own: to(old)."""
+    old = numpy_helper.to_array(constant(model, node, place))
+    name = f"altered_{len(model.graph.initializer)}"
+    model.graph.initializer.append(numpy_helper.from_array(to(old), name))
+    node.input[place] = name
+
+
+def made_by(model: onnx.ModelProto, node: onnx.NodeProto, place: int) -> onnx.NodeProto:
+    """The node that makes an input; the node itself where none does."""
+    found = [one for one in model.graph.node if node.input[place] in one.output]
+    return found[0] if found else node
+
+
+def inner_product(model: onnx.ModelProto) -> onnx.NodeProto:
+    """A product of a layer behind a hidden one."""
+    return next(n for n in nodes(model, "MatMul") if made_by(model, n, 0).op_type == "Clip")
+
+
+def more_shares(model: onnx.ModelProto) -> None:
+    (floor,) = nodes(model, "Floor")
+    (shared,) = [node for node in nodes(model, "Mul") if node.output[0] == floor.input[0]]
+    change(model, shared, lambda old: 2 * old)
+
+
+def another_axis(model: onnx.ModelProto) -> None:
+    (floor,) = nodes(model, "Floor")
+    by_name = {node.output[0]: node for node in model.graph.node}
+    division = by_name[by_name[floor.input[0]].input[0]]
+    change(model, by_name[division.input[1]], lambda old: old - 1)
+
+
+def another_table(model: onnx.ModelProto) -> None:
+    (cast,) = [node for node in nodes(model, "Cast") if made_by(model, node, 0).op_type == "Min"]
+    (gather,) = [node for node in nodes(model, "Gather") if node.input[1] == cast.output[0]]
+    change(model, gather, lambda old: old - 1.0, 0)
+
+
+def beyond_the_table(model: onnx.ModelProto) -> None:
+    (nearest,) = [node for node in nodes(model, "Min") if made_by(model, node, 0).op_type == "Sub"]
+    change(model, nearest, lambda old: old + 1000)
+
+
+def without_the_guard(model: onnx.ModelProto) -> None:
+    by_name = {node.output[0]: node for node in model.graph.node}
+    for division in nodes(model, "Div"):
+        finite = by_name.get(division.input[0])
+        if finite is not None and finite.op_type == "Where":
+            division.input[0] = finite.input[1]
+
+
+def large_weights(model: onnx.ModelProto) -> None:
+    change(model, inner_product(model), lambda old: old * np.float32(1000.0))
+
+
+def weights_not_finite(model: onnx.ModelProto) -> None:
+    change(model, inner_product(model), lambda old: old * np.float32(np.nan))
+
+
+ALTERED = [
+    more_shares,
+    another_axis,
+    another_table,
+    beyond_the_table,
+    without_the_guard,
+    large_weights,
+    weights_not_finite,
+]
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize("alter", ALTERED)
+def test_an_altered_network_is_refused_when_the_file_is_opened(alter, tmp_path: Path):
+    model, card = sealed()
+    alter(model)
+    (tmp_path / "m.onnx").write_bytes(resealed(model, card))
+    with pytest.raises(HoldfastError, match=r"network|Gather"):
+        Model(tmp_path / "m.onnx")
+
+
+@FOREIGN_MODEL.mark
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("learner", "forest"),
+        ("learner", "network"),
+        ("learner", "x"),
+        ("votes", 3),
+        ("votes", 2**24),
+        ("votes", "9"),
+        ("trees", 2),
+    ],
+)
+def test_a_card_that_names_another_learner_or_other_votes_is_refused(key, value, tmp_path: Path):
+    model, card = sealed()
+    card["heads"]["situation"][key] = value
+    (tmp_path / "m.onnx").write_bytes(resealed(model, card))
+    with pytest.raises(HoldfastError, match=r"votes|network|trees"):
+        Model(tmp_path / "m.onnx")
+
+
+def test_a_committee_s_members_have_equally_many_votes():
+    committee = learner_of("committee")
+    assert isinstance(committee, Committee)
+    with pytest.raises(ValueError, match="votes of trees"):
+        Committee(committee.forest, spoil(committee.network, votes_in_all=1000))
+
+
+def test_verify_refuses_a_file_with_other_weights():
+    made = made_of("network")
+    other = made_of("network")
+    (head,) = other.heads
+    assert isinstance(head.learner, Network)
+    first, *rest = head.learner.layers
+    flipped = Layer(-first.weights, first.bias, first.scale)
+    changed = Head(
+        head.name, head.classes, spoil(head.learner, layers=(flipped, *rest)), head.calibration
+    )
+    with pytest.raises(HoldfastError, match="differ"):
+        verify(whole_graph(SPEC, [changed]), SPEC, made.heads, made.rows)
