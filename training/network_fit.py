@@ -82,6 +82,34 @@ class _Squash:
         return ((squashed - self.mean) / self.deviation).astype(np.float32)
 
 
+@dataclass(frozen=True)
+class Members:
+    """Networks of one plan that differ in their seed alone, in real numbers. present: classes."""
+
+    squash: _Squash
+    networks: tuple[MLPClassifier, ...]
+    present: npt.NDArray[np.int64]
+
+    def shares(self, rows: Rows, n_classes: int) -> Reals:
+        """[N, n_classes] probabilities of the mean logits, before they become whole numbers."""
+        standardised = self.squash.standardised(rows)
+        shares = [one.predict_proba(standardised) for one in self.networks]
+        mean = np.exp(np.mean([np.log(np.maximum(one, 1e-30)) for one in shares], axis=0))
+        wide = np.zeros((len(rows), n_classes))
+        wide[:, self.present] = mean / mean.sum(axis=1, keepdims=True)
+        return wide
+
+
+def fit_members(plan: NetworkPlan, rows: Rows, label: npt.NDArray[np.int64], seed: int) -> Members:
+    """Train on rows [N, F] with labels [N]; the seed makes it the same every time."""
+    squash = _Squash.of(rows, plan.knee)
+    standardised = squash.standardised(rows)
+    networks = [
+        _fit_member(plan, standardised, label, seed + number) for number in range(plan.members)
+    ]
+    return Members(squash, tuple(networks), np.unique(label))
+
+
 def fit_network(
     plan: NetworkPlan,
     rows: Rows,
@@ -90,13 +118,8 @@ def fit_network(
     seed: int,
     votes_in_all: int = VOTES,
 ) -> Network:
-    """Train on rows [N, F] with labels [N] and quantise; the seed makes it the same every time."""
-    squash = _Squash.of(rows, plan.knee)
-    standardised = squash.standardised(rows)
-    members = [
-        _fit_member(plan, standardised, label, seed + number) for number in range(plan.members)
-    ]
-    return _quantised(squash, members, rows, np.unique(label), n_classes, votes_in_all)
+    """Train on rows [N, F] with labels [N], and make whole numbers of it."""
+    return in_whole_numbers(fit_members(plan, rows, label, seed), rows, n_classes, votes_in_all)
 
 
 def _fit_member(
@@ -117,31 +140,28 @@ def _fit_member(
         return member.fit(rows, label, sample_weight=share[label])
 
 
-def _quantised(
-    squash: _Squash,
-    members: list[MLPClassifier],
-    rows: Rows,
-    present: npt.NDArray[np.int64],
-    n_classes: int,
-    votes_in_all: int,
+def in_whole_numbers(
+    members: Members, rows: Rows, n_classes: int, votes_in_all: int = VOTES
 ) -> Network:
+    """One network of whole numbers. rows [N, F]: of training, for the range of hidden values."""
+    squash, networks = members.squash, members.networks
     steps = squash.steps()
     gain = (steps / squash.deviation).astype(np.float32)
     offset = (-steps * squash.mean / squash.deviation).astype(np.float32)
     inputs = Inputs(squash.knee, gain, offset)
     values, most, unit = inputs.quantised(rows), INPUT_MOST, 1.0 / steps
     layers = []
-    for number in range(len(members[0].coefs_) - 1):
-        layer, unit = _hidden(members, number, values, most, unit)
+    for number in range(len(networks[0].coefs_) - 1):
+        layer, unit = _hidden(networks, number, values, most, unit)
         values = hidden_values(layer, values)
         layers.append(layer)
         most = HIDDEN_MOST
-    layers.append(_logits(members, unit, most, present, n_classes))
+    layers.append(_logits(networks, unit, most, members.present, n_classes))
     return Network(inputs, tuple(layers), votes_in_all)
 
 
 def _hidden(
-    members: list[MLPClassifier], number: int, values: Rows, most: int, unit: Reals
+    members: tuple[MLPClassifier, ...], number: int, values: Rows, most: int, unit: Reals
 ) -> tuple[Layer, Reals]:
     """A hidden layer of all members, and the real value of one step of each of its units.
 
@@ -158,7 +178,7 @@ def _hidden(
 
 
 def _logits(
-    members: list[MLPClassifier],
+    members: tuple[MLPClassifier, ...],
     unit: Reals,
     most: int,
     present: npt.NDArray[np.int64],

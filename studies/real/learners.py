@@ -1,0 +1,218 @@
+"""Forest, network and committee side by side on people held out: `make real`, learners.json.
+
+Nested: a person's windows are answered by learners that never saw that person, with label weights
+chosen on the other people alone (their own people held out in turn).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from joblib import Parallel, delayed
+
+from edge_runtime.reading import Json
+from edge_runtime.writing import write_whole
+from evaluation.provenance import host
+from export.forest import forest_votes, votes_of_trees
+from export.network import network_votes
+from export.reference import riskier_argmax
+from training.datasets import find
+from training.datasets.human_slip_uskin import load
+from training.featurise import FloatRows, features_of, spec_for
+from training.figures import HeadFigures
+from training.label_rule import fit_label_weights, situation_labels
+from training.metrics import report, situation_scores
+from training.network_fit import fit_members, in_whole_numbers
+from training.plan import TrainingPlan
+from training.recording import DataSet
+from training.splits import assign_groups, folds_of, grouped_folds
+
+IntArray = npt.NDArray[np.int64]
+LEARNERS = ("forest", "network", "committee")
+UNQUANTISED = "network before it is made of whole numbers"
+WEIGHTED = "label weights"
+INNER_FOLDS = 2
+PLAN = TrainingPlan()
+Votes = dict[str, IntArray]
+"""Learner -> votes [N, K]."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Of one fold: votes by task and learner, labels by learner, shares before quantising."""
+
+    votes: dict[str, Votes]
+    labels: dict[str, IntArray]
+    real_labels: IntArray
+
+
+@dataclass(frozen=True)
+class LearnerFigures:
+    """Figures by row (learner, or learner with label weights) and by person (macro F1)."""
+
+    channels: int
+    in_hand: bool
+    rows: dict[str, HeadFigures]
+    people: dict[str, dict[str, float | None]]
+
+    def to_json(self) -> Json:
+        """As it stands in learners.json."""
+        rows = {name: row.to_json() for name, row in self.rows.items()}
+        return {
+            "channels": self.channels,
+            "in_hand": self.in_hand,
+            "rows": rows,
+            "people": self.people,
+        }
+
+
+def study_learners(data: DataSet, channels: int, in_hand: bool, seed: int) -> LearnerFigures:
+    """All learners on one set, people held out, two folds at a time."""
+    features = features_of(data, spec_for(data, PLAN.groups))
+    main = "situations"
+    folds = assign_groups(data.group_of(main), PLAN.folds, seed=seed)
+    splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
+    answers = Parallel(n_jobs=2)(
+        delayed(_fold)(data, features, {task: splits[task][k] for task in splits}, seed)
+        for k in range(PLAN.folds)
+    )
+    held = [{task: splits[task][k][1] for task in splits} for k in range(PLAN.folds)]
+    return _figures(data, channels, in_hand, list(zip(held, answers, strict=True)), seed)
+
+
+def _fold(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    split: Mapping[str, tuple[IntArray, IntArray]],
+    seed: int,
+) -> Answers:
+    """Train on the people of one fold, answer the windows of the others."""
+    votes, real = {}, np.zeros(0, np.int64)
+    for task, (train, test) in split.items():
+        votes[task], shares = _votes(data, features[task], task, train, test, seed)
+        if task == "situations":
+            real = np.argmax(shares, axis=1)
+    train = split["situations"][0]
+    inner = _inner_votes(data, features["situations"], train, seed)
+    truth = data.tasks["situations"].label[train]
+    labels = {
+        name: situation_labels(votes["situations"][name], fit_label_weights(inner[name], truth))
+        for name in LEARNERS
+    }
+    return Answers(votes, labels, real)
+
+
+def _inner_votes(data: DataSet, features: FloatRows, rows: IntArray, seed: int) -> Votes:
+    """Votes for the training windows, their own people held out in turn."""
+    inner = {name: np.zeros((len(rows), 4), np.int64) for name in LEARNERS}
+    for train, test in grouped_folds(data.group_of("situations")[rows], INNER_FOLDS, seed=seed):
+        found, _ = _votes(data, features, "situations", rows[train], rows[test], seed)
+        for name, votes in found.items():
+            inner[name][test] = votes
+    return inner
+
+
+def _votes(
+    data: DataSet, features: FloatRows, task: str, train: IntArray, test: IntArray, seed: int
+) -> tuple[Votes, npt.NDArray[np.float64]]:
+    """Votes of every learner on test windows, and the network's shares before quantising."""
+    rows = data.tasks[task]
+    k, label = len(rows.classes), rows.label[train]
+    forest = PLAN.forest_for(task).build(seed, n_jobs=1)
+    forest.fit(np.asfortranarray(features[train]), label)
+    members = fit_members(PLAN.network_for(task), features[train], label, seed)
+    in_all = votes_of_trees(len(forest.estimators_))
+    network = in_whole_numbers(members, features[train], k, in_all)
+    trees, nets = forest_votes(forest, features[test], k), network_votes(network, features[test])
+    shares = members.shares(features[test], k)
+    return {"forest": trees, "network": nets, "committee": trees + nets}, shares
+
+
+def _figures(
+    data: DataSet,
+    channels: int,
+    in_hand: bool,
+    folds: list[tuple[dict[str, IntArray], Answers]],
+    seed: int,
+) -> LearnerFigures:
+    n = len(data.tasks["situations"])
+    plain, weighted = {}, {}
+    for name in LEARNERS:
+        plain[name] = np.zeros(n, np.int64)
+        weighted[name] = np.zeros(n, np.int64)
+        for held, found in folds:
+            rows = held["situations"]
+            plain[name][rows] = riskier_argmax(found.votes["situations"][name])
+            weighted[name][rows] = found.labels[name]
+    real = np.zeros(n, np.int64)
+    for held, found in folds:
+        real[held["situations"]] = found.real_labels
+    scores = {name: _scores(data, folds, name) for name in LEARNERS}
+    figures = {name: report(data, plain[name], scores[name], seed=seed) for name in LEARNERS}
+    figures |= {
+        f"{name}, {WEIGHTED}": report(data, weighted[name], scores[name], seed=seed)
+        for name in LEARNERS
+    }
+    figures[UNQUANTISED] = report(data, real, None, seed=seed)
+    return LearnerFigures(channels, in_hand, figures, _by_person(data, weighted))
+
+
+def _scores(
+    data: DataSet, folds: list[tuple[dict[str, IntArray], Answers]], name: str
+) -> npt.NDArray[np.float64]:
+    """[M] share of votes for yes, risky within 0.25 s."""
+    score = np.zeros(len(data.tasks["predict_250ms"]))
+    for held, found in folds:
+        votes = found.votes["predict_250ms"][name]
+        score[held["predict_250ms"]] = votes[:, 1] / votes.sum(axis=1)
+    return score
+
+
+def _by_person(data: DataSet, labels: dict[str, IntArray]) -> dict[str, dict[str, float | None]]:
+    """Macro F1 with label weights, by person and learner."""
+    truth, people = data.tasks["situations"].label, data.group_of("situations")
+    return {
+        str(person): {
+            name: situation_scores(
+                truth[people == person],
+                found[people == person],
+                people[people == person],
+                n_draws=1,
+            ).macro_f1
+            for name, found in labels.items()
+        }
+        for person in np.unique(people)
+    }
+
+
+def _macro_f1(truth: IntArray, found: IntArray) -> float | None:
+    return situation_scores(truth, found, np.zeros(len(truth), np.int64), n_draws=1).macro_f1
+
+
+def main(out: Path, seed: int = 0) -> None:
+    """Study 18 and 48 channels, and the truer label; write learners.json."""
+    root = find("human_slip_uskin")
+    studied = []
+    for channels, in_hand in ((18, False), (18, True), (48, False)):
+        sys.stderr.write(f"{channels} channels{', in the hand' if in_hand else ''}\n")
+        data = load(root, channels=channels, in_hand=in_hand)
+        studied.append(study_learners(data, channels, in_hand, seed).to_json())
+    plan = replace(PLAN, learner="committee", label_folds=INNER_FOLDS)
+    figures = {
+        "kind": "public real data",
+        "seed": seed,
+        "plan": plan.to_json(),
+        "host": asdict(host()),
+        "studied": studied,
+    }
+    write_whole(out, json.dumps(figures, indent=1, allow_nan=False) + "\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
