@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,11 +17,12 @@ from edge_runtime.command import show
 from edge_runtime.errors import DataError
 
 if TYPE_CHECKING:
-    from training.folder_report import Cell, FolderReport
+    from training.folder_report import Cell, FolderReport, Missing
 
 HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
 CLASS_HEADS = ("situation", "light, s", "heavy, s")
 FORMATS = {"thesis": "folders of CSV trials", "recorded": "folders of holdfast record"}
+NUMBER = re.compile(r"[0-9.]+")
 HAND_ALONE = "hand alone"
 LEVELS = {"error": "ERROR", "training": "FOR TRAINING", "advice": "ADVICE"}
 
@@ -30,10 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("folder", metavar="FOLDER|SET", help="a folder of recordings, or a public set by name")
     option("--json", action="store_true", help="print one JSON object instead of tables")
+    example = "write the files of docs/your-data.md into FOLDER, which must be new, and stop"
+    option("--example", action="store_true", help=example)
 
 
 def run(args: argparse.Namespace) -> int:
     """Examine the folder and print the report."""
+    if args.example:
+        return _write_example(Path(args.folder))
     from training.datasets import find
     from training.folder_check import examine
     from training.progress import stages
@@ -48,6 +54,16 @@ def run(args: argparse.Namespace) -> int:
     return 0 if report.readable else DataError.exit_code
 
 
+def _write_example(folder: Path) -> int:
+    from training.example_data import LOGGER, TRIALS, write_example
+
+    write_example(folder)
+    show(
+        f"{folder / TRIALS}: trials of three people, to check; {folder / LOGGER}: a log to convert"
+    )
+    return 0
+
+
 def in_words(report: FolderReport) -> list[str]:
     """The report as lines for people."""
     lines = _summary(report)
@@ -58,9 +74,18 @@ def in_words(report: FolderReport) -> list[str]:
             (one.situation, f"{one.light_s:.1f}", f"{one.heavy_s:.1f}") for one in report.classes
         ]
         lines += ["", *_aligned([CLASS_HEADS, *rows])]
-    for one in report.missing:
+    for one, more in _alike(report.missing):
         lines += ["", f"{LEVELS[one.level]} {one.where}: {one.what}", f"  -> {one.next_step}"]
+        lines += [f"  {more} more like it"] if more else []
     return [*lines, "", _verdict(report)]
+
+
+def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
+    """The first of those that differ only in place and numbers, and how many more there are."""
+    alike: dict[tuple[str, str], list[Missing]] = {}
+    for one in missing:
+        alike.setdefault((one.level, NUMBER.sub("#", one.what)), []).append(one)
+    return [(ones[0], len(ones) - 1) for ones in alike.values()]
 
 
 def _summary(report: FolderReport) -> list[str]:

@@ -9,6 +9,7 @@ write the same bytes.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -105,16 +106,21 @@ class _Hand:
 
 
 def write_fixture(
-    folder: Path, *, trials_per_cell: int = 4, rate_hz: float = 50.0, seed: int = 0
+    folder: Path,
+    *,
+    trials_per_cell: int = 4,
+    rate_hz: float = 50.0,
+    seed: int = 0,
+    objects: Sequence[str] = FIXTURE_OBJECTS,
 ) -> None:
-    """Write five objects x three actions x `trials_per_cell` trials, the empty hand and truth.
+    """Write objects x three actions x `trials_per_cell` trials, the empty hand and truth.
 
     A light object is pulled away, a heavy one falls. Two magnets are upside down, and every channel
     has an offset. Files that are there already are written over.
     """
     rng = np.random.default_rng(seed)
     hand = _Hand(rng)
-    for name in FIXTURE_OBJECTS:
+    for name in objects:
         risky = "fall" if is_heavy(MASSES_G[name]) else "pull"
         for action in ("pass", risky, "put-down"):
             for number in range(1, trials_per_cell + 1):

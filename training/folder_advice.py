@@ -26,12 +26,22 @@ LIGHT, HEAVY = f"under {LIGHT_BELOW_G:g} g", f"of {LIGHT_BELOW_G:g} g or more"
 
 
 def advice(
-    root: Path, layout: str, trials: Sequence[TimedTrial], classes: Sequence[ClassSeconds]
+    root: Path,
+    layout: str,
+    trials: Sequence[TimedTrial],
+    classes: Sequence[ClassSeconds],
+    *,
+    all_read: bool,
 ) -> list[Missing]:
-    """What is missing beside the faults: unit, people, classes, actions of people, exact labels."""
+    """What is missing beside the faults: unit, people, classes, actions of people, exact labels.
+
+    all_read: else only the first two are known, since an unread trial may have the rest.
+    """
     if not trials:
         return []
     bare = layout == "thesis"
+    if not all_read:
+        return [*(_unit(root) if bare else ()), *_people(root, trials)]
     return [
         *(_unit(root) if bare else ()),
         *_people(root, trials),

@@ -62,7 +62,7 @@ def _report(
         3 * recordings[0].n_sensors if recordings else None,
         cells_of(found),
         classes,
-        [*wrong, *advice(root, layout, trials, classes), *others],
+        [*wrong, *advice(root, layout, trials, classes, all_read=not wrong), *others],
     )
 
 

@@ -14,7 +14,7 @@ from edge_runtime.errors import DataNotFound, LabelError, NotANumber
 from edge_runtime.trial_file import Trial, trial_of
 from training.datasets.places import EMPTY_HAND, FOLDERS
 from training.datasets.rows import finite_sensors
-from training.datasets.thesis import assembled, preparation, require_unit
+from training.datasets.thesis import OPEN_HAND, assembled, preparation, require_unit
 from training.objects import Mass, named_mass, object_name, plain_word
 from training.recording import DataSet, Recording
 from training.timeline import ACTION_S, Phase, events_of, scripted, whole
@@ -75,7 +75,7 @@ def _timed(
     if labels is not None:
         phases, by = _phases(trial, frame["Time"].to_numpy(np.float64), labels), "label column"
     elif thing is None or action is None:
-        phases, by = whole(len(samples), NOTHING), EMPTY_HAND
+        phases, by = whole(len(samples), NOTHING), OPEN_HAND
     else:
         phases = scripted(trial, samples, action, thing, action_at_s)
         by = f"script, action at {action_at_s:g} s"

@@ -106,7 +106,8 @@ def _off_the_script(trial: Trial, action_at_s: float, onset: int, empty: int) ->
         f"{trial.t_s[onset]:.2f} to {trial.t_s[empty - 1]:.2f} s",
         where=trial.path,
         cause="a trial that did not follow the script",
-        next_step=f'write {{"{ACTION_KEY}": ..}} or its phases to {truth}, or remove it',
+        next_step=f'write {{"{ACTION_KEY}": ..}} to meta.json of the set, or that or its phases to '
+        f"{truth}",
     )
 
 

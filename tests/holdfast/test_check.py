@@ -204,5 +204,5 @@ def test_an_absent_folder_is_one_line(run: Run, tmp_path: Path) -> None:
 def test_the_hand_alone_has_a_line(run: Run, own: Path, made: Path) -> None:
     shutil.copytree(made / "p01/nothing", own / "p01/nothing")
     report = reported(run, own)
-    assert cell(report, "p01", None, None)["labels_by"] == {"nothing": 1}  # type: ignore[arg-type]
+    assert cell(report, "p01", None, None)["labels_by"] == {"open hand": 1}  # type: ignore[arg-type]
     assert "hand alone" in run("check", own)[1]

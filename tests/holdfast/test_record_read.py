@@ -71,7 +71,8 @@ def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(people, tmp_pat
         main(["evaluate", model, "--data", str(people), "--json", str(tmp_path / "figures.json")])
         == 0
     )
-    assert json.loads((tmp_path / "figures.json").read_text())["n_groups"] == 2
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert (figures["n_groups"], figures["group_kind"]) == (2, "person")
     capsys.readouterr()
     folder = people / "p01/soft-ball/pull/trial_1"
     for source in (str(folder), str(folder / "tactile.csv"), f"{people}#0"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -153,45 +152,6 @@ def test_a_meta_that_cannot_be_is_refused_by_name(small: Path, fault: str) -> No
     write_meta(small, **keys)
     with pytest.raises(DataError, match=says):
         load(small, windows="natural")
-
-
-@pytest.fixture(scope="module")
-def trained(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A model of the people's trials, and what its training printed."""
-    import contextlib
-    import io
-    import warnings
-
-    from holdfast.cli import main
-
-    out = tmp_path_factory.mktemp("trained")
-    words = ["train", "--data", str(made), "--out", str(out), "--size", "tiny"]
-    with contextlib.redirect_stdout(io.StringIO()) as printed, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert main(words) == 0
-        assert main(["export", str(out)]) == 0
-    return out, printed.getvalue()
-
-
-def test_training_says_that_people_were_held_out(trained: tuple[Path, str]) -> None:
-    out, printed = trained
-    assert "held out by person: macro F1" in printed
-    assert "grouped" not in printed
-    card = json.loads((out / "holdfast.json").read_text())["training"]
-    assert (card["groups"], card["group_kind"]) == (2, "person")
-
-
-def test_evaluation_counts_people_and_resamples_them(
-    trained: tuple[Path, str], made: Path, run: Callable[..., tuple[int, str, str]], tmp_path: Path
-) -> None:
-    model, out = next(trained[0].glob("*.onnx")), tmp_path / "figures.json"
-    code, words, _ = run("evaluate", model, "--data", made, "--json", out)
-    assert code == 0
-    assert "32 trials, 2 people" in words
-    assert "95 % interval over people" in words
-    figures = json.loads(out.read_text())
-    assert (figures["n_groups"], figures["group_kind"]) == (2, "person")
-    assert figures["sets"]["people"]["data"]["group_kind"] == "person"
 
 
 def test_an_unknown_way_to_hold_out_names_the_known_ones(

@@ -32,7 +32,7 @@ from edge_runtime.trial_file import Trial, read_trial
 from edge_runtime.trial_layout import META, truth_path
 from export.bank import bands_for
 from training.datasets.channels import ChannelsNotOffered
-from training.datasets.places import EMPTY_HAND, Fault, TrialPlace, places, refuse
+from training.datasets.places import Fault, TrialPlace, places, refuse
 from training.datasets.places import recognises as recognises
 from training.datasets.rows import finite_sensors
 from training.datasets.trial_readers import TrialReader, read_all
@@ -72,6 +72,8 @@ CAVEAT = (
     "their trial although no signal carries it. Where a trial has no truth file its labels follow "
     "the script (action from {at_s:g} s), not a measurement."
 )
+OPEN_HAND = "open hand"
+"""What the labels come from where the trial is that of the hand alone."""
 READING = 0.5
 """Of the time of `load`; the rest is for finding the windows."""
 
@@ -217,7 +219,7 @@ def timed(place: TrialPlace, root: Path, meta: Json, phased: Phased | None = Non
         heavy=mass.heavy if mass else None,
         timed=has_phases(truth_path(trial.path)),
         mass=mass,
-        labels_by=labels_by(truth_path(trial.path), action_at_s) if folder else EMPTY_HAND,
+        labels_by=labels_by(truth_path(trial.path), action_at_s) if folder else OPEN_HAND,
     )
 
 

@@ -1,0 +1,67 @@
+"""docs/your-data.md does what it says: its commands and its code run in their order."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from command_line import fails
+
+from training.example_data import write_example
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs/your-data.md"
+BLOCK = re.compile(r"```(sh|python|text)\n(.*?)```", re.DOTALL)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_page_runs_from_the_first_command_to_the_last(
+    run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = PAGE.read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    printed, everything, shown = "", "", []
+    for kind, text in BLOCK.findall(page):
+        if kind == "python":
+            exec(text, names)
+        elif kind == "text":
+            shown.append((text, printed))
+        elif text.startswith("holdfast "):
+            results = [run(*shlex.split(line)[1:]) for line in text.splitlines()]
+            printed = "".join(out for _, out, _ in results)
+            everything += printed
+            assert all(code in (0, 3) for code, _, _ in results), results
+        else:
+            subprocess.run(["sh", "-e", "-c", text], check=True)
+    assert [old for old, _ in shown] == [new for _, new in shown]
+    assert [new.splitlines()[-1][:9] for _, new in shown] == ["not ready", "not ready", "ready for"]
+    assert "held out by person: macro F1" in everything
+    assert "grouped" not in everything
+    assert "21 trials, 3 people" in printed
+    assert "95 % interval over people" in printed
+    card = json.loads(Path("build/your-data/model/holdfast.json").read_text())["training"]
+    assert (card["groups"], card["group_kind"]) == (3, "person")
+    assert set(names["answers"]["truth"].dropna()) == {"nothing", "grasp", "safe_slip"}  # type: ignore[index]
+
+
+def test_the_example_is_the_same_every_time_and_overwrites_nothing(
+    run: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    for name in ("one", "other"):
+        write_example(tmp_path / name)
+    paths = [path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.csv")]
+    assert len(paths) == 21
+    for path in paths:
+        assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "other" / path).read_bytes()
+    fails(run, 5, "OutputError", "check", tmp_path / "one", "--example", says="not empty")
+
+
+def test_every_path_the_page_points_to_exists() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text("utf-8"))
+    assert [link for link in links if not (PAGE.parent / link).exists()] == []
