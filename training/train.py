@@ -58,16 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--force", action="store_true", help="replace an artifact that is in DIR already"
     )
-    parser.add_argument(
-        "--channels", type=int, metavar="C", help="channels, where a set offers several"
-    )
-    parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
-    parser.add_argument(
-        "--hold-out",
-        choices=HELD_OUT_BY,
-        metavar="WHAT",
-        help="what is held out together: person (default with two or more), object, or trial",
-    )
+    _choose_recordings(parser)
     parser.add_argument(
         "--windows",
         choices=WINDOWS,
@@ -90,6 +81,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
+    )
+
+
+def _choose_recordings(parser: argparse.ArgumentParser) -> None:
+    """The options of which recordings are read, and how they are held out."""
+    parser.add_argument(
+        "--channels", type=int, metavar="C", help="channels, where a set offers several"
+    )
+    parser.add_argument("--groups", type=int, metavar="K", help="use K people (or blocks) only")
+    parser.add_argument(
+        "--hold-out",
+        choices=HELD_OUT_BY,
+        metavar="WHAT",
+        help="what is held out together: person (default with two or more), object, or trial",
     )
 
 
