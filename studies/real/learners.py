@@ -179,12 +179,7 @@ def _by_person(data: DataSet, labels: dict[str, IntArray]) -> dict[str, dict[str
     truth, people = data.tasks["situations"].label, data.group_of("situations")
     return {
         str(person): {
-            name: situation_scores(
-                truth[people == person],
-                found[people == person],
-                people[people == person],
-                n_draws=1,
-            ).macro_f1
+            name: _macro_f1(truth[people == person], found[people == person])
             for name, found in labels.items()
         }
         for person in np.unique(people)

@@ -1,0 +1,134 @@
+"""Training of networks and committees: repeatable, nested, near the real numbers they come from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from edge_runtime.contract import SITUATIONS
+from edge_runtime.preparation import Preparation
+from export.committee import Committee
+from export.network import Network, network_votes
+from training.crossval import chosen_label_weights, cross_validate, fit_learner
+from training.label_rule import fit_label_weights, situation_labels
+from training.metrics import situation_scores
+from training.network_fit import NetworkPlan, fit_members, fit_network, in_whole_numbers
+from training.plan import ForestPlan, TrainingPlan
+from training.recording import DataSet, LabelledRows, Recording
+
+SMALL = NetworkPlan(hidden=(8,), members=2, epochs=3, batch=16)
+PLAN = TrainingPlan(
+    situation=ForestPlan(n_estimators=3, max_depth=4),
+    folds=3,
+    network=SMALL,
+    learner="committee",
+    label_folds=2,
+)
+PEOPLE, ROWS_EACH, WIDTH = 6, 40, 5
+FloatRows = npt.NDArray[np.float32]
+
+
+def people(seed: int = 0) -> tuple[DataSet, dict[str, FloatRows]]:
+    """Six people whose windows a first feature tells apart; slips are rare."""
+    rng = np.random.default_rng(seed)
+    label = rng.choice(4, size=PEOPLE * ROWS_EACH, p=[0.5, 0.3, 0.15, 0.05])
+    label[:4] = np.arange(4)
+    rows = rng.normal(size=(len(label), WIDTH)).astype(np.float32)
+    rows[:, 0] += label
+    trial = np.repeat(np.arange(PEOPLE), ROWS_EACH)
+    values, valid = np.zeros((2, 3)), np.ones((2, 1), np.bool_)
+    recordings = [Recording(f"p{k}", f"p{k}", values, valid, 50.0, "N") for k in range(PEOPLE)]
+    task = LabelledRows(trial, np.zeros(len(trial), np.int64), label.astype(np.int64), SITUATIONS)
+    tasks = {"situations": task}
+    data = DataSet("made", recordings, tasks, 50.0, "N", Preparation(), "made", True, "")
+    return data, {"situations": rows}
+
+
+@pytest.mark.parametrize("kind", ["network", "committee"])
+def test_the_same_seed_makes_the_same_learner_and_another_seed_another_one(kind):
+    data, features = people()
+    plan = replace(PLAN, learner=kind)
+    every = np.arange(PEOPLE * ROWS_EACH)
+
+    def votes(seed: int) -> npt.NDArray[np.int64]:
+        learner = fit_learner(data, features["situations"], plan, "situations", every, seed)
+        network = learner.network if isinstance(learner, Committee) else learner
+        assert isinstance(network, Network)
+        return network_votes(network, features["situations"])
+
+    assert np.array_equal(votes(0), votes(0))
+    assert not np.array_equal(votes(0), votes(1))
+
+
+def test_whole_numbers_answer_nearly_what_the_real_ones_do():
+    data, features = people()
+    rows, label = features["situations"], data.tasks["situations"].label
+    members = fit_members(replace(SMALL, epochs=20), rows, label, 0)
+    network = in_whole_numbers(members, rows, 4)
+    votes = network_votes(network, rows)
+    apart = np.abs(votes / network.votes_in_all - members.shares(rows, 4))
+    assert apart.mean() < 0.005
+    assert np.quantile(apart, 0.99) < 0.03
+
+
+def test_of_two_classes_the_second_gets_the_votes_that_its_rows_deserve():
+    rows = np.random.default_rng(0).normal(size=(400, 3)).astype(np.float32)
+    label = (rows[:, 1] > 0.0).astype(np.int64)
+    plan = replace(SMALL, epochs=40, alpha=1e-4)
+    votes = network_votes(fit_network(plan, rows, label, 2, 0), rows)
+    assert ((votes[:, 1] > votes[:, 0]) == (label == 1)).mean() > 0.95
+
+
+def test_label_weights_are_chosen_without_the_windows_that_are_scored():
+    data, features = people()
+    train = np.arange(3 * ROWS_EACH)
+    chosen = chosen_label_weights(data, features, PLAN, train, 0)
+    task = data.tasks["situations"]
+    other = task.label.copy()
+    other[3 * ROWS_EACH :] = 0
+    changed = replace(data, tasks={"situations": replace(task, label=other)})
+    assert chosen == chosen_label_weights(changed, features, PLAN, train, 0)
+    assert chosen is not None
+    assert max(chosen) == 1.0
+
+
+def test_a_fold_s_labels_do_not_depend_on_the_labels_of_its_own_people():
+    data, features = people()
+    before = cross_validate(data, features, PLAN, seed=0)
+    task = data.tasks["situations"]
+    last = np.arange(PEOPLE * ROWS_EACH) >= (PEOPLE - 1) * ROWS_EACH
+    changed = replace(
+        data, tasks={"situations": replace(task, label=np.where(last, 0, task.label))}
+    )
+    after = cross_validate(changed, features, PLAN, seed=0)
+    assert np.array_equal(before.situations()[last], after.situations()[last])
+    assert not np.array_equal(before.situations()[~last], after.situations()[~last])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_chosen_label_weights_never_lower_macro_f1_on_the_windows_they_are_chosen_on(seed):
+    rng = np.random.default_rng(seed)
+    votes = rng.multinomial(1000, rng.dirichlet(np.ones(4)), size=60)
+    truth = rng.choice(4, size=60)
+    weights = fit_label_weights(votes, truth)
+
+    def macro_f1(found: npt.NDArray[np.int64]) -> float:
+        figures = situation_scores(truth, found, np.zeros(60, np.int64), n_draws=1)
+        assert figures.macro_f1 is not None
+        return figures.macro_f1
+
+    plain = macro_f1(situation_labels(votes, None))
+    assert macro_f1(situation_labels(votes, weights)) >= plain - 1e-3
+    assert max(weights) == 1.0
+    assert min(weights) > 0.0
+
+
+def test_a_plan_of_a_forest_says_nothing_of_networks_so_its_card_stays_as_it_was():
+    fields = TrainingPlan().to_json()
+    assert not {"learner", "network", "prediction_network", "label_folds"} & fields.keys()
+    assert PLAN.to_json()["network"]["hidden"] == (8,)
