@@ -65,7 +65,7 @@ models: setup  ## rebuild the default model from scenes, into models; RATE=50 fo
 	$(BIN)/holdfast simulate thesis --rate $(RATE) --out build/models/$(RATE)hz-$(SIZE)/thesis
 	$(BIN)/holdfast simulate broad --rate $(RATE) --out build/models/$(RATE)hz-$(SIZE)/broad
 	$(BIN)/holdfast train --data build/models/$(RATE)hz-$(SIZE)/thesis build/models/$(RATE)hz-$(SIZE)/broad \
-	    --windows dense --size $(SIZE) --out build/models/$(RATE)hz-$(SIZE)
+	    $(if $(filter-out default,$(SIZE)),--size $(SIZE)) --out build/models/$(RATE)hz-$(SIZE)
 	$(BIN)/holdfast export build/models/$(RATE)hz-$(SIZE) --force --out models/holdfast-$(RATE)hz$(if $(filter-out default,$(SIZE)),-$(SIZE)).onnx
 
 evaluate: setup  ## the default model on unseen simulated sets, beside baselines, into build/evaluate

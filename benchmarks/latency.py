@@ -178,7 +178,7 @@ def broken(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[s
 def _scenes(work: Path, rate_hz: float) -> DataSet:
     """A small simulated set at the model's rate."""
     write_set(Scene(read_card("thesis", rate_hz=rate_hz), 0), work / "set", TRIALS)
-    return load(work / "set")
+    return load(work / "set", windows="thesis")
 
 
 def _stream(data: DataSet) -> tuple[FloatArray, BoolArray]:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from evaluation.closing_hand import KeptObjects
 from evaluation.statistics import McNemar, Spread
-from training.figures import Interval, Share
+from training.figures import ABSENT, Interval, LevelF1, Share, over
 
 
 def number(value: float | None, places: int = 2) -> str:
-    """So many decimal places, or "none"."""
-    return "none" if value is None else f"{value:.{places}f}"
+    """So many decimal places; "-" where there is no figure."""
+    return ABSENT if value is None else f"{value:.{places}f}"
 
 
 def percent(value: float | None) -> str:
-    """A share as a percentage, or "none"."""
-    return "none" if value is None else f"{100 * value:.1f} %"
+    """A share as a percentage; "-" where there is none."""
+    return ABSENT if value is None else f"{100 * value:.1f} %"
 
 
 def interval(edges: Interval | None, places: int = 2) -> str:
@@ -32,6 +32,11 @@ def with_interval(value: float | None, edges: Interval | None, places: int = 2) 
     return above(number(value, places), interval(edges, places))
 
 
+def macro_f1_cell(of: LevelF1) -> str:
+    """A macro F1 above its interval, and above what it is over where a class is absent."""
+    return above(with_interval(of.macro_f1, of.macro_f1_ci, 3), over(of.f1))
+
+
 def percent_with_interval(value: float | None, edges: Interval | None) -> str:
     """A percentage above its interval."""
     return above(percent(value), percent_interval(edges))
@@ -43,8 +48,8 @@ def share_cell(of: Share) -> str:
 
 
 def median(of: Spread | None) -> str:
-    """The median alone, rounded, or "none"."""
-    return "none" if of is None else f"{of.p50:.0f}"
+    """The median alone, rounded; "-" where there is none."""
+    return ABSENT if of is None else f"{of.p50:.0f}"
 
 
 def spread_cell(of: Spread | None) -> str:

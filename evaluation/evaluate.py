@@ -88,7 +88,9 @@ class _Run:
         if self.request.train:
             self.say(f"training the raw-window forest on {self.request.train}")
             channels = self.model.card.n_channels
-            data = load(self.request.train, channels=channels, seed=seed, part=self.part)
+            data = load(
+                self.request.train, channels=channels, seed=seed, windows="thesis", part=self.part
+            )
             require_model_fits(self.model, data)
             forest = raw_forest(data, spec, rules, seed)
         return baselines(spec, rules, forest)

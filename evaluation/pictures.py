@@ -14,6 +14,7 @@ from evaluation.shown_trials import ShownTrial
 from evaluation.states import CalibrationBin, ConfusionFigures
 from evaluation.stream_pictures import labelled, runs
 from evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
+from training.figures import ABSENT
 
 CURVES = (
     ("to_state", "to the first risky_slip state", "#56b4e9", "-"),
@@ -116,9 +117,10 @@ def _curve(axes: Axes, values: Sequence[float], title: str, colour: str, style: 
 
 
 def confusion(level: ConfusionFigures, kind: str) -> str:
-    """Share of each class' samples by answer; empty where it rounds to nothing."""
+    """Share of each class' samples by answer; empty where it is about 0, "-" in an absent class."""
     counts = np.asarray(level.counts, dtype=float)
-    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
+    windows = counts.sum(axis=1, keepdims=True)
+    shares = counts / np.maximum(windows, 1.0)
     names = [name.replace("_", " ") for name in level.classes]
     with labelled(kind, 0.41 * len(names) + 1.3, 0.36 * len(names) + 1.1) as figure:
         axes = figure.subplots()
@@ -129,6 +131,8 @@ def confusion(level: ConfusionFigures, kind: str) -> str:
                 axes.text(
                     column, row, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=7
                 )
+        for row in np.flatnonzero(windows == 0.0).tolist():
+            axes.text(row, row, ABSENT, ha="center", va="center", fontsize=7)
         axes.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.5)
         axes.set_yticks(range(len(names) - 1), names[:-1], fontsize=7.5)
         axes.set(xlabel="answered", ylabel="was")

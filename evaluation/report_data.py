@@ -14,6 +14,7 @@ from evaluation.page import Row, table
 from evaluation.real_sets import HUMAN, RealFigures, RealSetsMissing
 from evaluation.report_methods import method_tables
 from evaluation.scored_set import SetCard
+from training.figures import LevelF1, over
 
 SIMULATED = (
     "Simulated: objects, hands, people (styles are ranges of parameters, not people), sensors, and "
@@ -57,9 +58,13 @@ here is a rotation that turns back before 15 degrees; no intention is known.
 <p>Changes of state a second {number(states.changes_per_s)} (truth
 {number(states.true_changes_per_s)}); calibration error {number(ece, 3)}, of risky
 {number(ece_risky, 3)}; macro F1 over four situations per sample
-{number(states.confusion["four"].macro_f1, 3)}, at windows
-{number(one.windows.heads.situations.macro_f1, 3)}.</p>
+{_macro_f1(states.confusion["four"])}, at windows
+{_macro_f1(one.windows.heads.situations)}.</p>
 {_eflesh(real.eflesh)}"""
+
+
+def _macro_f1(of: LevelF1) -> str:
+    return f"{number(of.macro_f1, 3)} {over(of.f1)}".rstrip()
 
 
 def _eflesh(figures: EfleshFigures | None) -> str:

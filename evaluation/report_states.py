@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 
 from evaluation import pictures as draw
-from evaluation.cells import above, kept_cell, number, percent, spread_cell, with_interval
+from evaluation.cells import above, kept_cell, macro_f1_cell, number, percent, spread_cell
 from evaluation.closing_hand import CLOSING_S, LAG_S, MOST_N, STROKE_MM, ClosingModel
 from evaluation.evaluation_figures import Evaluation
 from evaluation.outcomes import COLUMNS, STYLES, THESIS, OutcomeRow
@@ -13,6 +13,7 @@ from evaluation.page import Row, table
 from evaluation.report_parts import heading, kind_of
 from evaluation.scored_set import SetFigures
 from evaluation.states import ConfusionFigures
+from training.figures import ABSENT
 
 
 def closing_section(of: Evaluation) -> str:
@@ -53,7 +54,7 @@ def _closing_cells(of: SetFigures, closing: ClosingModel, headline: str) -> list
 
 def _error(of: dict[str, float] | None) -> str:
     if not of or "p50" not in of:
-        return "none"
+        return ABSENT
     return f"{of['p50']:.0f} ({of['p5']:.0f} to {of['p95']:.0f})"
 
 
@@ -81,7 +82,8 @@ def states_section(of: Evaluation) -> str:
 sample, before any debounce. Changes a second stand beside those of the truth.</p>
 {table(stability, [Row([html.escape(name), *_stability(one)]) for name, one in sets])}
 {table(quality, [Row([html.escape(name), *_quality(one)]) for name, one in sets])}
-<p class=note>F1 is macro F1, below it its interval. Calibration error: expected difference between
+<p class=note>F1 is macro F1 over the classes in the truth; below it its interval, and the classes
+if one is absent. Calibration error: expected difference between
 the probability and the share that came true. Seven classes count nothing once, because light and
 heavy are the same signal there. At windows: only at the windows about critical points.</p>
 <div class=side>{"".join(_pictures(of))}</div>"""
@@ -103,12 +105,12 @@ def _quality(of: SetFigures) -> list[str]:
         number(calibrated.ece if calibrated else None, 3),
         number(calibrated.ece_risky if calibrated else None, 3),
         *(_f1(confusion.get(level)) for level in ("four", "seven", "eight")),
-        number(of.windows.heads.situations.macro_f1, 3),
+        macro_f1_cell(of.windows.heads.situations),
     ]
 
 
 def _f1(level: ConfusionFigures | None) -> str:
-    return "" if level is None else with_interval(level.macro_f1, level.macro_f1_ci, 3)
+    return "" if level is None else macro_f1_cell(level)
 
 
 def _pictures(of: Evaluation) -> list[str]:

@@ -12,6 +12,7 @@ from edge_runtime.contract import CLASSES
 from evaluation.scores import ClassScores, LevelScores
 from evaluation.stream_pictures import labelled
 from evaluation.style import FINGER_COLOURS, INK, OURS, QUIET, WARNING, Bar, bars, svg
+from training.figures import ABSENT
 
 METHOD_COLOURS = (OURS, QUIET, WARNING)
 
@@ -56,9 +57,17 @@ def confusion_spread(matrices: list[Any], kind: str) -> str:
         left.set_yticks(range(len(names)), names)
         left.set(xlabel="answered", ylabel="was")
         left.spines[:].set_visible(False)
+        absent = np.sum(matrices, axis=(0, 2)) == 0
+        for row in np.flatnonzero(absent).tolist():
+            left.text(row, row, ABSENT, ha="center", va="center", fontsize=9)
         for one in shares:
             right.plot(
-                np.diagonal(one), range(len(names)), "o", color=OURS, markersize=5, alpha=0.6
+                np.where(absent, np.nan, np.diagonal(one)),
+                range(len(names)),
+                "o",
+                color=OURS,
+                markersize=5,
+                alpha=0.6,
             )
         right.set(xlabel="recall of each\nretraining", xlim=(0, 1))
         right.grid(axis="x", color="#e4e7eb")

@@ -43,7 +43,7 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     from training.fitting import train, versions
     from training.plan import TrainingPlan
 
-    data = load(ready(TRAIN))
+    data = load(ready(TRAIN), windows="thesis")
     trained = train(data, work / "model", TrainingPlan(), seed=0)
     macro_f1 = trained.figures.situations.macro_f1
     print(f"macro F1 over four situations, trials held out: {macro_f1:.2f}", flush=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from evaluation.methods import MethodFigures
     from evaluation.request import EvaluationRequest
     from evaluation.window_scores import WindowFigures
-    from training.figures import HeadFigures, Interval
+    from training.figures import HeadFigures
     from training.progress import Stages
 
 
@@ -153,23 +153,18 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
 
 
 def _windows_in_words(figures: WindowFigures) -> list[str]:
-    heads = figures.heads
-    situations, head = heads.situations, heads.predict_250ms
-    kind = heads.group_kind
-    macro = _with_interval(situations.macro_f1, situations.macro_f1_ci, kind)
+    from training.summary import situation_lines, with_interval
+
+    heads, head = figures.heads, figures.heads.predict_250ms
     lines = [
         f"{figures.data} ({figures.kind}): {_trials_in_words(heads)}",
-        f"macro F1 over four situations  {macro}",
-    ]
-    lines += [
-        f"  F1 {name:<12} {_with_interval(value, situations.f1_ci[name], kind)}"
-        for name, value in situations.f1.items()
+        *situation_lines(heads.situations, heads.group_kind),
     ]
     if head is not None:
-        precision = _with_interval(head.average_precision, head.average_precision_ci, kind)
+        kind, precision = heads.group_kind, (head.average_precision, head.average_precision_ci)
         lines += [
-            f"0.25 s prediction: AUC          {_with_interval(head.auc, head.auc_ci, kind)}",
-            f"  average precision {precision}",
+            f"0.25 s prediction: AUC          {with_interval(head.auc, head.auc_ci, kind)}",
+            f"  average precision {with_interval(*precision, kind)}",
         ]
     return [*lines, *_warnings(figures), figures.caveat]
 
@@ -198,14 +193,3 @@ def _trials_in_words(of: HeadFigures) -> str:
     return (
         trials if of.group_kind == "trial" else f"{trials}, {in_words(of.n_groups, of.group_kind)}"
     )
-
-
-def _with_interval(value: float | None, interval: Interval | None, kind: str) -> str:
-    from training.hold_out import PLURAL
-
-    if value is None:
-        return "not defined (the class is absent)"
-    if not interval:
-        return f"{value:.3f}"
-    low, high = interval
-    return f"{value:.3f}  (95 % interval over {PLURAL[kind]} {low:.3f} to {high:.3f})"

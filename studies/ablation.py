@@ -28,7 +28,7 @@ from export.step_graph import feature_graph
 from training.crossval import cross_validate
 from training.datasets import load
 from training.featurise import features_of, spec_for
-from training.figures import Interval
+from training.figures import ABSENT, Interval
 from training.fitting import held_out_figures, versions
 from training.plan import TrainingPlan
 from training.progress import stages
@@ -129,7 +129,7 @@ def table(rows: dict[str, AblationRow]) -> str:
 def _beside(value: float | None, base: float | None) -> str:
     """A figure, and how far it is from the default's."""
     if value is None or base is None:
-        return "none"
+        return ABSENT
     return f"{value:.3f} ({value - base:+.3f})"
 
 

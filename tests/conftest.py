@@ -89,7 +89,7 @@ def fixture_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def eight_classes(fixture_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """A small model of eight classes, so one that knows light and heavy. Read only."""
-    data = load(fixture_folder)
+    data = load(fixture_folder, windows="thesis")
     out = made_once(tmp_path_factory, "eight_classes", lambda folder: _build(data, folder))
     return Built(data, fixture_folder, out, out / MODEL_NAME)
 
@@ -102,7 +102,7 @@ def four_situations(fixture_folder: Path, tmp_path_factory: pytest.TempPathFacto
     """
     from training.fitting import with_situations
 
-    loaded = load(fixture_folder)
+    loaded = load(fixture_folder, windows="thesis")
     rows = with_situations(loaded).tasks["situations"]
     risky = replace(rows, label=(rows.label == 3).astype(rows.label.dtype), classes=("no", "yes"))
     data = replace(loaded, tasks={"situations": rows, "predict_250ms": risky})

@@ -6,10 +6,14 @@ is an interval with less than two groups.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Protocol
 
 from edge_runtime.reading import Json
 
+ABSENT = "-"
+"""What a table has for a class that is absent from the truth."""
 Interval = tuple[float, float]
 """The interval of a figure, 95 % unless stated."""
 
@@ -23,9 +27,20 @@ class Share:
     n: int
 
 
+class LevelF1(Protocol):
+    """F1 at some level of classes, None for a class that is absent from the truth."""
+
+    @property
+    def macro_f1(self) -> float | None: ...
+    @property
+    def macro_f1_ci(self) -> Interval | None: ...
+    @property
+    def f1(self) -> Mapping[str, float | None]: ...
+
+
 @dataclass(frozen=True)
 class SituationFigures:
-    """F1 by class, and its mean over the classes that occur."""
+    """F1 by class, None where it is absent from the truth, and its mean over the others."""
 
     macro_f1: float | None
     macro_f1_ci: Interval | None
@@ -59,3 +74,11 @@ class HeadFigures:
     def to_json(self) -> Json:
         """As a model card and the reports of studies have it; an absent head has no key."""
         return {name: figure for name, figure in asdict(self).items() if figure is not None}
+
+
+def over(f1: Mapping[str, float | None]) -> str:
+    """The classes that a macro F1 of these averages, if any is absent from the truth; else ""."""
+    if None not in f1.values():
+        return ""
+    present = [name.replace("_", " ") for name, value in f1.items() if value is not None]
+    return f"over {', '.join(present) or 'no class'} alone"

@@ -5,11 +5,11 @@ windows: B = 1000 draws with replacement, percentile 95 % (Efron & Tibshirani, "
 the Bootstrap", 1993, chapter 13). With one group there is nothing to resample, and intervals are
 None.
 
-An absent figure is never guessed. The F1 of a class found neither in truth nor in prediction is
-None; the macro F1 averages the classes present in truth (for a class that is predicted but absent
-the mistakes already cost precision elsewhere); AUC and average precision are None with one class
-only. Draws in which a figure is undefined do not count towards its interval. Without a single
-window every figure is None.
+An absent figure is never guessed. The F1 of a class that is absent from the truth is None, whatever
+was predicted (a window wrongly given to it already costs its true class recall). The macro F1
+averages the classes in the truth; AUC and average precision are None with one class only. Draws in
+which a figure is undefined do not count towards its interval. Without a single window every figure
+is None.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def situation_scores(
     draws = np.einsum("bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group)
     f1, f1_draws = _f1(total)[0], _f1(draws)
     return SituationFigures(
-        macro_f1=_value(_macro(total, _f1(total))[0]),
-        macro_f1_ci=_interval(_macro(draws, f1_draws)),
+        macro_f1=_value(_macro(_f1(total))[0]),
+        macro_f1_ci=_interval(_macro(f1_draws)),
         f1={name: _value(f1[k]) for k, name in enumerate(classes)},
         f1_ci={name: _interval(f1_draws[:, k]) for k, name in enumerate(classes)},
     )
@@ -209,15 +209,15 @@ def _codes(groups: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
-    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1, nan if absent."""
+    """[.., n, n + 1] counts (truth, predicted or withheld) -> [.., n] F1, nan without a truth."""
     both = confusion.sum(axis=-1) + confusion[..., :-1].sum(axis=-2)
     right = 2.0 * np.diagonal(confusion, axis1=-2, axis2=-1)
-    return np.divide(right, both, out=np.full(both.shape, np.nan), where=both > 0)
+    return np.divide(right, both, out=np.full(both.shape, np.nan), where=confusion.sum(axis=-1) > 0)
 
 
-def _macro(confusion: npt.NDArray[Any], f1: FloatArray) -> FloatArray:
-    """[.., n, n + 1] and [.., n] -> [..] mean F1 over the classes present in truth, else nan."""
-    present = confusion.sum(axis=-1) > 0
+def _macro(f1: FloatArray) -> FloatArray:
+    """[.., n] -> [..] mean F1 over the classes in the truth, nan without one."""
+    present = np.isfinite(f1)
     count = present.sum(axis=-1)
     total = np.where(present, f1, 0.0).sum(axis=-1)
     return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from training.progress import Stages
     from training.recording import DataSet
 
-WINDOWS, MODEL_SIZES = ("balanced", "natural", "dense"), ("tiny", "default", "best")
+WINDOWS, MODEL_SIZES = ("balanced", "thesis", "natural"), ("tiny", "default", "best")
 """As training/windows.py and training/plan.py have them; here so that --help need not import
 them."""
 LEARNERS = ("forest", "network", "committee")
@@ -36,7 +36,7 @@ DEFAULT_OUT = Path("build/default")
 FIXTURE = "fixture"
 MOST_STAGES = 9
 """Beside one a set: libraries, features, six folds, final forests."""
-FIXTURE_TRIALS = 8
+FIXTURE_TRIALS = 4
 """Trials a cell: enough windows for a forest to learn something, few enough for a minute of CI."""
 
 
@@ -64,13 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=WINDOWS,
         default="balanced",
         metavar="WHICH",
-        help="windows of sets in the thesis' layout: balanced (default), natural, or dense",
+        help="windows of sets in the thesis' layout: balanced (dense, all classes weigh the same; "
+        "default), thesis (undersampled), or natural",
     )
     parser.add_argument(
         "--size",
         choices=MODEL_SIZES,
+        default="default",
         metavar="SIZE",
-        help=f"size of a forest for the hand: {', '.join(MODEL_SIZES)}",
+        help=f"size of the forest: {', '.join(MODEL_SIZES)}",
     )
     parser.add_argument(
         "--learner",
@@ -101,16 +103,18 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and on stderr what it is about."""
     from training.progress import stages
+    from training.summary import situation_lines, with_interval
 
     folders = args.data or [str(args.out / FIXTURE)]
     with stages(len(folders) + MOST_STAGES) as say:
         say("loading the libraries")
         data, figures = _trained(args, folders, say)
     head = figures.predict_250ms
-    held_out = f"held out by {data.group_kind}"
-    print(f"{held_out}: macro F1 over four situations {figures.situations.macro_f1:.3f}")
+    macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind)
+    print("\n".join([f"held out by {data.group_kind}: {macro_f1}", *each_f1]))
     if head is not None:
-        print(f"{held_out}: 0.25 s prediction AUC {head.auc:.3f}")
+        auc = with_interval(head.auc, head.auc_ci, figures.group_kind)
+        print(f"held out by {data.group_kind}: 0.25 s prediction AUC {auc}")
     show(data.caveat)
     show(f"artifact: {args.out}; next: holdfast export {args.out}")
     return 0
@@ -124,7 +128,8 @@ def _trained(
     from export.artifact import require_no_artifact
     from training.datasets.joined import join
     from training.fitting import train
-    from training.plan import SIZES, TrainingPlan
+    from training.plan import SIZES
+    from training.scarcity import warn_of_scarcity
     from training.summary import windows_table
 
     require_writable(args.out)
@@ -132,8 +137,7 @@ def _trained(
         require_no_artifact(args.out)
     if not args.data:
         _write_fixture(args.out)
-    plan = SIZES[args.size] if args.size else TrainingPlan()
-    plan = replace(plan, learner=args.learner)
+    plan = replace(SIZES[args.size], learner=args.learner)
     sets = []
     for folder in folders:
         say(f"reading {folder}")
@@ -144,6 +148,7 @@ def _trained(
         show(windows_table(part))
         sets.append(part)
     data = join(sets)
+    warn_of_scarcity(data, undersampled=args.windows == "thesis")
     return data, train(data, args.out, plan, seed=args.seed, say=say, part=say.part).figures
 
 

@@ -14,18 +14,20 @@ nothing          the same in each phase without contact; labelled with the weigh
                  object, although no signal carries it
 nothing, without an object: every half second, light and heavy alternately
 
-The natural table is far from balanced. Balanced, all classes have the same count and, within a
-class, every cell of object x action x source gives as equally as it can.
+These are the natural windows; classes are far from equal in number. Two other choices are made:
 
-Dense is for a hand in continuous use: of trials with an exact truth it takes every risky sample,
-and evenly spaced ones of everything else, each labelled by its phase; critical points play no part.
-The forest still weights the classes equally, but it has seen what a hand mostly does: not slip.
+balanced  dense windows, for a hand in continuous use: of trials with an exact truth every risky
+          sample, and evenly spaced ones of everything else, each labelled by its phase; critical
+          points play no part. Counts differ, and the plan's class weights make all eight classes
+          weigh the same (training/plan.py). The forest sees what a hand mostly does: not slip
+thesis    the thesis' undersampled set: natural windows, as many of each class as the rarest has,
+          and within a class every cell of object x action x source gives as equally as it can
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -41,7 +43,7 @@ from training.recording import LabelledRows, Recording
 from training.say import Part, ignored
 from training.timeline import Phase
 
-Choice = Literal["balanced", "natural", "dense"]
+Choice = Literal["balanced", "thesis", "natural"]
 """Which windows of a set in the thesis' layout are taken."""
 EDGE_S = WINDOW_S
 STEADY_MARGIN_S = 0.3
@@ -85,36 +87,28 @@ def natural_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.Da
     Columns: trial (index), row (the window's last), label (0..7), object, action and source
     (band-pass, friction, both, slip, keep, nothing). part: receives the share of trials done.
     """
+    return _table(trials, _spots, part)
+
+
+def dense_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.DataFrame:
+    """As `natural_windows`, but dense; a trial without an exact truth gives its natural ones."""
+    return _table(trials, _dense_spots, part)
+
+
+def _table(
+    trials: Sequence[TimedTrial], spots_of: Callable[[TimedTrial], list[_Spot]], part: Part
+) -> pd.DataFrame:
     lines = []
     for index, trial in enumerate(trials):
         name, action = trial.recording.object_name or NO_OBJECT, trial.recording.action or NO_OBJECT
         lines += [
-            (index, spot.row, spot.label, name, action, spot.source) for spot in _spots(trial)
+            (index, spot.row, spot.label, name, action, spot.source) for spot in spots_of(trial)
         ]
         part((index + 1) / len(trials))
     return pd.DataFrame(lines, columns=list(COLUMNS))
 
 
-def dense_windows(trials: Sequence[TimedTrial]) -> pd.DataFrame:
-    """As `natural_windows`, but dense; a trial without an exact truth gives its natural ones."""
-    lines = [
-        (
-            index,
-            spot.row,
-            spot.label,
-            trial.recording.object_name or NO_OBJECT,
-            trial.recording.action or NO_OBJECT,
-            spot.source,
-        )
-        for index, trial in enumerate(trials)
-        for spot in (
-            _dense(trial, trial.heavy) if trial.timed and trial.heavy is not None else _spots(trial)
-        )
-    ]
-    return pd.DataFrame(lines, columns=list(COLUMNS))
-
-
-def balance(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
+def undersample(windows: pd.DataFrame, seed: int) -> pd.DataFrame:
     """As many windows of each class as the rarest has, drawn evenly from the cells of a class.
 
     Cells are dealt from in turn until the class is full, so a small cell gives all it has and large
@@ -180,6 +174,13 @@ def _spots(trial: TimedTrial) -> list[_Spot]:
         taken = {spot.row for spot in spots}
         spots += [spot for spot in _slipping(trial, trial.heavy) if spot.row not in taken]
     return sorted(spots, key=lambda spot: spot.row)
+
+
+def _dense_spots(trial: TimedTrial) -> list[_Spot]:
+    """Dense windows of a trial with an exact truth and an object, else the natural ones."""
+    if not trial.timed or trial.heavy is None:
+        return _spots(trial)
+    return list(_dense(trial, trial.heavy))
 
 
 def _dense(trial: TimedTrial, heavy: bool) -> Iterator[_Spot]:

@@ -77,11 +77,11 @@ def read_slower(there: Path, here: Path, ratio: float) -> None:
 
 @cache
 def read(folder: Path, of: Set, rate_hz: float, part: str) -> DataSet:
-    """A part: of scenes dense to train on; human_slip_uskin is one part."""
+    """A part: of scenes balanced (dense) to train on; human_slip_uskin is one part."""
     if of == "human":
         data = load(HUMAN)
         return replace(data, tasks={"situations": data.tasks["situations"]})
-    return load(_place(folder, rate_hz, part), windows="dense" if part == "train" else "natural")
+    return load(_place(folder, rate_hz, part), windows="balanced" if part == "train" else "natural")
 
 
 def per_recording(data: DataSet, rows: Any) -> list[Any]:

@@ -32,7 +32,7 @@ class Idea:
 
     name: str
     trained_on: tuple[str, ...] = VARIED
-    windows: Choice = "dense"
+    windows: Choice = "balanced"
     features: Features = "default"
     learner: Callable[[], Learner] = field(default=_forest)
     decision: Decision = "plain"
@@ -42,13 +42,13 @@ class Idea:
 IDEAS = (
     Idea("default", objects_left_out=True),
     Idea("without domain randomisation (no `broad`)", trained_on=ALONE),
-    Idea("balanced windows at critical points", windows="balanced"),
+    Idea("balanced windows at critical points", windows="thesis"),
     Idea("hard negatives in natural proportion", trained_on=HARD, objects_left_out=True),
     Idea("raw window, no invariant feature", features="raw window", objects_left_out=True),
     Idea(
         "the thesis: raw window, untuned, balanced, `thesis` alone",
         ALONE,
-        "balanced",
+        "thesis",
         "raw window",
         learner=lambda: Forest(UNTUNED),
     ),
@@ -66,3 +66,4 @@ IDEAS = (
     Idea("veto by the hand's own opening command", decision="veto"),
     Idea("a threshold per person, from eight hand-overs", decision="personal"),
 )
+"""Names are those of recorded figures. "Balanced" in a name is the thesis' undersampled set."""

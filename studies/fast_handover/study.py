@@ -55,7 +55,7 @@ class Sets:
         return labelled(self.folder / name, windows, features)
 
     def _evaluated(self, name: str, features: Features) -> Streams:
-        windows: Choice = "balanced" if name in STYLES else "natural"
+        windows: Choice = "thesis" if name in STYLES else "natural"
         return streams(self.folder / name, windows, features)
 
     def part(self, idea: Idea) -> Labelled:

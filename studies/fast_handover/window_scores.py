@@ -13,12 +13,16 @@ from studies.fast_handover.sets import Labelled, Streams, without
 
 
 def macro_f1(streams: Streams, situation: npt.NDArray[np.int64], past_s: float = 0.0) -> float:
-    """Over four situations, at the windows at least past_s after a change of phase."""
+    """Over the situations in the truth, at the windows at least past_s after a change of phase."""
     kept = np.concatenate(
         [_since_change_s(one, n) for one, n in zip(streams.trials, streams.lengths, strict=True)]
     )
     there = kept[streams.row] >= past_s
-    return float(f1_score(streams.label[there], situation[streams.row[there]], average="macro"))
+    return _macro_f1(streams.label[there], situation[streams.row[there]])
+
+
+def _macro_f1(truth: npt.NDArray[np.int64], answered: npt.NDArray[np.int64]) -> float:
+    return float(f1_score(truth, answered, labels=np.unique(truth), average="macro"))
 
 
 def _since_change_s(trial: LabelledTrial, n: int) -> npt.NDArray[np.float64]:
@@ -53,5 +57,5 @@ def objects_left_out(idea: Idea, part: Labelled, streams: Streams, seed: int) ->
         learner.fit(kept.features, kept.label, seed)
         here = objects == name
         answered = learner.answer(np.asarray(streams.features[streams.row[here]]))[0]
-        scores[name] = float(f1_score(streams.label[here], answered, average="macro"))
+        scores[name] = _macro_f1(streams.label[here], answered)
     return scores

@@ -27,7 +27,7 @@ from studies.real.figures import prediction_of
 from studies.real.proactive import ReplayPicture
 from studies.row_names import row_class, shown
 from training.crossval import HeldOut
-from training.figures import HeadFigures, Interval
+from training.figures import ABSENT, HeadFigures, Interval
 from training.metrics import situation_scores
 from training.recording import DataSet
 
@@ -58,6 +58,7 @@ def confusion(data: DataSet, held_out: HeldOut) -> str:
     """Share of each situation's windows by what was answered."""
     truth = data.tasks["situations"].label
     share = confusion_matrix(truth, held_out.situations(), labels=range(4), normalize="true")
+    absent = np.bincount(truth, minlength=4) == 0
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.1, 3.4))
         axes = figure.subplots()
@@ -66,7 +67,7 @@ def confusion(data: DataSet, held_out: HeldOut) -> str:
             axes.text(
                 column,
                 row,
-                f"{value:.2f}",
+                ABSENT if absent[row] else f"{value:.2f}",
                 ha="center",
                 va="center",
                 color="white" if value > 0.5 else INK,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from edge_runtime.contract import SITUATIONS
-from evaluation.cells import number
+from evaluation.cells import above, number
 from evaluation.eflesh_figures import EfleshFigures
 from evaluation.page import key, write_page
 from evaluation.style import SITUATION_COLOURS
@@ -17,7 +17,7 @@ from studies.real.figures import RealStudy, prediction_of
 from studies.real.proactive import ReplayPicture
 from studies.row_names import row_class, shown
 from training.crossval import HeldOut
-from training.figures import HeadFigures, Interval
+from training.figures import ABSENT, HeadFigures, Interval, over
 from training.recording import DataSet
 
 
@@ -97,7 +97,7 @@ def _row(name: str, row: HeadFigures) -> str:
     situations, head = row.situations, prediction_of(row)
     cells = (
         html.escape(shown(name)),
-        number(situations.macro_f1, 3),
+        above(number(situations.macro_f1, 3), over(situations.f1)),
         _range(situations.macro_f1_ci),
         *(number(situations.f1[name], 3) for name in SITUATIONS),
         number(head.auc, 3),
@@ -147,7 +147,7 @@ def _eflesh_row(figures: EfleshFigures, name: str, trials: float, windows: float
 
 
 def _ms(seconds: float | None) -> str:
-    return "none" if seconds is None else f"{1000 * seconds:.0f}"
+    return ABSENT if seconds is None else f"{1000 * seconds:.0f}"
 
 
 def _replays(evidence: Evidence) -> str:

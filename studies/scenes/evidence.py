@@ -6,11 +6,12 @@ import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from evaluation.cells import above
 from evaluation.scores import LevelScores
 from evaluation.streams import StreamPicture
 from studies.scenes.figures import MadeBy, RateFigures, ScenesFigures
 from training.crossval import HeldOut
-from training.figures import Interval
+from training.figures import ABSENT, Interval, over
 from training.recording import DataSet
 
 
@@ -45,8 +46,8 @@ def heading(evidence: SceneEvidence, title: str) -> str:
 
 
 def number(value: float | None) -> str:
-    """A figure with three decimals."""
-    return "none" if value is None else f"{value:.3f}"
+    """A figure with three decimals; "-" where there is none."""
+    return ABSENT if value is None else f"{value:.3f}"
 
 
 def between(interval: Interval | None, joint: str = " to ") -> str:
@@ -55,8 +56,8 @@ def between(interval: Interval | None, joint: str = " to ") -> str:
 
 
 def macro_f1(scores: LevelScores) -> str:
-    """Macro F1 at a level of classes with its interval."""
-    return f"{number(scores.macro_f1)} ({between(scores.macro_f1_ci, '-')})"
+    """Macro F1 at a level of classes with its interval, and over which classes if one is absent."""
+    return above(f"{number(scores.macro_f1)} ({between(scores.macro_f1_ci, '-')})", over(scores.f1))
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -145,7 +145,7 @@ def _methods(evidence: SceneEvidence) -> str:
     lines = "\n".join(_row(name, row) for name, row in rows.items())
     return f"""{heading(evidence, "Our forest beside baselines")}
 <p>Seven classes count "nothing" once, because no signal tells a light from a heavy object there. So
-accuracy over eight classes cannot pass 0.875 (dotted). Classes are balanced.
+accuracy over eight classes cannot pass 0.875 (dotted). Classes have the same count.
 {_threshold(rows.get(LINE))}</p>
 {pictures.level_bars(rows, evidence.kind)}
 <div class=wide><table><tr><th>{evidence.figures.headline_hz} Hz, trials held out, {kind}

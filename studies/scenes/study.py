@@ -126,7 +126,9 @@ def _styles(
     there = [card for card in STYLES if (folder / card).is_dir()]
     if not there:
         return None
-    styles = {TRAINED: data} | {card: load(folder / card, seed=seed) for card in there}
+    styles = {TRAINED: data} | {
+        card: load(folder / card, seed=seed, windows="thesis") for card in there
+    }
     return styles_left_out(styles, chosen, seed, lambda line: say(f"{folder.name}: {line}"))
 
 
@@ -144,7 +146,7 @@ def _fewer_trials(
 
 
 def read_trained(folder: Path, seed: int) -> DataSet:
-    """The set to train on, balanced, in newtons for which the baselines are made."""
+    """The thesis' undersampled set, to train on, in newtons for which the baselines are made."""
     rate = folder.name.removesuffix("hz")
     if not (folder / TRAINED).is_dir():
         raise DataNotFound(
@@ -152,7 +154,7 @@ def read_trained(folder: Path, seed: int) -> DataSet:
             where=folder,
             next_step=f"holdfast simulate {TRAINED} --rate {rate} --out {folder / TRAINED}",
         )
-    data = load(folder / TRAINED, seed=seed)
+    data = load(folder / TRAINED, seed=seed, windows="thesis")
     if data.unit != "N":
         raise UnitError(
             f"in {data.unit}, the study is in N", where=data.name, next_step="simulate with unit N"
@@ -210,7 +212,7 @@ def evaluated_on_others(
     seed: int,
     say: Say,
 ) -> dict[str, OtherSetFigures]:
-    """Card -> figures on all its windows (not balanced), trained on every thesis trial."""
+    """Card -> figures on all its windows (not undersampled), trained on every thesis trial."""
     everything = np.arange(len(data.tasks["classes"]))
     figures = {}
     for card in (card for card in OTHERS if (folder / card).is_dir()):

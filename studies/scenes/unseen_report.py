@@ -80,7 +80,8 @@ def others_section(evidence: SceneEvidence) -> str:
     first = _first(evidence, "evaluated on")
     return f"""{heading(evidence, "An unseen object and two unseen styles")}
 <p>Trained on every trial of {html.escape(evidence.headline.data.name)}, evaluated on all
-windows of the others (not balanced). p1 and p2 are styles: ranges of parameters, not people.</p>
+windows of the others (not undersampled). p1 and p2 are styles: ranges of parameters, not
+people.</p>
 {table((first, "windows", "4, F1", "7, F1", *called), rows)}"""
 
 
@@ -96,8 +97,8 @@ def styles_section(evidence: SceneEvidence) -> str:
     ]
     first = _first(evidence, "style left out")
     return f"""{heading(evidence, "A style left out")}
-<p>Each style is left out in its turn. Training uses the trials of the other styles alone, and
-balanced windows.</p>
+<p>Each style is left out in its turn. Training uses the trials of the other styles alone,
+and the thesis' undersampled windows.</p>
 {table((first, "trials trained on", "windows", "4, F1", "7, F1"), rows)}"""
 
 

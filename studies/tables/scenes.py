@@ -15,6 +15,7 @@ from simulation.effects import EFFECTS
 from simulation.sensor.calibration import residual_n
 from simulation.shipped import CARDS, shipped
 from studies.row_names import OURS, shown
+from training.figures import over
 
 STEP_HEADS = {
     "step_ms": "step, ms",
@@ -192,7 +193,7 @@ def _recalls(retrainings: Json) -> list[Json]:
     return [
         {
             "class": name.replace("_", " "),
-            "recall of each retraining": " ".join(f"{recall:.3f}" for recall in recalls),
+            "recall of each retraining": " ".join(f"{one:.3f}" for one in recalls or ()) or None,
             "largest minus smallest": retrainings["spread"][name],
         }
         for name, recalls in retrainings["recall"].items()
@@ -203,11 +204,18 @@ def _scores(method: str, row: Json) -> Json:
     scores: Json = {"method": method}
     for head, level in LEVELS.items():
         scores[head] = f"{row[level]['accuracy']:.3f}" if level in row else None
-    scores["4, macro F1"] = f"{row['four']['macro_f1']:.3f}" if "four" in row else None
+    scores["4, macro F1"] = _macro_f1(row["four"]) if "four" in row else None
     for name in ("risky", "safe", "grasp"):
         share = row["calls"][name]["share"]
         scores[f"{name} called risky"] = None if share is None else f"{share:.3f}"
     return scores
+
+
+def _macro_f1(four: Json) -> str | None:
+    """With the classes that it is over, where one is absent from the truth."""
+    if four["macro_f1"] is None:
+        return None
+    return f"{four['macro_f1']:.3f} {over(four['f1'])}".rstrip()
 
 
 if __name__ == "__main__":

@@ -139,7 +139,7 @@ def test_the_context_of_a_steady_grip_is_the_grip():
 
 
 def test_an_object_left_out_is_in_no_window(folder):
-    part = joined([labelled(folder / name, "balanced", "default") for name in ("thesis", "broad")])
+    part = joined([labelled(folder / name, "thesis", "default") for name in ("thesis", "broad")])
     name = str(part.held_object[part.held_object != ""][0])
     rest = without(part, name)
     assert name not in rest.held_object
@@ -154,7 +154,7 @@ def test_an_object_left_out_is_in_no_window(folder):
 
 
 def test_who_knows_the_truth_at_once_is_always_right_and_who_is_late_is_worse(folder):
-    evaluated = streams(folder / "author", "balanced", "default")
+    evaluated = streams(folder / "author", "thesis", "default")
     late = [row.f1_author for row in bounds(evaluated)]
     assert late[0] == 1.0
     assert late == sorted(late, reverse=True)
@@ -162,7 +162,7 @@ def test_who_knows_the_truth_at_once_is_always_right_and_who_is_late_is_worse(fo
 
 
 def test_windows_just_past_a_change_can_be_left_out(folder):
-    evaluated = streams(folder / "author", "balanced", "default")
+    evaluated = streams(folder / "author", "thesis", "default")
     first = np.flatnonzero((evaluated.truth == 3) & (np.roll(evaluated.truth, 1) != 3))
     wrong = evaluated.truth.copy()
     wrong[first] = 1

@@ -24,6 +24,7 @@ from edge_runtime.errors import (
 from edge_runtime.trial_file import Trial, read_trial
 from edge_runtime.trial_layout import truth_path
 from training.datasets import thesis
+from training.fitting import require_classes
 from training.fixture import KIND, UPSIDE_DOWN, write_fixture
 from training.objects import mass_g, object_name
 from training.recording import DataSet
@@ -44,7 +45,7 @@ def copied(made: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def data(made: Path) -> DataSet:
-    return thesis.load(made)
+    return thesis.load(made, windows="thesis")
 
 
 def test_the_layout_is_recognised_and_others_are_not(made: Path, tmp_path: Path) -> None:
@@ -103,7 +104,9 @@ def test_the_empty_hand_may_be_a_single_file(copied: Path) -> None:
     assert thesis.load(copied).recordings[-1].trial_id == "nothing"
 
 
-def test_notes_tell_the_natural_and_the_balanced_counts(data: DataSet) -> None:
+def test_notes_have_the_counts_of_the_natural_windows_and_of_the_undersampled_ones(
+    data: DataSet,
+) -> None:
     assert sum(data.notes["windows"].values()) == len(data.tasks["classes"])
     assert sum(data.notes["windows_natural"].values()) > len(data.tasks["classes"])
     assert data.notes["samples"]["grasp_light"] > data.notes["samples"]["risky_slip_light"] > 0
@@ -295,7 +298,7 @@ def test_a_set_is_refused_in_one_line_that_names_the_fault(
 ) -> None:
     spoil(copied)
     with pytest.raises(error) as caught:
-        thesis.load(copied)
+        thesis.load(copied, windows="thesis")
     assert type(caught.value) is error
     assert names in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -358,6 +361,8 @@ def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(
     write_fixture(tmp_path / "all", trials_per_cell=1)
     shutil.copytree(tmp_path / "all" / "soft-ball", tmp_path / "one" / "soft-ball")
     with pytest.raises(ClassMissing):
-        thesis.load(tmp_path / "one")
+        thesis.load(tmp_path / "one", windows="thesis")
+    with pytest.raises(ClassMissing):
+        require_classes(thesis.load(tmp_path / "one"))
     windows = thesis.load(tmp_path / "one", windows="natural").tasks["classes"]
     assert set((windows.label % 2).tolist()) == {0}

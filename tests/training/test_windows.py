@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -15,21 +17,24 @@ from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from edge_runtime.errors import ClassMissing
 from edge_runtime.trial_layout import MASSES_G
 from export.spec import StepSpec, window_samples
+from training.crossval import fit_forest
 from training.datasets import thesis
 from training.fixture import write_fixture
 from training.objects import is_heavy
+from training.plan import SIZES
 from training.recording import DataSet, Recording
 from training.timeline import Phase, whole
 from training.windows import (
     COLUMNS,
     STRATA,
+    Choice,
     TimedTrial,
-    balance,
     class_counts,
     counts_table,
     labelled_rows,
     natural_windows,
     sample_counts,
+    undersample,
 )
 
 RATE_HZ = 50.0
@@ -38,6 +43,14 @@ RATE_HZ = 50.0
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     folder = tmp_path_factory.mktemp("fixture")
+    write_fixture(folder)
+    return thesis.load(folder, windows="thesis")
+
+
+@pytest.fixture(scope="module")
+def balanced(tmp_path_factory: pytest.TempPathFactory) -> DataSet:
+    """The same set by default: dense windows, whose classes weigh the same in training."""
+    folder = tmp_path_factory.mktemp("balanced")
     write_fixture(folder)
     return thesis.load(folder)
 
@@ -85,7 +98,7 @@ def tables(draw: st.DrawFn) -> pd.DataFrame:
 @given(windows=tables(), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, seed: int) -> None:
-    balanced = balance(windows, seed)
+    balanced = undersample(windows, seed)
     assert set(class_counts(balanced).values()) == {min(class_counts(windows).values())}
     assert not balanced.duplicated().any()
     assert len(balanced.merge(windows, how="inner")) == len(balanced), "nothing is made up"
@@ -96,7 +109,7 @@ def test_all_classes_have_the_same_count_for_any_seed(windows: pd.DataFrame, see
 def test_the_cells_of_a_class_give_as_equally_as_they_can(windows: pd.DataFrame, seed: int) -> None:
     keys = ["label", *STRATA]
     had = windows.groupby(keys).size()
-    gave = balance(windows, seed).groupby(keys).size().reindex(had.index, fill_value=0)
+    gave = undersample(windows, seed).groupby(keys).size().reindex(had.index, fill_value=0)
     for label in range(len(CLASSES)):
         most = gave[label].max()
         unspent = gave[label][gave[label] < had[label]]
@@ -110,22 +123,22 @@ def test_the_same_seed_draws_the_same_table_whatever_the_global_generator_does(s
         [(k % 5, k, k % 8, "a", "b", "c") for k in range(300)], columns=list(COLUMNS)
     )
     np.random.seed(1)
-    first = balance(windows, seed)
+    first = undersample(windows, seed)
     np.random.seed(2)
-    pd.testing.assert_frame_equal(balance(windows, seed), first)
+    pd.testing.assert_frame_equal(undersample(windows, seed), first)
 
 
 def test_another_seed_draws_other_windows() -> None:
     windows = pd.DataFrame(
         [(0, k, min(k // 9, 7), "a", "b", "c") for k in range(300)], columns=list(COLUMNS)
     )
-    assert not balance(windows, 0).equals(balance(windows, 1))
+    assert not undersample(windows, 0).equals(undersample(windows, 1))
 
 
 def test_a_class_without_a_window_is_named() -> None:
     windows = pd.DataFrame([(0, k, k % 7, "a", "b", "c") for k in range(70)], columns=list(COLUMNS))
     with pytest.raises(ClassMissing, match="risky_slip_heavy") as caught:
-        balance(windows, 0)
+        undersample(windows, 0)
     assert "\n" not in str(caught.value)
     assert "risky_slip_light" not in str(caught.value)
 
@@ -210,6 +223,41 @@ def test_classes_that_were_402_250_760_580_634_433_282_291_in_the_thesis_are_equ
     assert np.bincount(data.tasks["classes"].label).tolist() == list(balanced.values())
 
 
+def test_balanced_windows_have_every_risky_sample_and_throw_none_away(
+    data: DataSet, balanced: DataSet
+) -> None:
+    counts = balanced.notes["windows"]
+    for name in ("risky_slip_light", "risky_slip_heavy"):
+        assert counts[name] == balanced.notes["samples"][name], "a trial's truth is exact"
+    assert all(counts[name] > 2 * data.notes["windows"][name] for name in counts)
+    assert len(set(counts.values())) == len(CLASSES), "none is cut to the size of another"
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_all_eight_classes_of_the_balanced_windows_weigh_the_same_in_a_forest(
+    balanced: DataSet, size: str
+) -> None:
+    plan = replace(SIZES[size], situation=replace(SIZES[size].situation, n_estimators=1))
+    task = balanced.tasks["classes"]
+    features = np.random.default_rng(0).normal(size=(len(task), 3)).astype(np.float32)
+    forest = fit_forest(balanced, features, plan, "classes", np.arange(len(task)), 0)
+    at_the_root = forest.estimators_[0].tree_.value[0, 0]
+    np.testing.assert_allclose(at_the_root / at_the_root.sum(), 1.0 / len(CLASSES))
+
+
+def test_a_trial_without_an_exact_truth_gives_its_natural_windows(tmp_path: Path) -> None:
+    write_fixture(tmp_path, trials_per_cell=1)
+    for truth in tmp_path.rglob("*.truth.json"):
+        truth.unlink()
+    balanced, natural = (
+        thesis.load(tmp_path, windows=choice).tasks["classes"]
+        for choice in get_args(Choice)
+        if choice != "thesis"
+    )
+    assert balanced.row.tolist() == natural.row.tolist()
+    assert balanced.label.tolist() == natural.label.tolist()
+
+
 def test_no_soft_ball_is_ever_labelled_heavy_nor_any_other_object_against_its_mass(
     data: DataSet,
 ) -> None:
@@ -241,8 +289,8 @@ def test_loading_twice_with_one_seed_gives_one_table_and_another_seed_another(
 ) -> None:
     write_fixture(tmp_path)
     again, other = (
-        thesis.load(tmp_path).tasks["classes"],
-        thesis.load(tmp_path, seed=1).tasks["classes"],
+        thesis.load(tmp_path, windows="thesis").tasks["classes"],
+        thesis.load(tmp_path, seed=1, windows="thesis").tasks["classes"],
     )
     for name in ("trial", "row", "label"):
         np.testing.assert_array_equal(getattr(again, name), getattr(data.tasks["classes"], name))

@@ -13,7 +13,7 @@ from training.recording import DataSet, LabelledRows, Recording
 
 
 def join(sets: Sequence[DataSet]) -> DataSet:
-    """One set of several, each balanced as it was, at the rate of the first.
+    """One set of several, each with the windows it has, at the rate of the first.
 
     Trials and groups get their set's name before theirs, so that people of two sets stay two
     groups. Redistributable only if all are. Raises RateError, UnitError, ChannelError, LabelError

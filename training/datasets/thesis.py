@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
@@ -57,13 +58,13 @@ from training.timeline import (
 from training.windows import (
     Choice,
     TimedTrial,
-    balance,
     class_counts,
     counts_table,
     dense_windows,
     labelled_rows,
     natural_windows,
     sample_counts,
+    undersample,
 )
 
 Phased = Callable[[Trial, Recording], tuple[tuple[Phase, ...], tuple[RiskyEvent, ...]]]
@@ -96,12 +97,12 @@ def load(
     """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
 
     channels: refuse the set if it has another number; None takes it as it is.
-    windows: balanced (drawn by the seed; every class must be there), natural (every one), or dense.
+    windows: training/windows.py; thesis draws by the seed, and every class must be there.
     People are the groups; without at least two, every trial is one. `notes` has the counts of
-    samples, of all windows and of those kept, and the latter as a table. rate_hz is the median over
-    the trials to three digits, so that a clock that is a microsecond off does not cost the window a
-    sample. Raises a DataError, such as RateError for a trial more than 10 % off the others, which
-    names the place.
+    samples and of the windows, these also as a table, and where they were drawn from the natural
+    ones, the counts of those. rate_hz is the median over the trials to three digits, so that a
+    clock that is a microsecond off does not cost the window a sample. Raises a DataError, such as
+    RateError for a trial more than 10 % off the others, which names the place.
     """
     meta = meta_of(root)
     found = read_all(readers(root), part=span(part, 0.0, READING))
@@ -140,12 +141,7 @@ def assembled(
     has = 3 * trials[0].recording.n_sensors
     if channels is not None and channels != has:
         raise ChannelsNotOffered(str(meta["name"]), channels, [has])
-    natural = natural_windows(trials, part)
-    chosen = {
-        "balanced": lambda: balance(natural, seed),
-        "natural": lambda: natural,
-        "dense": lambda: dense_windows(trials),
-    }[windows]()
+    chosen, drawn_from = _chosen_windows(trials, windows, seed, part)
     recordings, group_kind = grouped([trial.recording for trial in trials])
     return DataSet(
         name=str(meta["name"]),
@@ -164,11 +160,22 @@ def assembled(
             "seed": seed,
             "bands_hz": list(bands_for(rate_hz)),
             "samples": sample_counts(trials),
-            "windows_natural": class_counts(natural),
+            **drawn_from,
             "windows": class_counts(chosen),
             "table": counts_table(chosen),
         },
     )
+
+
+def _chosen_windows(
+    trials: list[TimedTrial], windows: Choice, seed: int, part: Part
+) -> tuple[pd.DataFrame, Json]:
+    """The windows that were chosen, and the note on the natural ones where these were found."""
+    if windows == "balanced":
+        return dense_windows(trials, part), {}
+    natural = natural_windows(trials, part)
+    note = {"windows_natural": class_counts(natural)}
+    return (undersample(natural, seed) if windows == "thesis" else natural), note
 
 
 def meta_of(root: Path) -> Json:
