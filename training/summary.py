@@ -54,5 +54,5 @@ def with_interval(value: float | None, interval: Interval | None, group_kind: st
         return ABSENT
     if not interval:
         return f"{value:.3f}"
-    low, high = interval
-    return f"{value:.3f}  (95 % interval over {PLURAL.get(group_kind, "groups")} {low:.3f} to {high:.3f})"
+    groups, (low, high) = PLURAL.get(group_kind, "groups"), interval
+    return f"{value:.3f}  (95 % interval over {groups} {low:.3f} to {high:.3f})"

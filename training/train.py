@@ -64,8 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=WINDOWS,
         default="balanced",
         metavar="WHICH",
-        help="windows of sets in the thesis' layout: balanced (dense, all classes weigh the same; "
-        "default), thesis (undersampled), or natural",
+        help="windows to train on: balanced (dense; default), thesis (undersampled), natural",
     )
     parser.add_argument(
         "--size",

@@ -1,0 +1,86 @@
+"""`holdfast train` without flags makes the plan of the shipped model, and says what it is about."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import Run
+
+from training.datasets import load
+from training.fixture import write_fixture
+from training.plan import SIZES
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def fixture_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("train") / "set"
+    write_fixture(folder, trials_per_cell=1)
+    return folder
+
+
+def artifact_of(folder: Path) -> dict[str, Any]:
+    made: dict[str, Any] = json.loads((folder / "artifact.json").read_text("utf-8"))
+    return made
+
+
+def test_train_without_flags_is_the_default_plan_on_balanced_windows(
+    run: Run, fixture_set: Path, tmp_path: Path
+) -> None:
+    code, out, err = run("train", "--data", fixture_set, "--out", tmp_path / "out")
+    assert code == 0, err
+    made = artifact_of(tmp_path / "out")
+    plan = json.loads(json.dumps(SIZES["default"].to_json()))
+    assert made["training"]["plan"] == plan
+    assert made["decision"] == SIZES["default"].decision.to_json()
+    dense = load(fixture_set, windows="balanced").notes["windows"]
+    assert made["training"]["windows"] == {"classes": dense}
+    lines = out.splitlines()
+    assert any(
+        re.match(r"held out by trial: macro F1 over four situations  0\.\d{3}", one)
+        for one in lines
+    )
+    assert "in training every class weighs the same, whatever its count" in out
+
+
+def test_the_undersampled_set_of_a_few_trials_is_not_taken_without_a_word(
+    run: Run, fixture_set: Path, tmp_path: Path
+) -> None:
+    words = ("train", "--data", fixture_set, "--out", tmp_path / "out", "--size", "tiny")
+    code, _, err = run(*words, "--windows", "thesis")
+    assert code == 0, err
+    (warning,) = [line for line in err.splitlines() if line.startswith("warning: FewWindows")]
+    kept = load(fixture_set, windows="thesis").notes["windows"]["nothing_light"]
+    assert f"fewer than 50 windows of nothing_light ({kept}), " in warning
+    assert "next: leave out --windows thesis, or record" in warning
+
+
+def test_a_situation_that_a_set_does_not_have_is_a_dash_in_what_train_prints(
+    run: Run, tmp_path: Path
+) -> None:
+    tugged = np.arange(20) % 2
+    field = np.random.default_rng(1).standard_normal((20, 300, 30)) + 500.0
+    field[tugged == 1, 150:] += 400.0
+    (tmp_path / "set").mkdir()
+    np.savez(tmp_path / "set" / "eflesh_slip.npz", X=field.astype("f4"), y=tugged.astype("i1"))
+    words = ("train", "--data", tmp_path / "set", "--out", tmp_path / "out", "--size", "tiny")
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert "macro F1 over grasp, risky slip alone  " in out
+    assert re.search(r"F1 nothing +-$", out, re.MULTILINE)
+    assert re.search(r"F1 safe_slip +-$", out, re.MULTILINE)
+    assert "0.000" not in re.sub(r"0\.000 to", "", out)
+
+
+def test_the_shipped_models_are_made_by_train_without_flags() -> None:
+    recipe = (ROOT / "Makefile").read_text("utf-8").split("\nmodels:")[1].split("\n\n")[0]
+    train = recipe.split("holdfast train")[1].split("$(BIN)")[0]
+    assert "--windows" not in train
+    assert "$(if $(filter-out default,$(SIZE)),--size $(SIZE))" in train
+    assert "`holdfast train` without flags" in (ROOT / "models" / "README.md").read_text("utf-8")
