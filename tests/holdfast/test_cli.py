@@ -702,7 +702,7 @@ def test_a_folder_where_the_file_belongs_is_an_output_error_and_leaves_no_tempor
 
 
 def test_training_and_export_run_as_scripts_from_any_folder(tmp_path: Path) -> None:
-    write_fixture(tmp_path / "set", trials_per_cell=1)
+    write_fixture(tmp_path / "set", trials_per_cell=2)
 
     def script(name: str, *words: object) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(ROOT / name), *map(str, words)]

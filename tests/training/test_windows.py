@@ -17,7 +17,6 @@ from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
 from edge_runtime.errors import ClassMissing
 from edge_runtime.trial_layout import MASSES_G
 from export.spec import StepSpec, window_samples
-from training.crossval import fit_forest
 from training.datasets import thesis
 from training.fixture import write_fixture
 from training.objects import is_heavy
@@ -237,10 +236,10 @@ def test_balanced_windows_have_every_risky_sample_and_throw_none_away(
 def test_all_eight_classes_of_the_balanced_windows_weigh_the_same_in_a_forest(
     balanced: DataSet, size: str
 ) -> None:
-    plan = replace(SIZES[size], situation=replace(SIZES[size].situation, n_estimators=1))
+    plan = replace(SIZES[size].forest_for("classes"), n_estimators=1)
     task = balanced.tasks["classes"]
     features = np.random.default_rng(0).normal(size=(len(task), 3)).astype(np.float32)
-    forest = fit_forest(balanced, features, plan, "classes", np.arange(len(task)), 0)
+    forest = plan.build(0, n_jobs=1).fit(features, task.label)
     at_the_root = forest.estimators_[0].tree_.value[0, 0]
     np.testing.assert_allclose(at_the_root / at_the_root.sum(), 1.0 / len(CLASSES))
 
