@@ -25,6 +25,7 @@ from small_model import (
     sealed_again,
     sealed_bytes,
     spec,
+    with_networks,
 )
 
 from edge_runtime.contract import Sample, Unit
@@ -750,8 +751,8 @@ def _alter_attribute(attribute: onnx.AttributeProto, data: st.DataObject) -> Non
 
 @pytest.fixture(scope="module")
 def artifacts() -> list[Artifact]:
-    """Every feature group alone and all together, every unit, every size of forest, with every
-    option and without."""
+    """Every feature group alone and all together, every unit, every size of forest, networks, with
+    every option and without."""
     plans = [plan.situation for plan in SIZES.values()] + [RAW_BASELINE.situation]
     assert {type(plan.build(0, n_jobs=1)) for plan in plans} == set(FOREST_KINDS)
     alone = [artifact(spec([group])) for group in GROUPS]
@@ -761,7 +762,7 @@ def artifacts() -> list[Artifact]:
         )
         for (unit, n_sensors, rate_hz, eight, extra), plan in zip(OPTIONS, plans, strict=True)
     ]
-    return alone + whole
+    return [*alone, *whole, with_networks(artifact(spec()))]
 
 
 OPTIONS: tuple[tuple[Unit, int, float, bool, bool], ...] = (

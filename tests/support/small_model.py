@@ -7,11 +7,13 @@ import hashlib
 import json
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import onnx
+from sklearn.ensemble import RandomForestClassifier
 
 from edge_runtime.contract import CLASSES, SITUATIONS, Unit
 from edge_runtime.decision import DecisionRules
@@ -20,11 +22,14 @@ from edge_runtime.graph import open_session
 from edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
 from edge_runtime.preparation import Preparation
 from export.artifact import Artifact
+from export.committee import Committee
 from export.exporting import whole_graph
 from export.features import feature_count
+from export.forest import votes_of_trees
 from export.heads import Calibration, Head
 from export.seal import model_card, seal
 from export.spec import BandsLeftOut, StepSpec
+from training.network_fit import NetworkPlan, fit_network
 from training.plan import ForestPlan
 
 EXTRA_HEAD = "p_risky_250ms"
@@ -38,6 +43,7 @@ def spec(
 
 
 SMALL = ForestPlan(kind="random", n_estimators=2, max_depth=3)
+SMALL_NETWORK = NetworkPlan(hidden=(3,), members=1, epochs=1, batch=8)
 
 
 def head(spec: StepSpec, name: str, classes: tuple[str, ...], plan: ForestPlan = SMALL) -> Head:
@@ -58,6 +64,29 @@ def artifact(
     heads += [head(spec, EXTRA_HEAD, ("no", "yes"), plan)] if extra else []
     rows = np.zeros((1, feature_count(spec)), dtype=np.float32)
     return Artifact(spec, Preparation(), DecisionRules().to_json(), heads, rows, {})
+
+
+def with_networks(made: Artifact) -> Artifact:
+    """The same with a committee in the first head, which has label weights, and networks in the
+    others."""
+    heads = []
+    for number, one in enumerate(made.heads):
+        assert isinstance(one.learner, RandomForestClassifier)
+        k, rows = (
+            len(one.classes),
+            np.random.default_rng(1).normal(size=(40, one.learner.n_features_in_)),
+        )
+        votes = votes_of_trees(len(one.learner.estimators_))
+        label = np.arange(40) % k
+        network = fit_network(SMALL_NETWORK, rows.astype(np.float32), label, k, 0, votes)
+        heads.append(
+            replace(one, learner=network)
+            if number
+            else replace(
+                one, learner=Committee(one.learner, network), label_weights=(1, 0.5, 0.5, 1)
+            )
+        )
+    return replace(made, heads=heads)
 
 
 def graph_of(made: Artifact) -> onnx.ModelProto:
