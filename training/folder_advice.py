@@ -14,7 +14,7 @@ from edge_runtime.trial_layout import (
     truth_path,
 )
 from training.datasets.places import FOLDERS
-from training.folder_report import ClassSeconds, Level, Missing
+from training.folder_report import ClassSeconds, Missing
 from training.objects import read_json
 from training.windows import TimedTrial
 
@@ -56,13 +56,12 @@ def not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     others = sorted(path for path in set(root.rglob("*.csv")) - set(read) if path.name != TACTILE)
     if read and not others:
         return []
-    first = f", such as {others[0].relative_to(root).as_posix()}" if others else ""
-    what = f"CSV files at no trial's place: {len(others)}{first}"
-    level: Level = "advice" if read else "error"
-    actions = ", ".join(FOLDERS)
-    return [
-        Missing(level, str(root), what, f"move to {root / LAYOUT}; an action is one of {actions}")
-    ]
+    what = "no CSV file"
+    if others:
+        first = others[0].relative_to(root).as_posix()
+        what = f"CSV files at no trial's place: {len(others)}, such as {first}"
+    next_step = f"a trial belongs at {root / LAYOUT}; an action is one of {', '.join(FOLDERS)}"
+    return [Missing("advice" if read else "error", str(root), what, next_step)]
 
 
 def _unit(root: Path) -> Iterator[Missing]:

@@ -191,10 +191,13 @@ def test_files_at_no_trial_s_place_are_counted_and_named(run: Run, own: Path) ->
     loose.mkdir()
     report = reported(run, loose, code=3)
     assert (report["layout"], report["cells"]) == (None, [])
-    assert "CSV files at no trial's place: 0" in missing(report, "error")
+    assert "no CSV file" in missing(report, "error")
     shutil.copy(own / "p01" / PULL, loose / "mine.csv")
     said = missing(reported(run, loose, code=3), "error")
-    assert f"such as mine.csv move to {loose}/<person>/<object>/<action>/trial_1.csv" in said
+    assert (
+        f"such as mine.csv a trial belongs at {loose}/<person>/<object>/<action>/trial_1.csv"
+        in said
+    )
 
 
 def test_an_absent_folder_is_one_line(run: Run, tmp_path: Path) -> None:

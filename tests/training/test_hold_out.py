@@ -106,6 +106,12 @@ def test_a_trial_without_a_person_is_refused_beside_people(small: Path, stray: s
         load(small, windows="natural")
 
 
+def test_a_person_whose_only_action_is_misspelt_is_not_passed_over(small: Path) -> None:
+    (small / "p02/soft-ball/pull").rename(small / "p02/soft-ball/pulling")
+    with pytest.raises(LabelError, match="'pulling' is not an action"):
+        load(small, windows="natural")
+
+
 def test_a_mass_for_all_people_stands_in_the_meta_of_the_set(small: Path) -> None:
     for person in ("p01", "p02"):
         (small / person / "soft-ball").rename(small / person / "mug")

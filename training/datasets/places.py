@@ -49,12 +49,12 @@ def recognises(root: Path) -> bool:
 
 
 def people_of(root: Path) -> list[Path]:
-    """The folders of people, by name. A folder that is a set of its own is none."""
-    return [
-        folder
-        for folder in _folders(root)
-        if _has_trials(folder) and not KEYS_OF_A_SET & read_json(folder / META).keys()
-    ]
+    """The folders of people, by name; none where no folder holds objects with known actions.
+
+    A folder that is a set of its own is none.
+    """
+    folders = [path for path in _folders(root) if not KEYS_OF_A_SET & read_json(path / META).keys()]
+    return [one for one in folders if _trials_in(one)] if any(map(_has_trials, folders)) else []
 
 
 def places(root: Path, fault: Fault = refuse) -> Iterator[TrialPlace]:
@@ -98,11 +98,12 @@ def action_of(folder: Path) -> str | None:
 
 
 def _has_trials(root: Path) -> bool:
-    return any(
-        action_of(path.parent)
-        for path in root.glob("*/*/trial_*.csv")
-        if TRIAL_NAME.fullmatch(path.name)
-    )
+    return any(action_of(path.parent) for path in _trials_in(root))
+
+
+def _trials_in(root: Path) -> list[Path]:
+    """Files two folders below that are named as trials are, whatever the folders are called."""
+    return [path for path in root.glob("*/*/trial_*.csv") if TRIAL_NAME.fullmatch(path.name)]
 
 
 def _folders(root: Path) -> list[Path]:
