@@ -53,6 +53,7 @@ test: setup  ## run the tests
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m studies.real --out build/real $(ARGS)
 	$(BIN)/python -m studies.real.truer_label build/real/truer.json
+	$(BIN)/python -m studies.real.learners build/real/learners.json
 
 scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz, into build/scenes
 	rm -rf build/scenes
@@ -110,6 +111,7 @@ docs: setup  ## rewrite the tables of README and docs from build and the code; p
 	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
 	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
 	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
+	$(BIN)/python -m studies.tables.learners build/real/learners.json build/bench/network.json docs/learners.md
 	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
 
@@ -123,6 +125,7 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)
+	$(BIN)/python -m benchmarks.network_time build/bench/network.json
 
 peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)

@@ -1,0 +1,140 @@
+"""What a network of whole numbers costs in time, beside the same in real numbers and the trees.
+
+`python -m benchmarks.network_time OUT.json`. All answer the same rows one at a time from their
+features on, interleaved; the numbers inside are of noise, on which the time does not depend.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from edge_runtime.contract import CLASSES
+from edge_runtime.graph import open_session
+from edge_runtime.reading import Json
+from edge_runtime.timing import busy_wait, time_in_turns
+from edge_runtime.writing import write_whole
+from evaluation.provenance import host
+from export.builder import IR_VERSION, OPSET
+from export.committee import Committee
+from export.exporting import whole_graph
+from export.features import feature_count
+from export.forest import votes_of_trees
+from export.heads import Calibration, Head
+from export.learner import Learner
+from export.spec import BandsLeftOut, StepSpec
+from export.verify import cut_forests
+from training.featurise import FloatRows
+from training.network_fit import Members, fit_members, in_whole_numbers
+from training.plan import CLOCK_FREE_GROUPS, SIZES
+
+SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
+PLAN = SIZES["default"]
+ROWS, SEED, TURNS, CALLS = 4000, 0, 40, 100
+FLOOR_US = 20.0
+REAL, WHOLE = "network, real numbers", "network, whole numbers"
+
+
+def measure() -> Json:
+    """us by what answers: median, 99 %; and the ratio of whole numbers to real ones."""
+    rng = np.random.default_rng(SEED)
+    rows = rng.standard_t(3, size=(ROWS, feature_count(SPEC))).astype(np.float32)
+    label = rng.integers(len(CLASSES), size=ROWS)
+    forest = PLAN.situation.build(SEED, n_jobs=1).fit(rows, label)
+    members = fit_members(PLAN.network, rows, label, SEED)
+    votes = votes_of_trees(len(forest.estimators_))
+    network = in_whole_numbers(members, rows, len(CLASSES), votes)
+    calls = {
+        "forest": _session(forest, rows),
+        WHOLE: _session(network, rows),
+        "committee": _session(Committee(forest, network), rows),
+        REAL: _real_session(members, rows),
+        "floor": busy_wait(FLOOR_US),
+    }
+    times = time_in_turns(calls, TURNS, CALLS)
+    found = {
+        name: {"p50_us": float(np.median(us)), "p99_us": float(np.quantile(us, 0.99))}
+        for name, us in times.items()
+    }
+    return {
+        "what": "from the features to the votes, labels and probabilities of one row",
+        "times": found,
+        "whole_over_real": found[WHOLE]["p50_us"] / found[REAL]["p50_us"],
+        "network_weights": network.n_weights,
+        "trees": len(forest.estimators_),
+        "host": asdict(host()),
+    }
+
+
+def _session(learner: Learner, rows: FloatRows) -> Callable[[], object]:
+    k = len(CLASSES)
+    head = Head("situation", CLASSES, learner, Calibration(np.eye(k), np.zeros(k)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BandsLeftOut)
+        return _caller(cut_forests(whole_graph(SPEC, [head])), rows)
+
+
+def _caller(model: bytes, rows: FloatRows) -> Callable[[], object]:
+    """One row a call, in turn."""
+    session, k = open_session(model), iter(np.resize(np.arange(len(rows)), 10**6).tolist())
+
+    def call() -> object:
+        at = next(k)
+        return session.run(None, {"features": rows[at : at + 1]})
+
+    return call
+
+
+def _real_session(members: Members, rows: FloatRows) -> Callable[[], object]:
+    """The networks as usual: standardised inputs, Gemm and Relu, the mean of the softmaxes."""
+    nodes: list[onnx.NodeProto] = []
+    constants: list[onnx.TensorProto] = []
+
+    def constant(value: Any) -> str:
+        name = f"c{len(constants)}"
+        constants.append(numpy_helper.from_array(np.asarray(value, np.float32), name))
+        return name
+
+    def node(op: str, *inputs: str, **attributes: Any) -> str:
+        nodes.append(helper.make_node(op, list(inputs), [f"n{len(nodes)}"], **attributes))
+        return str(nodes[-1].output[0])
+
+    squash = members.squash
+    below = node("Add", node("Abs", "features"), constant(squash.knee))
+    moved = node("Sub", node("Div", "features", below), constant(squash.mean))
+    inputs = node("Div", moved, constant(squash.deviation))
+    shares = []
+    for one in members.networks:
+        value = inputs
+        for number, (weights, bias) in enumerate(zip(one.coefs_, one.intercepts_, strict=True)):
+            value = node("Gemm", value, constant(weights), constant(bias))
+            value = node("Relu", value) if number < len(one.coefs_) - 1 else value
+        shares.append(node("Softmax", value, axis=1))
+    votes = node("Mean", *shares)
+    nodes.append(helper.make_node("ArgMax", [votes], ["situation"], axis=1, keepdims=0))
+    graph = helper.make_graph(
+        nodes,
+        "real",
+        [helper.make_tensor_value_info("features", TensorProto.FLOAT, ["B", rows.shape[1]])],
+        [
+            helper.make_tensor_value_info("situation", TensorProto.INT64, ["B"]),
+            helper.make_tensor_value_info(votes, TensorProto.FLOAT, ["B", len(CLASSES)]),
+        ],
+        constants,
+    )
+    opsets = [helper.make_opsetid("", OPSET)]
+    made = helper.make_model(graph, opset_imports=opsets, ir_version=IR_VERSION)
+    return _caller(made.SerializeToString(), rows)
+
+
+if __name__ == "__main__":
+    write_whole(Path(sys.argv[1]), json.dumps(measure(), indent=1) + "\n")
