@@ -38,6 +38,8 @@ LEARNERS = ("forest", "network", "committee")
 UNQUANTISED = "network before it is made of whole numbers"
 WEIGHTED = "label weights"
 INNER_FOLDS = 2
+CASES = ((18, False), (18, True), (48, False))
+"""Channels, and whether the label is the truer one; the file is written after each."""
 PLAN = TrainingPlan()
 Votes = dict[str, IntArray]
 """Learner -> votes [N, K]."""
@@ -191,22 +193,22 @@ def _macro_f1(truth: IntArray, found: IntArray) -> float | None:
 
 
 def main(out: Path, seed: int = 0) -> None:
-    """Study 18 and 48 channels, and the truer label; write learners.json."""
+    """Study all cases; write learners.json."""
     root = find("human_slip_uskin")
-    studied = []
-    for channels, in_hand in ((18, False), (18, True), (48, False)):
+    plan = replace(PLAN, learner="committee", label_folds=INNER_FOLDS)
+    studied: list[Json] = []
+    for channels, in_hand in CASES:
         sys.stderr.write(f"{channels} channels{', in the hand' if in_hand else ''}\n")
         data = load(root, channels=channels, in_hand=in_hand)
         studied.append(study_learners(data, channels, in_hand, seed).to_json())
-    plan = replace(PLAN, learner="committee", label_folds=INNER_FOLDS)
-    figures = {
-        "kind": "public real data",
-        "seed": seed,
-        "plan": plan.to_json(),
-        "host": asdict(host()),
-        "studied": studied,
-    }
-    write_whole(out, json.dumps(figures, indent=1, allow_nan=False) + "\n")
+        figures = {
+            "kind": "public real data",
+            "seed": seed,
+            "plan": plan.to_json(),
+            "host": asdict(host()),
+            "studied": studied,
+        }
+        write_whole(out, json.dumps(figures, indent=1, allow_nan=False) + "\n")
 
 
 if __name__ == "__main__":

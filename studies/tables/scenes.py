@@ -215,7 +215,7 @@ def _macro_f1(four: Json) -> str | None:
     """With the classes that it is over, where one is absent from the truth."""
     if four["macro_f1"] is None:
         return None
-    return f"{four['macro_f1']:.3f} {over(four['f1'])}".rstrip()
+    return f"{four['macro_f1']:.3f} {over(four.get('f1', {}))}".rstrip()
 
 
 if __name__ == "__main__":
