@@ -34,7 +34,7 @@ def tables(figures: Json, times: Json) -> dict[str, str]:
 
 
 def _row(name: str, row: Json) -> dict[str, str | None]:
-    situations, head = row["situations"], row["predict_250ms"] or {}
+    situations, head = row["situations"], row.get("predict_250ms") or {}
     return {
         "learner": name,
         "macro F1 (95 %)": with_interval(situations["macro_f1"], situations["macro_f1_ci"]),

@@ -1,0 +1,36 @@
+"""The page of learners: every table has its place, and an absent figure is a dash."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from page_tables import require_tables_fit
+
+from studies.tables.learners import CASES, tables
+
+AREA = "Pages and figures"
+
+
+def row(macro_f1: float) -> dict[str, Any]:
+    return {"situations": {"macro_f1": macro_f1, "macro_f1_ci": [0.5, 0.7]}}
+
+
+def figures() -> dict[str, Any]:
+    """As `make real` writes them."""
+    names = {"forest": 0.61, "network": 0.62, "committee": 0.63}
+    people = {f"p{k}": {name: value - 0.1 * k for name, value in names.items()} for k in range(3)}
+    rows = {name: row(value) for name, value in names.items()}
+    return {
+        "studied": [
+            {"channels": channels, "in_hand": in_hand, "rows": rows, "people": people}
+            for channels, in_hand in CASES
+        ]
+    }
+
+
+def test_every_table_of_learners_has_a_place_in_the_page(tmp_path):
+    times = {"times": {"forest": {"p50_us": 20.0, "p99_us": 40.0}}}
+    text = require_tables_fit("docs/learners.md", tables(figures(), times), tmp_path)
+    assert "| committee | 0.63 (0.50 to 0.70) | - | - |" in text
+    assert "| committee | 0.430 | 0.530 | 0.630 | 3 of 3 |" in text
+    assert "| forest | 20.0 | 40 | 1.00 |" in text
