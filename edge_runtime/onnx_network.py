@@ -20,7 +20,7 @@ from edge_runtime.onnx_trees import EXACT_FLOAT32
 LARGEST_FEATURE = LARGEST_SCALE = 2.0**100
 MOST_LAYERS = 8
 INPUT_MOST = 511
-"""As export/network.py has it."""
+"""Largest magnitude of a quantised input."""
 Values = npt.NDArray[np.float64]
 
 

@@ -8,7 +8,7 @@
 
 Weights are whole numbers, and no unit's weights can add up to 2^24: float32 holds each partial sum
 exactly, in any order. The other operators work number by number, and IEEE 754 fixes their results.
-A feature that is not finite, or beyond LARGEST, counts as 0.
+A feature that is not finite, or beyond LARGEST_FEATURE, counts as 0.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
+from edge_runtime.onnx_network import INPUT_MOST, LARGEST_FEATURE
 from export.builder import GraphBuilder
 from export.forest import EXACT_FLOAT32, IntArray
 
 Float32Array = npt.NDArray[np.float32]
-INPUT_MOST, HIDDEN_MOST = 511, 255
-"""Largest magnitude of a quantised input, and of a hidden unit."""
+HIDDEN_MOST = 255
+"""Largest value of a hidden unit."""
 WEIGHT_MOST = 2**15 - 1
 LOGIT_STEPS, TABLE_LENGTH = 64, 1024
 """Steps of a logit, 1/nat; a class 16 nats behind the first has no votes."""
 EXPONENTIALS = np.round(2.0**16 * np.exp(-np.arange(TABLE_LENGTH) / LOGIT_STEPS))
-LARGEST = np.float32(2.0**100)
 VOTES = 1 << 20
 """Votes of a network that stands alone."""
 
@@ -59,7 +59,7 @@ class Inputs:
 
     def quantised(self, rows: Float32Array) -> Float32Array:
         """q [N, F] of rows [N, F]: whole numbers as float32."""
-        finite = np.where(np.abs(rows) < LARGEST, rows, np.float32(0.0))
+        finite = np.where(np.abs(rows) < np.float32(LARGEST_FEATURE), rows, np.float32(0.0))
         squashed = finite / (np.abs(finite) + self.knee)
         return np.asarray(np.round(squashed * self.gain + self.offset), dtype=np.float32)
 
@@ -151,7 +151,7 @@ def _number(graph: GraphBuilder, value: npt.ArrayLike) -> str:
 
 
 def _add_inputs(graph: GraphBuilder, inputs: Inputs, features: str) -> str:
-    known = graph.node("Less", graph.node("Abs", features), _number(graph, LARGEST))
+    known = graph.node("Less", graph.node("Abs", features), _number(graph, LARGEST_FEATURE))
     finite = graph.node("Where", known, features, _number(graph, 0.0))
     below = graph.node("Add", graph.node("Abs", finite), _number(graph, inputs.knee))
     scaled = graph.node("Mul", graph.node("Div", finite, below), _number(graph, inputs.gain))

@@ -30,7 +30,7 @@ OF_THE_SET = "labels of the set"
 def examine(root: Path, part: Part = ignored) -> FolderReport:
     """What a folder holds, and what is missing. part: receives the share of it that is read.
 
-    Raises a DataError only where not even the layout can be told.
+    Raises a DataError only where not even the layout is recognised.
     """
     layout = layout_of(root)
     if layout is None:

@@ -20,6 +20,7 @@ from edge_runtime.reading import Json
 from edge_runtime.writing import write_whole
 from evaluation.provenance import host
 from export.forest import forest_votes, votes_of_trees
+from export.learner import LEARNERS
 from export.network import network_votes
 from export.reference import riskier_argmax
 from training.datasets import find
@@ -34,7 +35,6 @@ from training.recording import DataSet
 from training.splits import assign_groups, folds_of, grouped_folds
 
 IntArray = npt.NDArray[np.int64]
-LEARNERS = ("forest", "network", "committee")
 UNQUANTISED = "network before it is made of whole numbers"
 WEIGHTED = "label weights"
 INNER_FOLDS = 2

@@ -20,13 +20,14 @@ from edge_runtime.contract import CLASSES, SITUATIONS
 from edge_runtime.errors import HoldfastError
 from edge_runtime.graph import open_session, run_recording
 from edge_runtime.model import Model
+from edge_runtime.onnx_network import INPUT_MOST
 from export.artifact import Artifact, read_artifact, write_artifact
 from export.committee import Committee
 from export.exporting import export_artifact, whole_graph
 from export.features import feature_count
 from export.heads import Calibration, Head
 from export.learner import Learner, reference_votes, votes_in_all
-from export.network import INPUT_MOST, Inputs, Layer, Network, network_votes
+from export.network import Inputs, Layer, Network, network_votes
 from export.reference import reference_label, riskier_argmax, weighted
 from export.seal import model_card, seal
 from export.verify import cut_forests, verify
