@@ -38,11 +38,11 @@ def require_same_numbers(model: onnx.ModelProto, head: Head, votes_name: str) ->
 
 
 def _same_weights(model: onnx.ModelProto, network: Network, head: Head) -> int:
-    """Every matrix of the network is in the file, number by number."""
+    """Every matrix and every bias of the network is in the file, number by number."""
     stored = [onnx.numpy_helper.to_array(one) for one in model.graph.initializer]
-    for layer in network.layers:
-        if not any(np.array_equal(layer.weights, one) for one in stored):
-            _refuse(head, layer.weights.size, network.n_weights)
+    for numbers in (one for layer in network.layers for one in (layer.weights, layer.bias)):
+        if not any(np.array_equal(numbers, one) for one in stored):
+            _refuse(head, numbers.size, network.n_weights)
     return network.n_weights
 
 
