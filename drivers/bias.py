@@ -17,6 +17,8 @@ from edge_runtime.errors import (
 )
 
 MIN_BIAS_ROWS = 30
+LOST_SHARE = 0.05
+"""Of the rows of a channel, more lost than this is a finger's wires; less is a moment's bus."""
 QUIET: Mapping[Unit, float] = {"N": 0.12, "uT": 40.0}
 """The noise of an untouched channel stays below this.
 
@@ -44,11 +46,11 @@ def bias_of(
 ) -> tuple[Bias, tuple[str, ...]]:
     """The bias of unloaded rows [T, C], and warnings that name the channels.
 
-    Warnings are about lost rows, noise, drift and reversed magnets. normal_floor: a resting normal
-    below minus this value means a reversed magnet. quiet: the largest noise of an untouched
-    channel, and its largest drift between the first and the last third. Both are in `unit`. Raises
-    EmptyRecording, NotANumber (a channel without MIN_BIAS_ROWS finite rows), ChannelError,
-    UnitError.
+    Warnings are about lost rows (more than LOST_SHARE), noise, drift and reversed magnets.
+    normal_floor: a resting normal below minus this value means a reversed magnet. quiet: the
+    largest noise of an untouched channel, and its largest drift between the first and the last
+    third. Both are in `unit`. Raises EmptyRecording, NotANumber (a channel without MIN_BIAS_ROWS
+    finite rows), ChannelError, UnitError.
     """
     floor, quiet = _or_default(normal_floor, NORMAL_FLOOR, unit), _or_default(quiet, QUIET, unit)
     _check_bias_rows(values)
@@ -97,7 +99,7 @@ def _bias_warnings(masked: FloatArray, bias: Bias, quiet: float) -> tuple[str, .
     limit = f"{quiet:g} {bias.unit}"
     found = (
         (
-            lost > 0,
+            lost > LOST_SHARE * len(masked),
             f"up to {lost.max()} of {len(masked)} rows are lost in {{}}; "
             "next: check that finger's wires",
         ),

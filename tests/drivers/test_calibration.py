@@ -359,13 +359,17 @@ def test_a_drift_is_a_warning_with_the_channel() -> None:
     assert [line for line in bias_of(rows, "uT")[1] if "drifts by more than 40 uT: Y6;" in line]
 
 
-def test_a_few_lost_rows_are_a_warning_and_do_not_count() -> None:
+def test_lost_rows_do_not_count_and_more_than_one_in_twenty_are_a_warning() -> None:
     rows = resting()
-    rows[:9, 0] = np.nan
+    rows[:15, 0] = np.nan
     rows[3, 1] = np.inf
     bias, warned = bias_of(rows, "uT")
     assert np.isfinite(bias.values).all()
-    assert warned == ("up to 9 of 300 rows are lost in X1, Y1; next: check that finger's wires",)
+    assert warned == (), "a busy moment of the host or the bus is no broken wire"
+    rows[:16, 0] = np.nan
+    rows[:16, 1] = np.inf
+    _, warned = bias_of(rows, "uT")
+    assert warned == ("up to 16 of 300 rows are lost in X1, Y1; next: check that finger's wires",)
 
 
 def test_a_channel_lost_for_a_whole_third_is_reported_without_a_warning_of_numpy() -> None:

@@ -236,8 +236,14 @@ def start(*words: object, stdin: Any = subprocess.DEVNULL, **options: Any) -> Ki
 
 
 def wait_for(run: subprocess.Popen[str], word_: str) -> str:
+    """The first line of the program's messages with a word; without one, all of them fail."""
     assert run.stderr is not None
-    return next(line for line in run.stderr if word_ in line)
+    seen = []
+    for line in run.stderr:
+        if word_ in line:
+            return line
+        seen.append(line)
+    raise AssertionError("".join(seen))
 
 
 def terminal_of_its_own() -> None:
