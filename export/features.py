@@ -26,6 +26,8 @@ from export.spec import HISTORY_S, WINDOW_S, StepSpec
 SPANS_S = (0.10, 0.25, 0.50)
 SCALED_LAGS = (1, 3, 5)
 """Which of LAGS_S the scaled differences use: 0.10, 0.25 and 0.50 s."""
+MORE_LAGS_S = (0.02, 0.075, 0.13, 0.21, 0.31, 0.43)
+"""Lags between those of LAGS_S."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,47 @@ def _ranges(h: History) -> Triples:
     return Triples(places)
 
 
+def _more_differences(h: History) -> Triples:
+    graph, lags = h.graph, [h.spec.lag(seconds) for seconds in MORE_LAGS_S]
+    places = graph.ints(h.length - 1, *(h.length - 1 - lag for lag in lags))
+    rows = graph.node("Gather", h.samples, places, axis=1)
+    since = np.hstack([np.ones((len(lags), 1)), -np.eye(len(lags))])
+    changes = graph.node("MatMul", graph.constant(since), rows)
+    count = len(lags) * h.spec.n_sensors
+    return Triples(h.pooled(graph.reshape(changes, 0, count, 3), count))
+
+
+def _finger_ranges(h: History) -> Triples:
+    graph, places = h.graph, []
+    for span_s in SPANS_S:
+        recent = graph.columns(h.samples, h.length - h.spec.lag(span_s) - 1, h.length)
+        high = graph.node("ReduceMax", recent, graph.ints(1), keepdims=1)
+        low = graph.node("ReduceMin", recent, graph.ints(1), keepdims=1)
+        spread = graph.reshape(graph.node("Sub", high, low), 0, h.spec.n_sensors, 3)
+        places += h.pooled(spread, h.spec.n_sensors)
+    return Triples(places)
+
+
+def _moments(h: History) -> Triples:
+    """The arm of a sensor is its place in the row, from the middle."""
+    middle = (h.spec.n_sensors - 1) / 2.0
+    return _leaned(h, np.arange(h.spec.n_sensors) - middle)
+
+
+def _imbalance(h: History) -> Triples:
+    """The first half of the sensors against the second."""
+    middle = (h.spec.n_sensors - 1) / 2.0
+    return _leaned(h, np.sign(np.arange(h.spec.n_sensors) - middle))
+
+
+def _leaned(h: History, arms: FloatArray) -> Triples:
+    """Sum a x[t] and its changes, scaled, for arms [S] of the sensors."""
+    by_arm = h.graph.constant(np.kron(arms[:, None], np.eye(3)))
+    own = h.graph.columns(h.changes, 0, h.spec.n_channels, axis=2)
+    rows = 1 + len(LAGS_S)
+    return Triples(h.pooled(h.graph.node("MatMul", own, by_arm), rows), scaled=True)
+
+
 def _bands(h: History) -> str:
     by_channel = h.graph.node("Transpose", h.rectified, perm=[0, 2, 1])
     shear = [channel for channel in range(h.spec.n_channels) if channel % 3 < 2]
@@ -186,6 +229,34 @@ GROUPS: dict[str, FeatureGroup] = {
         HISTORY_S,
         "max - min of Sum x over 0.10, 0.25, 0.50 s",
         "changes between the lags",
+    ),
+    "more_differences": FeatureGroup(
+        _more_differences,
+        lambda s: s.n_channels * len(MORE_LAGS_S),
+        HISTORY_S,
+        "x[t] - x[t-l], l = 0.02, 0.075, 0.13, 0.21, 0.31, 0.43 s",
+        "changes of every finger between the lags",
+    ),
+    "finger_ranges": FeatureGroup(
+        _finger_ranges,
+        lambda s: s.n_channels * len(SPANS_S),
+        HISTORY_S,
+        "max - min of x over 0.10, 0.25, 0.50 s",
+        "rubbing and swinging at every finger",
+    ),
+    "moments": FeatureGroup(
+        _moments,
+        lambda s: 3 * (1 + len(LAGS_S)),
+        HISTORY_S,
+        "Sum a x[t] / Zs; Sum a (x[t] - x[t-l]) / Zs; a: place of the sensor from the middle",
+        "torsion (x, y) and centre of pressure (z) along the row of sensors",
+    ),
+    "imbalance": FeatureGroup(
+        _imbalance,
+        lambda s: 3 * (1 + len(LAGS_S)),
+        HISTORY_S,
+        "the same with a = -1 for the first half of the sensors, 1 for the second",
+        "one side of the hand carries or loses more than the other",
     ),
     "bands": FeatureGroup(
         _bands,

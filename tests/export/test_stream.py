@@ -384,13 +384,26 @@ def shear(past: Past) -> FloatArray:
     return np.concatenate([size, size / past.scale], axis=1)
 
 
-def ranges(past: Past) -> FloatArray:
+def ranges(past: Past, signal: FloatArray) -> FloatArray:
     def reach(span_s: float) -> FloatArray:
         lag = min(max(1, round(span_s * past.rate_hz)), inside(HISTORY_S, past.rate_hz))
-        recent = np.stack([before(past.total, back) for back in range(lag + 1)])
+        recent = np.stack([before(signal, back) for back in range(lag + 1)])
         return recent.max(axis=0) - recent.min(axis=0)
 
     return np.stack([reach(span_s) for span_s in SPANS_S], axis=1)
+
+
+def more_differences(past: Past) -> FloatArray:
+    """Lag by lag, sensor by sensor."""
+    lags_s = (0.02, 0.075, 0.13, 0.21, 0.31, 0.43)
+    return np.stack([past.x - past.ago(past.x, lag_s) for lag_s in lags_s], axis=1)
+
+
+def leaned(past: Past, *arms: float) -> FloatArray:
+    """For the four sensors here."""
+    leaning = np.einsum("tni,n->ti", past.x, np.array(arms))
+    changes = [leaning - past.ago(leaning, lag_s) for lag_s in LAGS_S]
+    return np.stack([leaning, *changes], axis=1) / past.scale[:, None]
 
 
 def bands(past: Past) -> FloatArray:
@@ -412,7 +425,11 @@ ORACLES: dict[str, Callable[[Past], FloatArray]] = {
     "scaled_sums": lambda past: past.changes() / past.scale[:, None],
     "activity": activity,
     "shear": shear,
-    "ranges": ranges,
+    "ranges": lambda past: ranges(past, past.total),
+    "more_differences": more_differences,
+    "finger_ranges": lambda past: ranges(past, past.x),
+    "moments": lambda past: leaned(past, -1.5, -0.5, 0.5, 1.5),
+    "imbalance": lambda past: leaned(past, -1.0, -1.0, 1.0, 1.0),
     "bands": bands,
 }
 
@@ -429,11 +446,11 @@ def test_every_group_has_an_oracle_here() -> None:
 def test_a_group_is_the_formula_it_is_documented_with(
     name: str, rate_hz: float, unit: Unit, size: float
 ) -> None:
-    spec = StepSpec(3, rate_hz, unit, (name,))
-    values = size * numbers(round(1.2 * rate_hz), 3)
+    spec = StepSpec(4, rate_hz, unit, (name,))
+    values = size * numbers(round(1.2 * rate_hz), 4)
     # the hand opens: the floor under the ratios is used too
     values[len(values) // 2 :, 2::3] -= 2.5 * size
-    got = alone(session_of(spec), (values, np.ones((len(values), 3), dtype=np.bool_)))["features"]
+    got = alone(session_of(spec), (values, np.ones((len(values), 4), dtype=np.bool_)))["features"]
     expected = ORACLES[name](Past(values, rate_hz, unit)).reshape(len(values), -1)
     assert got.shape == (len(values), feature_count(spec))
     np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
