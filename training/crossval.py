@@ -17,7 +17,7 @@ from edge_runtime.contract import SITUATIONS
 from edge_runtime.errors import ClassMissing
 from export.committee import Committee
 from export.exporting import whole_graph
-from export.forest import IntArray, votes_of_trees
+from export.forest import Forest, IntArray, votes_of_trees
 from export.heads import Calibration, Head
 from export.learner import Learner, reference_votes
 from export.reference import reference_label, situation_votes
@@ -159,15 +159,35 @@ def fit_learner(
             next_step="add recordings of other people, or leave the task out",
         )
     given = data.tasks[task]
-    label, n_classes = given.label[rows], len(given.classes)
+    n_classes = len(given.classes)
+    return learner_of(plan, task, features[rows], given.label[rows], n_classes, seed)
+
+
+def learner_of(
+    plan: TrainingPlan, task: str, rows: FloatRows, label: IntArray, n_classes: int, seed: int
+) -> Learner:
+    """The plan's learner for a task, fitted on rows [N, F] with labels [N]."""
     if plan.learner == "network":
-        return fit_network(plan.network_for(task), features[rows], label, n_classes, seed)
-    by_column = np.asfortranarray(features[rows])  # as a tree reads them: the same forest, sooner
+        return fit_network(plan.network_for(task), rows, label, n_classes, seed)
+    by_column = np.asfortranarray(rows)  # as a tree reads them: the same forest, sooner
     forest = plan.forest_for(task).build(seed).fit(by_column, label)
     if plan.learner == "forest":
         return forest
+    return joined_by_network(forest, plan, task, rows, label, n_classes, seed)
+
+
+def joined_by_network(
+    forest: Forest,
+    plan: TrainingPlan,
+    task: str,
+    rows: FloatRows,
+    label: IntArray,
+    n_classes: int,
+    seed: int,
+) -> Committee:
+    """A fitted forest and the plan's network, fitted on the same rows [N, F] and labels [N]."""
     votes = votes_of_trees(len(forest.estimators_))
-    network = fit_network(plan.network_for(task), features[rows], label, n_classes, seed, votes)
+    network = fit_network(plan.network_for(task), rows, label, n_classes, seed, votes)
     return Committee(forest, network)
 
 

@@ -99,6 +99,7 @@ SIZES = {
             n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3
         ),
         decision=HIGH_CONFIDENCE,
+        network=NetworkPlan(balance=1.0),
     )
     for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
 }

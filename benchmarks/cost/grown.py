@@ -1,4 +1,7 @@
-"""Forests of many sizes for the price of the largest: its first trees are the smaller ones."""
+"""Forests of many sizes for the price of the largest: its first trees are the smaller ones.
+
+A committee has such a forest, and a network fitted beside it.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,18 @@ import numpy as np
 import numpy.typing as npt
 
 from export.forest import Forest
-from training.crossval import fit_learner
+from export.learner import Learner, forest_of
+from training.crossval import fit_learner, joined_by_network
 from training.featurise import FloatRows
 from training.plan import TrainingPlan
 from training.recording import DataSet
 
 
 class Grown:
-    """Forests of up to n_trees that differ in their number only; fit is as fit_learner, seed 0."""
+    """Learners whose forests, of up to n_trees, differ in their number only.
+
+    fit is as fit_learner, seed 0.
+    """
 
     def __init__(self, n_trees: int) -> None:
         self._n_trees = n_trees
@@ -29,13 +36,23 @@ class Grown:
         plan: TrainingPlan,
         task: str,
         rows: npt.NDArray[np.int64],
-    ) -> Forest:
-        """The plan's forest on these rows."""
+    ) -> Learner:
+        """The plan's learner on these rows."""
+        if plan.learner == "network":
+            return fit_learner(data, features, plan, task, rows, 0)
         key = rows.tobytes()
         if key not in self._largest:
-            largest = replace(plan, situation=replace(plan.situation, n_estimators=self._n_trees))
-            self._largest[key] = fit_learner(data, features, largest, task, rows, 0)
-        return first_trees(self._largest[key], plan.situation.n_estimators)
+            situation = replace(plan.situation, n_estimators=self._n_trees)
+            largest = replace(plan, learner="forest", situation=situation)
+            forest = forest_of(fit_learner(data, features, largest, task, rows, 0))
+            assert forest is not None
+            self._largest[key] = forest
+        forest = first_trees(self._largest[key], plan.situation.n_estimators)
+        if plan.learner == "forest":
+            return forest
+        given = data.tasks[task]
+        label, n_classes = given.label[rows], len(given.classes)
+        return joined_by_network(forest, plan, task, features[rows], label, n_classes, 0)
 
 
 def first_trees(forest: Forest, n_trees: int) -> Forest:

@@ -1,4 +1,4 @@
-"""Points that share a forest: fitted, evaluated on unseen streams, exported for the hand."""
+"""Points that share a learner: fitted, evaluated on unseen streams, exported for the hand."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ from edge_runtime.reading import Json
 from evaluation.alarms import Answers
 from evaluation.event_scores import EventScores, choose_confidence, event_scores, match_all_alarms
 from export.exporting import whole_graph
-from export.forest import Forest
 from export.heads import Calibration, Head
-from export.learner import reference_votes
+from export.learner import Learner, reference_votes
 from export.reference import IntArray, riskier_argmax, situation_votes
 from export.spec import StepSpec
 from training.crossval import HeldOut, fit_calibration, main_task
@@ -39,7 +38,7 @@ MOST_FALSE_PER_MIN = 1.0
 
 @dataclass(frozen=True)
 class Voted:
-    """Votes [T, K] of a forest at every sample of some unseen streams."""
+    """Votes [T, K] of a learner at every sample of some unseen streams."""
 
     recordings: list[Recording]
     votes: list[IntArray]
@@ -47,13 +46,13 @@ class Voted:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A forest, its figures on unseen windows, its calibration, and its votes.
+    """A learner, its figures on unseen windows, its calibration, and its votes.
 
     of: pairs (streams to choose a threshold on, streams to evaluate at it); one pair for scenes, a
     pair per fold for people.
     """
 
-    forest: Forest
+    learner: Learner
     figures: SituationFigures
     calibration: Calibration
     of: list[tuple[Voted, Voted]]
@@ -83,10 +82,12 @@ class PointFigures:
 def measure(
     point: Point, points: Sequence[Point], folder: Path, grown: Grown
 ) -> tuple[list[PointFigures], onnx.ModelProto]:
-    """Figures of points that have the forest of this one, and the step graph of that forest."""
+    """Figures of points that have the learner of this one, and its step graph."""
     data = read(folder, point.of, point.rate_hz, "train")
     fitted = (_people if point.of == "human" else _grasps)(point, folder, data, grown)
-    head = Head("situation", data.tasks[main_task(data)].classes, fitted.forest, fitted.calibration)
+    head = Head(
+        "situation", data.tasks[main_task(data)].classes, fitted.learner, fitted.calibration
+    )
     return [_decided(one, fitted, point.spec(data)) for one in points], whole_graph(
         point.spec(data), [head]
     )
@@ -95,36 +96,36 @@ def measure(
 def _grasps(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     """Scenes: threshold and calibration from one stream of grasps, figures from another."""
     every = np.arange(len(data.tasks["classes"]))
-    forest = grown.fit(data, windows(folder, point), point.plan, "classes", every)
+    learner = grown.fit(data, windows(folder, point), point.plan, "classes", every)
     (chosen_on, choosing), (evaluated, asking) = (
-        _voted(point, folder, part, forest) for part in ("choose", "ask")
+        _voted(point, folder, part, learner) for part in ("choose", "ask")
     )
     calibration = fit_calibration(
         _held_out(chosen_on, choosing).shares("classes"), choosing.tasks["classes"].label
     )
     figures = held_out_figures(asking, _held_out(evaluated, asking)).situations
-    return Fitted(forest, figures, calibration, [(chosen_on, evaluated)])
+    return Fitted(learner, figures, calibration, [(chosen_on, evaluated)])
 
 
 def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
-    """People: each is evaluated by a forest trained without them.
+    """People: each is evaluated by a learner trained without them.
 
-    The threshold is chosen on the people of other folds. The forest that is timed is the first
+    The threshold is chosen on the people of other folds. The learner that is timed is the first
     fold's.
     """
     features, task = windows(folder, point), data.tasks["situations"]
     folds = assign_groups(data.group_of("situations"), FOLDS)
     of_window = np.array([folds[str(group)] for group in data.group_of("situations")])
     rows = per_recording(data, everywhere(folder, point, "train"))
-    forests = [
+    learners = [
         grown.fit(data, features, point.plan, "situations", np.flatnonzero(of_window != fold))
         for fold in range(FOLDS)
     ]
     votes: dict[int, IntArray] = {}
-    for fold, forest in enumerate(forests):
+    for fold, learner in enumerate(learners):
         which = _of_fold(data, folds, fold)
         votes |= zip(
-            which, _votes(forest, [rows[k] for k in which], len(task.classes)), strict=True
+            which, _votes(learner, [rows[k] for k in which], len(task.classes)), strict=True
         )
     evaluated = [_of(data, votes, _of_fold(data, folds, fold)) for fold in range(FOLDS)]
     others = [
@@ -134,7 +135,7 @@ def _people(point: Point, folder: Path, data: DataSet, grown: Grown) -> Fitted:
     held = _held_out(_of(data, votes, range(len(rows))), data)
     calibration = fit_calibration(held.shares("situations"), task.label)
     figures = held_out_figures(data, held).situations
-    return Fitted(forests[0], figures, calibration, list(zip(others, evaluated, strict=True)))
+    return Fitted(learners[0], figures, calibration, list(zip(others, evaluated, strict=True)))
 
 
 def _held_out(voted: Voted, data: DataSet) -> HeldOut:
@@ -155,18 +156,18 @@ def _of(data: DataSet, votes: dict[int, IntArray], which: Sequence[int]) -> Vote
     return Voted([data.recordings[k] for k in which], [votes[k] for k in which])
 
 
-def _voted(point: Point, folder: Path, part: str, forest: Forest) -> tuple[Voted, DataSet]:
+def _voted(point: Point, folder: Path, part: str, learner: Learner) -> tuple[Voted, DataSet]:
     data = read(folder, point.of, point.rate_hz, part)
     votes = reference_votes(
-        forest, everywhere(folder, point, part), len(data.tasks["classes"].classes)
+        learner, everywhere(folder, point, part), len(data.tasks["classes"].classes)
     )
     return Voted(list(data.recordings), per_recording(data, votes)), data
 
 
-def _votes(forest: Forest, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:
+def _votes(learner: Learner, rows: Sequence[FloatRows], n_classes: int) -> list[IntArray]:
     """Votes on all recordings at once, since counting leaf votes is slow and running is fast."""
     ends = np.cumsum([len(one) for one in rows])
-    return np.split(reference_votes(forest, np.concatenate(rows), n_classes), ends[:-1])
+    return np.split(reference_votes(learner, np.concatenate(rows), n_classes), ends[:-1])
 
 
 def _decided(point: Point, fitted: Fitted, spec: StepSpec) -> PointFigures:

@@ -62,8 +62,10 @@ README_ROWS = (
     Point(trees=100, depth=0),
     Point(trees=1),
     Point(rate_hz=50.0),
+    Point(learner="committee"),
     Point(groups="raw window"),
     Point("human"),
+    Point("human", learner="committee"),
     Point("human", groups="raw window"),
 )
 RECOMMENDED = {
@@ -195,7 +197,7 @@ def line(row: Json) -> Json:
 
 
 def readme_table(rows: list[Json]) -> str:
-    """The README's ten lines."""
+    """The README's lines."""
     by_choice = {(row["of"], row["what"]): row for row in rows}
     lines = [line(by_choice[point.of, point.what]) | {"set": _name(point)} for point in README_ROWS]
     return table(lines, README_HEADS)

@@ -15,6 +15,7 @@ from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 COMPUTED = {
     "trees": [(f"{n}", Point(trees=n)) for n in TREES],
     "depth": [(f"{n or 'unlimited'}", Point(depth=n)) for n in DEPTHS],
+    "learner": [(kind, Point(learner=kind)) for kind in ("network", "committee")],
     "features": [(name, Point(groups=name)) for name in ("now", "now, differences", "raw window")],
 }
 WAITED = {
@@ -22,8 +23,22 @@ WAITED = {
     "sampling rate, Hz": [(f"{hz:g}", Point(rate_hz=hz)) for hz in RATES_HZ],
 }
 """Families of points that the figure draws as lines: (label, point)."""
-FAMILY_COLOURS = (OURS, WARNING, QUIET)
-LABELLED = {"1", "2", "3", "500", "4", "50", "100", "300", "now", "raw window"}
+FAMILY_COLOURS = (OURS, WARNING, "#009e73", QUIET)
+UNORDERED = {"features", "learner"}
+LABELLED = {
+    "1",
+    "2",
+    "3",
+    "500",
+    "4",
+    "50",
+    "100",
+    "300",
+    "now",
+    "raw window",
+    "network",
+    "committee",
+}
 Families = dict[str, list[tuple[str, Point]]]
 Measure = Callable[[Json], float | None]
 
@@ -95,7 +110,7 @@ def _family(
     axes: Axes, family: str, points: Sequence[tuple[float, float, str]], colour: str
 ) -> None:
     """A line through the points of a family (dots where they have no order), some named."""
-    line = "" if family == "features" else "-"
+    line = "" if family in UNORDERED else "-"
     xs, ys = [x for x, _, _ in points], [y for _, y, _ in points]
     axes.plot(xs, ys, f"o{line}", color=colour, markersize=4.5, label=family)
     right = colour == OURS

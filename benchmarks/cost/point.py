@@ -12,7 +12,14 @@ from edge_runtime.decision import DecisionRules
 from export.bank import BANDS_HZ
 from export.spec import HISTORY_S, WINDOW_S, StepSpec
 from training.featurise import spec_for
-from training.plan import CLOCK_FREE_GROUPS, HIGH_CONFIDENCE, RAW_GROUPS, SIZES, TrainingPlan
+from training.plan import (
+    CLOCK_FREE_GROUPS,
+    HIGH_CONFIDENCE,
+    RAW_GROUPS,
+    SIZES,
+    LearnerKind,
+    TrainingPlan,
+)
 from training.recording import DataSet
 
 PEOPLES_TREES = 20
@@ -41,6 +48,7 @@ BANDS = {
 }
 TREES = (1, 3, 8, 20, 60, 100, 500)
 DEPTHS = (4, 6, 8, 10, 16, 0)
+COMMITTEE_TREES = (None, 8, 100)
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
 LOOK_BACKS_S = (0.05, 0.10, 0.17)
@@ -70,6 +78,7 @@ class Point:
     debounce: int = HIGH_CONFIDENCE.act_samples
     bank: Literal["float64", "float32"] = "float64"
     confidence: Literal["votes", "calibrated"] = "votes"
+    learner: LearnerKind = "forest"
 
     @property
     def name(self) -> str:
@@ -84,6 +93,7 @@ class Point:
             if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes"
             else []
         )
+        parts += [self.learner] if self.learner != "forest" else []
         parts += (
             ["1 tree" if self.trees == 1 else f"{self.trees} trees"]
             if self.trees is not None
@@ -112,7 +122,7 @@ class Point:
             n_estimators=base.situation.n_estimators if self.trees is None else self.trees,
             max_depth=base.situation.max_depth if self.depth is None else self.depth or None,
         )
-        return replace(base, groups=GROUPS[self.groups], situation=forest)
+        return replace(base, groups=GROUPS[self.groups], situation=forest, learner=self.learner)
 
     def spec(self, data: DataSet) -> StepSpec:
         """As a step graph for a set."""
@@ -136,8 +146,8 @@ class Point:
 
     @property
     def grown(self) -> Point:
-        """The point whose forest is this one with another number of trees."""
-        return replace(self.fitted, trees=None)
+        """The point whose forest is this one's with another number of trees."""
+        return replace(self.fitted, trees=None, learner="forest")
 
     @property
     def rules(self) -> DecisionRules:
@@ -170,3 +180,5 @@ def _anywhere(of: Set) -> Iterator[Point]:
     yield from (Point(of, groups="raw window", window_s=window_s) for window_s in WINDOWS_S)
     yield from (Point(of, look_back_s=seconds) for seconds in LOOK_BACKS_S)
     yield Point(of, confidence="calibrated")
+    yield Point(of, learner="network")
+    yield from (Point(of, learner="committee", trees=trees) for trees in COMMITTEE_TREES)

@@ -1,9 +1,9 @@
 """`holdfast bench cost`: what accuracy costs in time, one choice changed at a time.
 
-Every point is a forest evaluated on unseen streams of scenes or people, sample by sample: recall at
+Every point is a learner evaluated on unseen streams of scenes or people, sample by sample: recall at
 one false alarm a minute, delay after load onset, and the share of the lead that was used. Further
-figures are macro F1 over four situations on held-out windows, and the microseconds of the forest
-alone and of the whole step, all interleaved in one run. Points are stored one by one, so an
+figures are macro F1 over four situations on held-out windows, and the microseconds of the
+learner alone and of the whole step, all interleaved in one run. Points are stored one by one, so an
 interrupted run continues; they are measured in parallel, or on a Dask cluster.
 """
 
@@ -43,9 +43,9 @@ TURNS, CALLS = 10, 60
 
 @dataclass(frozen=True)
 class Price:
-    """Median microseconds of the forest alone and of the whole step, and bytes of its graph."""
+    """Median microseconds of the learner alone and of the whole step, and bytes of its graph."""
 
-    forest_us: float
+    learner_us: float
     step_us: float
     bytes: float
 
@@ -190,7 +190,7 @@ def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
     """Measure points of one forest; keep their figures, the model and the rows to time it on."""
     figures, model = measure(fitted, points, folder, grown)
     write_whole(_model(folder, fitted), model.SerializeToString())
-    write_whole(_forest(folder, fitted), cut_forests(model))
+    write_whole(_learner(folder, fitted), cut_forests(model))
     packed = io.BytesIO()
     rows = some(folder, fitted, _settings(fitted), TIMED_ROWS)
     np.savez(packed, rows=rows, samples=_about_events(folder, fitted))
@@ -207,8 +207,8 @@ def _model(folder: Path, point: Point) -> Path:
     return folder / "points" / f"{point.fitted.name}.onnx"
 
 
-def _forest(folder: Path, point: Point) -> Path:
-    return folder / "points" / f"{point.fitted.name}.forest.onnx"
+def _learner(folder: Path, point: Point) -> Path:
+    return folder / "points" / f"{point.fitted.name}.learner.onnx"
 
 
 def _timed(folder: Path, point: Point) -> Path:
@@ -220,8 +220,8 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
     calls: dict[str, Callable[[], object]] = {}
     for point in dict.fromkeys(point.fitted for point in chosen):
         timed = np.load(_timed(folder, point))
-        calls[f"{point.name} forest"] = _forest_call(
-            _forest(folder, point).read_bytes(), timed["rows"]
+        calls[f"{point.name} learner"] = _learner_call(
+            _learner(folder, point).read_bytes(), timed["rows"]
         )
         calls[f"{point.name} step"] = _step_call(
             _model(folder, point).read_bytes(), timed["samples"]
@@ -231,7 +231,7 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
     }
     return [
         Price(
-            forest_us=us[f"{point.fitted.name} forest"],
+            learner_us=us[f"{point.fitted.name} learner"],
             step_us=us[f"{point.fitted.name} step"],
             bytes=float(_model(folder, point).stat().st_size),
         )
@@ -239,7 +239,7 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
     ]
 
 
-def _forest_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
+def _learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
     session = open_session(model)
     one, turn = [rows[k : k + 1] for k in range(len(rows))], cycle(range(len(rows)))
     return lambda: session.run(["votes"], {"features": one[next(turn)]})
