@@ -81,8 +81,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what answers: forest (default), network, or committee (both; docs/learners.md)",
     )
     parser.add_argument(
+        "--label-folds",
+        type=fold_count,
+        default=0,
+        metavar="K",
+        help="choose label weights, for macro F1, on K folds of the training groups (default none)",
+    )
+    parser.add_argument(
         "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
     )
+
+
+def fold_count(word: str) -> int:
+    """A number of folds from the command line: two or more."""
+    number = int(word) if word.isdecimal() else 0
+    if number < 2:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a whole number of 2 or more")
+    return number
 
 
 def _choose_recordings(parser: argparse.ArgumentParser) -> None:
@@ -136,7 +151,7 @@ def _trained(
         require_no_artifact(args.out)
     if not args.data:
         _write_fixture(args.out)
-    plan = replace(SIZES[args.size], learner=args.learner)
+    plan = replace(SIZES[args.size], learner=args.learner, label_folds=args.label_folds)
     sets = []
     for folder in folders:
         say(f"reading {folder}")

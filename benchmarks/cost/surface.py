@@ -1,8 +1,8 @@
 """`holdfast bench cost`: what accuracy costs in time, one choice changed at a time.
 
-Every point is a learner evaluated on unseen streams of scenes or people, sample by sample: recall at
-one false alarm a minute, delay after load onset, and the share of the lead that was used. Further
-figures are macro F1 over four situations on held-out windows, and the microseconds of the
+Every point is a learner evaluated on unseen streams of scenes or people, sample by sample: recall
+at one false alarm a minute, delay after load onset, and the share of the lead that was used.
+Further figures are macro F1 over four situations on held-out windows, and the microseconds of the
 learner alone and of the whole step, all interleaved in one run. Points are stored one by one, so an
 interrupted run continues; they are measured in parallel, or on a Dask cluster.
 """

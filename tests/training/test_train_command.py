@@ -61,6 +61,20 @@ def test_the_undersampled_set_of_a_few_trials_is_not_taken_without_a_word(
     assert "next: leave out --windows thesis, or record" in warning
 
 
+def test_label_weights_are_chosen_where_they_are_wanted_and_stand_in_the_artifact(
+    run: Run, fixture_set: Path, tmp_path: Path
+) -> None:
+    words = ("train", "--data", fixture_set, "--out", tmp_path / "out", "--size", "tiny")
+    code, _, err = run(*words, "--label-folds", "2")
+    assert code == 0, err
+    made = artifact_of(tmp_path / "out")
+    assert made["training"]["plan"]["label_folds"] == 2
+    assert max(made["heads"]["situation"]["label_weights"]) == 1.0
+    code, _, err = run(*words, "--force", "--label-folds", "1")
+    assert code == 2
+    assert "'1' is not a whole number of 2 or more" in err
+
+
 def test_a_situation_that_a_set_does_not_have_is_a_dash_in_what_train_prints(
     run: Run, tmp_path: Path
 ) -> None:
