@@ -1,9 +1,9 @@
 """`make ablation`: what each feature group brings on unseen people, and its microseconds.
 
 Every row is a full cross-validation on human_slip_uskin, 18 channels: the default groups, each of
-them left out, and each other group added. A row with a group of unlimited memory (the band-pass
-bank) is not clock-free and says so. The cost is the median of a single step of the feature graph,
-all rows interleaved.
+them left out, and each other group added. Gains are paired: the same people in every draw. A row
+with a group of unlimited memory (the band-pass bank) is not clock-free and says so. The cost is the
+median of a single step of the feature graph, all rows interleaved.
 """
 
 from __future__ import annotations
@@ -22,20 +22,24 @@ from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.reading import Json
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import require_writable, write_whole
+from evaluation.doc_tables import table as doc_table
 from export.features import GROUPS, feature_count
+from export.learner import LEARNERS
 from export.spec import StepSpec
 from export.step_graph import feature_graph
-from training.crossval import cross_validate
+from training.crossval import HeldOut, cross_validate
 from training.datasets import load
 from training.featurise import features_of, spec_for
 from training.figures import ABSENT, Interval
 from training.fitting import held_out_figures, versions
+from training.paired import Gain, macro_f1_gain, prediction_gains
 from training.plan import TrainingPlan
 from training.progress import stages
 from training.recording import DataSet
 from training.say import Say
 
 HUMAN = "human_slip_uskin"
+GAINED = ("macro_f1", "auc", "average_precision")
 
 
 def rows_of(groups: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -54,6 +58,15 @@ class StepCost:
 
 
 @dataclass(frozen=True)
+class Gains:
+    """Over the default's figures, paired: the same people in every draw."""
+
+    macro_f1: Gain
+    auc: Gain
+    average_precision: Gain
+
+
+@dataclass(frozen=True)
 class AblationRow:
     """What a choice of feature groups reaches on unseen people, and what it costs."""
 
@@ -64,6 +77,9 @@ class AblationRow:
     auc_ci: Interval | None
     features: int
     clock_free: bool
+    average_precision: float | None
+    average_precision_ci: Interval | None
+    gains: Gains
 
     def to_json(self) -> Json:
         """As it stands in ablation.json."""
@@ -76,23 +92,46 @@ def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, Abl
     rows = rows_of(plan.groups)
     specs = {name: spec_for(data, groups) for name, groups in rows.items()}
     costs = step_costs(specs)
-    result = {}
+    result, default = {}, None
     for name, spec in specs.items():
         say(name)
         used = replace(plan, groups=spec.groups)
         held_out = cross_validate(data, features_of(data, spec), used, seed=seed)
-        figures = held_out_figures(data, held_out, seed)
-        assert figures.predict_250ms is not None  # the set has that task
-        result[name] = AblationRow(
-            cost=costs[name],
-            macro_f1=figures.situations.macro_f1,
-            macro_f1_ci=figures.situations.macro_f1_ci,
-            auc=figures.predict_250ms.auc,
-            auc_ci=figures.predict_250ms.auc_ci,
-            features=feature_count(spec),
-            clock_free=all(math.isfinite(GROUPS[group].memory_s) for group in spec.groups),
-        )
+        default = default or held_out
+        gains = _gains(data, held_out, default, seed)
+        result[name] = _row(data, held_out, spec, costs[name], gains, seed)
     return result
+
+
+def _row(
+    data: DataSet, held_out: HeldOut, spec: StepSpec, cost: StepCost, gains: Gains, seed: int
+) -> AblationRow:
+    figures = held_out_figures(data, held_out, seed)
+    head = figures.predict_250ms
+    assert head is not None  # the set has that task
+    return AblationRow(
+        cost=cost,
+        macro_f1=figures.situations.macro_f1,
+        macro_f1_ci=figures.situations.macro_f1_ci,
+        auc=head.auc,
+        auc_ci=head.auc_ci,
+        features=feature_count(spec),
+        clock_free=all(math.isfinite(GROUPS[group].memory_s) for group in spec.groups),
+        average_precision=head.average_precision,
+        average_precision_ci=head.average_precision_ci,
+        gains=gains,
+    )
+
+
+def _gains(data: DataSet, ours: HeldOut, default: HeldOut, seed: int) -> Gains:
+    situations, head = data.tasks["situations"], data.tasks["predict_250ms"]
+    people = data.group_of("predict_250ms")
+    our_score, their_score = (one.shares("predict_250ms")[:, 1] for one in (ours, default))
+    auc, precision = prediction_gains(head.label, our_score, their_score, people, seed=seed)
+    our_labels, their_labels = ours.situations(), default.situations()
+    groups = data.group_of("situations")
+    macro_f1 = macro_f1_gain(situations.label, our_labels, their_labels, groups, seed=seed)
+    return Gains(macro_f1, auc, precision)
 
 
 def step_costs(specs: dict[str, StepSpec]) -> dict[str, StepCost]:
@@ -109,28 +148,43 @@ def _stepper(model: bytes) -> Callable[[], object]:
     return graph.step
 
 
-def table(rows: dict[str, AblationRow]) -> str:
-    """The rows as a Markdown table, differences against the default."""
-    base = rows["default"]
-    lines = [
-        "| groups | features | macro F1 | AUC 0.25 s | nodes | us a step | clock-free |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, row in rows.items():
-        us = row.cost.us
-        lines.append(
-            f"| {name} | {row.features} | {_beside(row.macro_f1, base.macro_f1)} "
-            f"| {_beside(row.auc, base.auc)} | {row.cost.nodes} "
-            f"| {us:.1f} ({us - base.cost.us:+.1f}) | {'yes' if row.clock_free else 'NO'} |"
-        )
-    return "\n".join(lines) + "\n"
+HEADS = {
+    "groups": "groups",
+    "features": "features",
+    "macro_f1": "macro F1 (gain, 95 %)",
+    "auc": "AUC (gain, 95 %)",
+    "average_precision": "average precision (gain, 95 %)",
+    "nodes": "nodes",
+    "us": "us a step (more)",
+    "clock_free": "clock-free",
+}
 
 
-def _beside(value: float | None, base: float | None) -> str:
-    """A figure, and how far it is from the default's."""
-    if value is None or base is None:
+def table(rows: Json) -> str:
+    """The rows of ablation.json as a Markdown table; gains are over the default."""
+    base_us = rows["default"]["us"]
+    return doc_table([_line(name, row, base_us) for name, row in rows.items()], HEADS)
+
+
+def _line(name: str, row: Json, base_us: float) -> Json:
+    return {
+        "groups": name,
+        "features": row["features"],
+        **{figure: _with_gain(row[figure], row["gains"][figure]) for figure in GAINED},
+        "nodes": row["nodes"],
+        "us": f"{row['us']:.1f} ({row['us'] - base_us:+.1f})",
+        "clock_free": "yes" if row["clock_free"] else "NO",
+    }
+
+
+def _with_gain(value: float | None, gain: Json) -> str:
+    """A figure, and what it gains with its interval."""
+    if value is None or gain["value"] is None:
         return ABSENT
-    return f"{value:.3f} ({value - base:+.3f})"
+    if not gain["ci"]:
+        return f"{value:.3f} ({gain['value']:+.3f})"
+    low, high = gain["ci"]
+    return f"{value:.3f} ({gain['value']:+.3f}, {low:+.3f} to {high:+.3f})"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -139,22 +193,25 @@ def main(argv: Sequence[str]) -> int:
         prog="ablation.py", description="what each feature group brings, and what it costs"
     )
     parser.add_argument("--out", type=path_argument, default=Path("build/ablation"), metavar="DIR")
+    parser.add_argument("--learner", choices=LEARNERS, default="committee", metavar="WHAT")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args = parser.parse_args(argv)
     require_writable(args.out)
-    plan, data = TrainingPlan(), load(HUMAN)
+    plan, data = TrainingPlan(learner=args.learner), load(HUMAN)
     with stages(len(rows_of(plan.groups))) as say:
         rows = run(data, plan, args.seed, say)
     result = {
         "data": HUMAN,
+        "learner": args.learner,
         "caveat": data.caveat,
         "seed": args.seed,
         "versions": versions(),
         "rows": {name: row.to_json() for name, row in rows.items()},
     }
     write_whole(args.out / "ablation.json", json.dumps(result, indent=2) + "\n")
-    write_whole(args.out / "ablation.md", table(rows))
-    print(table(rows) + data.caveat)
+    text = table(result["rows"])
+    write_whole(args.out / "ablation.md", text)
+    print(text + data.caveat)
     return 0
 
 

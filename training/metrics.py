@@ -70,7 +70,20 @@ def situation_scores(
     Raises LabelError for any other number: -1, the decision's own "unknown", would silently count
     as another class' answer.
     """
-    n, code = len(classes), _codes(groups)
+    f1, f1_draws = f1_and_draws(truth, predicted, groups, len(classes), n_draws, seed)
+    return SituationFigures(
+        macro_f1=_value(float(macro(f1))),
+        macro_f1_ci=interval_of(macro(f1_draws)),
+        f1={name: _value(f1[k]) for k, name in enumerate(classes)},
+        f1_ci={name: interval_of(f1_draws[:, k]) for k, name in enumerate(classes)},
+    )
+
+
+def f1_and_draws(
+    truth: Labels, predicted: Labels, groups: npt.ArrayLike, n: int, n_draws: int, seed: int
+) -> tuple[FloatArray, FloatArray]:
+    """F1 of n classes [n], and of each draw of groups [B, n]; as situation_scores."""
+    code = _codes(groups)
     _require_labels(truth, n, "truth")
     _require_labels(predicted, n + 1, "prediction")
     cells = (code * n + np.asarray(truth)) * (n + 1) + np.asarray(predicted)
@@ -78,13 +91,7 @@ def situation_scores(
     by_group = np.bincount(cells, minlength=n_groups * n * (n + 1)).reshape(-1, n, n + 1)
     total = by_group.sum(axis=0)[None]
     draws = np.einsum("bg,gij->bij", draw_groups(len(by_group), n_draws, seed), by_group)
-    f1, f1_draws = _f1(total)[0], _f1(draws)
-    return SituationFigures(
-        macro_f1=_value(_macro(_f1(total))[0]),
-        macro_f1_ci=_interval(_macro(f1_draws)),
-        f1={name: _value(f1[k]) for k, name in enumerate(classes)},
-        f1_ci={name: _interval(f1_draws[:, k]) for k, name in enumerate(classes)},
-    )
+    return _f1(total)[0], _f1(draws)
 
 
 def prediction_scores(
@@ -110,15 +117,22 @@ def prediction_scores(
     if not len(truth):
         return PredictionFigures()
     both = len(np.unique(truth)) == 2
-    ranking = rank(truth, score)
-    draws = draw_groups(int(code.max()) + 1, n_draws, seed)
-    figures = np.array([ranking.auc_and_precision(draw[code]) for draw in draws]).reshape(-1, 2)
+    figures = ranking_draws(truth, score, code, n_draws, seed)
     return PredictionFigures(
         auc=float(roc_auc_score(truth, score)) if both else None,
-        auc_ci=_interval(figures[:, 0]),
+        auc_ci=interval_of(figures[:, 0]),
         average_precision=float(average_precision_score(truth, score)) if both else None,
-        average_precision_ci=_interval(figures[:, 1]),
+        average_precision_ci=interval_of(figures[:, 1]),
     )
+
+
+def ranking_draws(
+    truth: Labels, score: FloatArray, groups: npt.ArrayLike, n_draws: int, seed: int
+) -> FloatArray:
+    """[B, 2] AUC and average precision of each draw of groups [M]; nan where not defined."""
+    code, ranking = _codes(groups), rank(truth, score)
+    draws = draw_groups(int(code.max()) + 1, n_draws, seed)
+    return np.array([ranking.auc_and_precision(draw[code]) for draw in draws]).reshape(-1, 2)
 
 
 def share_scores(
@@ -135,7 +149,7 @@ def share_scores(
     code = _codes(groups)
     windows, hits = np.bincount(code), np.bincount(code, weights=hit)
     draws = draw_groups(len(windows), n_draws, seed)
-    interval = _interval((draws @ hits) / (draws @ windows), percent)
+    interval = interval_of((draws @ hits) / (draws @ windows), percent)
     return Share(float(np.mean(hit)), interval, len(hit))
 
 
@@ -215,7 +229,7 @@ def _f1(confusion: npt.NDArray[Any]) -> FloatArray:
     return np.divide(right, both, out=np.full(both.shape, np.nan), where=confusion.sum(axis=-1) > 0)
 
 
-def _macro(f1: FloatArray) -> FloatArray:
+def macro(f1: FloatArray) -> FloatArray:
     """[.., n] -> [..] mean F1 over the classes in the truth, nan without one."""
     present = np.isfinite(f1)
     count = present.sum(axis=-1)
@@ -227,9 +241,10 @@ def _value(figure: float) -> float | None:
     return float(figure) if np.isfinite(figure) else None
 
 
-def _interval(
+def interval_of(
     draws: FloatArray, percent: tuple[float, float] = INTERVAL_PERCENT
 ) -> Interval | None:
+    """Percentiles of the draws [B] that are defined; None without one."""
     defined = draws[np.isfinite(draws)]
     if not defined.size:
         return None

@@ -16,7 +16,7 @@ from evaluation.eflesh_figures import EfleshFigures
 from evaluation.provenance import host
 from evaluation.window_scores import WindowFigures
 from export.verification import ExportReport
-from studies.ablation import AblationRow, StepCost, rows_of, table
+from studies.ablation import AblationRow, Gains, StepCost, rows_of, table
 from studies.real import baselines
 from studies.real.eflesh import EfleshStudy, study_eflesh
 from studies.real.figures import FinalModel, RealStudy, StreamedFold
@@ -30,6 +30,7 @@ from training.crossval import HeldOut, cross_validate
 from training.datasets import load
 from training.featurise import FloatRows, cpu_cost, features_of, spec_for
 from training.fitting import held_out_figures, versions
+from training.paired import Gain
 from training.plan import CLOCK_FREE_GROUPS, ForestPlan, TrainingPlan
 from training.recording import DataSet
 
@@ -185,7 +186,13 @@ def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free
     assert rows["default"] == CLOCK_FREE_GROUPS
     assert all(f"without {group}" in rows for group in CLOCK_FREE_GROUPS)
     assert "bands" in rows["with bands"]
-    free = AblationRow(StepCost(3, 1.0), 0.5, None, 0.5, None, features=2, clock_free=True)
+    gains = Gains(Gain(0.004, (-0.001, 0.01)), Gain(0.0, None), Gain(None, None))
+    free = AblationRow(StepCost(3, 1.0), 0.5, None, 0.5, None, 2, True, None, None, gains)
     assert list(free.to_json())[:3] == ["nodes", "us", "macro_f1"]
-    text = table({"default": free, "with bands": replace(free, clock_free=False)})
-    assert [line.rsplit("| ", 1)[1] for line in text.splitlines()[2:]] == ["yes |", "NO |"]
+    text = table(
+        {"default": free.to_json(), "with bands": replace(free, clock_free=False).to_json()}
+    )
+    default, bands = text.splitlines()[2:]
+    assert "| 0.500 (+0.004, -0.001 to +0.010) | 0.500 (+0.000) | - |" in default
+    assert default.endswith("| yes |")
+    assert bands.endswith("| NO |")
