@@ -14,9 +14,11 @@ MODEL  ?= models/holdfast-150hz.onnx
 EVALUATED := thesis:thesis:900:1000 thesis-texture:build/evaluate/thesis-texture.toml:300:1001 apple:apple:200:1002 \
     p1:p1:900:1003 p2:p2:900:1004 perturbed-hold:perturbed-hold:300:1005 daily:daily:370:1006 \
     choose:daily:370:1007 train:thesis:500:1008
-# the same, for make fast-handover
-FAST_HANDOVER := thesis:thesis:500:0 broad:broad:500:0 daily:daily:200:3 holds:perturbed-hold:150:4 choose:daily:370:1007 \
-    author:thesis:300:1000 p1:p1:450:1003 p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
+# the same, for make fast-handover and make learner-streams
+STREAMS := thesis:thesis:500:0 broad:broad:500:0 choose:daily:370:1007 author:thesis:300:1000 p1:p1:450:1003 \
+    p2:p2:450:1004 asked-holds:perturbed-hold:300:1005
+FAST_HANDOVER := $(STREAMS) daily:daily:200:3 holds:perturbed-hold:150:4
+LEARNER_STREAMS := $(STREAMS) asked-daily:daily:370:1006
 # Tests run in a process a core, a file at a time: what a file sets up is set up once. The order of the
 # files is that of tests/support/longest_first.py.
 ACROSS := -n auto --dist loadfile --no-loadscope-reorder
@@ -37,7 +39,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover preliminary ablation bench peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams preliminary ablation bench peers lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -87,6 +89,12 @@ fast-handover: setup  ## what tells a fast hand-over from a pull, one change at 
 	echo $(FAST_HANDOVER) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
 	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/fast-handover/$$0'
 	$(BIN)/python -m studies.fast_handover build/fast-handover --out build/fast-handover $(ARGS)
+
+learner-streams: setup  ## learners on streams and on styles left out, into build/learner-streams
+	rm -rf build/learner-streams
+	echo $(LEARNER_STREAMS) | tr ' :' '\n ' | xargs -P 2 -L 1 sh -c \
+	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/learner-streams/$$0'
+	$(BIN)/python -m studies.learner_streams build/learner-streams --out build/learner-streams $(ARGS)
 
 preliminary: setup  ## the thesis' preliminary study again, into build/preliminary
 	rm -rf build/preliminary

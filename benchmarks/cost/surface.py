@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +27,11 @@ from benchmarks.cost.measure import measure
 from benchmarks.cost.point import GOOD, GROUPS, Point, points
 from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
 from edge_runtime.contract import FloatArray
-from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.reading import Json
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import write_whole
+from evaluation.timed_calls import learner_call, step_call
 from export.verify import cut_forests
-from training.featurise import FloatRows
 
 WORKERS = cpu_count()
 TIMED_ROWS = 200
@@ -220,10 +218,10 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
     calls: dict[str, Callable[[], object]] = {}
     for point in dict.fromkeys(point.fitted for point in chosen):
         timed = np.load(_timed(folder, point))
-        calls[f"{point.name} learner"] = _learner_call(
+        calls[f"{point.name} learner"] = learner_call(
             _learner(folder, point).read_bytes(), timed["rows"]
         )
-        calls[f"{point.name} step"] = _step_call(
+        calls[f"{point.name} step"] = step_call(
             _model(folder, point).read_bytes(), timed["samples"]
         )
     us = {
@@ -237,24 +235,6 @@ def _priced(folder: Path, chosen: Sequence[Point]) -> list[Price]:
         )
         for point in chosen
     ]
-
-
-def _learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:
-    session = open_session(model)
-    one, turn = [rows[k : k + 1] for k in range(len(rows))], cycle(range(len(rows)))
-    return lambda: session.run(["votes"], {"features": one[next(turn)]})
-
-
-def _step_call(model: bytes, samples: FloatArray) -> Callable[[], object]:
-    graph = StepGraph(open_session(model))
-    graph.valid[:] = True
-    turn = cycle(range(len(samples)))
-
-    def step() -> None:
-        graph.sample[0] = samples[next(turn)]
-        graph.step()
-
-    return step
 
 
 def _about_events(folder: Path, point: Point) -> FloatArray:

@@ -10,7 +10,13 @@ from edge_runtime.contract import SITUATIONS, BoolArray
 from edge_runtime.decision import UNKNOWN
 from evaluation.alarms import Answers, act_requests
 from evaluation.event_scores import choose_confidence, event_scores, match_alarms
-from evaluation.methods import LabelledTrial, method_figures, method_result, together
+from evaluation.methods import (
+    LabelledTrial,
+    MethodResult,
+    method_figures,
+    method_result,
+    together,
+)
 from evaluation.statistics import Spread
 from evaluation.truths import Grasp
 from export.spec import HISTORY_S
@@ -30,13 +36,9 @@ Sets = Mapping[str, Streams]
 def alarm_figures(idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: int) -> AlarmFigures:
     """Thresholds and figures of every evaluated set, at the threshold that CHOOSE gives."""
     veto = idea.decision == "veto"
-    answers = {name: _answers(one, learned[name], veto) for name, one in sets.items()}
+    answers = {name: answers_of(one, learned[name], veto) for name, one in sets.items()}
     permille = _thresholds(idea, sets, answers)
-    requests = {
-        name: [on[:, 0] for on in act_requests(answers[name], HIGH_CONFIDENCE, [permille[name]])]
-        for name in EVALUATED
-    }
-    lines = {name: method_result(sets[name].trials, requests[name]) for name in EVALUATED}
+    lines = {name: called(sets[name], answers[name], permille[name]) for name in EVALUATED}
     figures = {
         name: SetAlarms.of(method_figures(lines[name], sets[name].trials, None, seed))
         for name in EVALUATED
@@ -44,6 +46,12 @@ def alarm_figures(idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: i
     unseen = event_scores(together([lines["p1"], lines["p2"]]).matches, seed=seed)
     delay_ms = _state_delay_ms(answers["author"], permille["author"], seed)
     return AlarmFigures(permille, figures, UnseenStyles.of(unseen), delay_ms)
+
+
+def called(streams: Streams, answers: Sequence[Answers], permille: int) -> MethodResult:
+    """What is called at a threshold, by the rules of the shipped models."""
+    requests = [on[:, 0] for on in act_requests(answers, HIGH_CONFIDENCE, [permille])]
+    return method_result(streams.trials, requests)
 
 
 def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]) -> dict[str, int]:
@@ -67,7 +75,8 @@ def _state(one: Answers, permille: int) -> BoolArray:
     return on
 
 
-def _answers(streams: Streams, learned: Answer, veto: bool) -> list[Answers]:
+def answers_of(streams: Streams, learned: Answer, veto: bool = False) -> list[Answers]:
+    """The answers of each trial, unknown until its history is full."""
     ends = np.cumsum(streams.lengths)[:-1]
     answers = []
     for one, situation, risky in zip(

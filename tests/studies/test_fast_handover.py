@@ -19,7 +19,7 @@ from simulation.card import Card, read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
 from simulation.script import Times
-from studies.fast_handover.ideas import HARD, IDEAS, Idea
+from studies.fast_handover.ideas import HARD, IDEAS, VARIED, Idea
 from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
 from studies.fast_handover.sets import (
     CHOOSE,
@@ -34,7 +34,9 @@ from studies.fast_handover.stream_scores import opens_at_s
 from studies.fast_handover.study import study
 from studies.fast_handover.timing import session_of
 from studies.fast_handover.window_scores import bounds, macro_f1
-from training.plan import ForestPlan
+from studies.learner_streams import study as learner_streams
+from training.network_fit import NetworkPlan
+from training.plan import ForestPlan, TrainingPlan
 from training.recording import Recording
 
 SMALL = ForestPlan(n_estimators=8, max_depth=8)
@@ -46,6 +48,7 @@ CARDS = {
     "p1": "p1",
     "p2": "p2",
     "asked-holds": "perturbed-hold",
+    "asked-daily": "daily",
 }
 SLOW_EFFECTS = {"texture", "tremor"}
 """Of the card broad: they need fine steps from end to end."""
@@ -214,3 +217,26 @@ def test_the_study_says_of_every_idea_what_it_finds_and_costs(folder):
     assert all(personal["permille"][name] >= forest["permille"][name] for name in EVALUATED)
     assert veto["author"]["recall"] >= forest["author"]["recall"] - 0.2
     json.dumps(figures, allow_nan=False)
+
+
+def test_every_learner_is_evaluated_on_styles_that_it_never_met(folder):
+    tiny = NetworkPlan(hidden=(8,), members=1, balance=1.0)
+    forest = TrainingPlan(situation=SMALL, network=tiny)
+    plans = {"forest": forest, "committee": replace(forest, learner="committee")}
+    rows = [row.to_json() for row in learner_streams.study(folder, 0, lambda line: None, plans)]
+    assert [row["learner"] for row in rows] == ["forest", "committee"]
+    for row in rows:
+        events = {name: one["events"] for name, one in row["sets"].items()}
+        assert set(events) == set(learner_streams.EVALUATED)
+        assert row["unseen"]["events"] == events["p1"] + events["p2"] > 0
+        assert row["left_out"]["events"] == row["unseen"]["events"] + events["author"]
+        assert 0.0 < row["learner_us"] < row["step_us"]
+    assert rows[0]["sets"] != rows[1]["sets"]
+    json.dumps(rows, allow_nan=False)
+
+
+def test_a_style_left_out_is_in_no_set_that_is_trained_on():
+    of_style = {"thesis": "author", "author": "author", "p1": "p1", "p2": "p2"}
+    for style, kept in learner_streams.STYLES_KEPT.items():
+        assert {of_style[name] for name in kept} == {"author", "p1", "p2"} - {style}
+    assert set(learner_streams.UNSEEN).isdisjoint(VARIED)

@@ -1,0 +1,54 @@
+"""`python -m studies.learner_streams FOLDER --out DIR`: writes learner-streams.json."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from edge_runtime.command import path_argument, run_script, seed
+from edge_runtime.writing import require_writable, write_whole
+from evaluation.provenance import host
+from studies.learner_streams.study import PLANS, study
+from training.progress import stages
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of this command."""
+    parser.add_argument(
+        "folder",
+        type=Path,
+        metavar="FOLDER",
+        help="holds the sets that `make learner-streams` simulates",
+    )
+    parser.add_argument(
+        "--out", type=path_argument, required=True, metavar="DIR", help="where the JSON goes"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Study, write, print the main columns."""
+    require_writable(args.out)
+    with stages(len(PLANS)) as say:
+        rows = study(args.folder, args.seed, say)
+    figures = {
+        "kind": "simulated",
+        "seed": args.seed,
+        "host": asdict(host()),
+        "rows": [row.to_json() for row in rows],
+    }
+    path = write_whole(
+        args.out / "learner-streams.json", json.dumps(figures, indent=1, allow_nan=False) + "\n"
+    )
+    lines = [f"{row.unseen.recall:.3f} {row.step_us:6.1f} us  {row.name}" for row in rows]
+    sys.stdout.write("\n".join([*lines, str(path)]) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_script("python -m studies.learner_streams", str(__doc__), add_arguments, run))

@@ -1,0 +1,145 @@
+"""The study: every learner on streams of trials, daily grasps, disturbed holds and unseen styles.
+
+Two questions are asked of each. Trained on `thesis` and `broad`, as the shipped model is: what does
+it call on other trials, on `daily`, on disturbed holds, and on two styles that were no part of it?
+And trained on two styles alone, without `broad`: what does it call on the third? The threshold is
+the lowest that leaves half a false alarm a minute on `daily`, other streams than those evaluated.
+All simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from edge_runtime.contract import CLASSES, RISKY_SLIP
+from edge_runtime.timing import time_in_turns
+from evaluation.event_scores import choose_confidence
+from evaluation.methods import MethodResult, method_figures, together
+from evaluation.timed_calls import learner_call, step_call
+from export.exporting import whole_graph
+from export.heads import Head
+from export.learner import Learner, reference_votes
+from export.reference import riskier_argmax, situation_votes
+from export.spec import StepSpec
+from export.verify import cut_forests
+from studies.fast_handover.ideas import VARIED
+from studies.fast_handover.learners import Answer
+from studies.fast_handover.sets import CHOOSE, Labelled, Streams, joined, labelled, streams
+from studies.fast_handover.stream_scores import MOST_FALSE_PER_MIN, answers_of, called
+from studies.learner_streams.figures import LearnerRow, StreamFigures
+from training.crossval import learner_of, uncalibrated
+from training.featurise import FloatRows
+from training.plan import CLOCK_FREE_GROUPS, HIGH_CONFIDENCE, SIZES, TrainingPlan
+from training.say import Say
+
+EVALUATED = ("author", "asked-daily", "p1", "p2", "asked-holds")
+UNSEEN = ("p1", "p2")
+STYLES_KEPT = {"author": ("p1", "p2"), "p1": ("thesis", "p2"), "p2": ("thesis", "p1")}
+"""A style left out -> the sets of the other two styles; `thesis` and `author` are one style."""
+DEFAULT = SIZES["default"]
+ONE_LAYER = replace(DEFAULT.network, hidden=(64,))
+PLANS: dict[str, TrainingPlan] = {
+    "forest, 8 trees": SIZES["tiny"],
+    "forest, 20 trees": DEFAULT,
+    "forest, 100 trees": SIZES["best"],
+    "network": replace(DEFAULT, learner="network"),
+    "network, one hidden layer": replace(DEFAULT, learner="network", network=ONE_LAYER),
+    "committee, 8 trees": replace(SIZES["tiny"], learner="committee"),
+    "committee, 20 trees": replace(DEFAULT, learner="committee"),
+    "committee, one hidden layer": replace(DEFAULT, learner="committee", network=ONE_LAYER),
+}
+SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
+TURNS, CALLS, TIMED_ROWS = 20, 50, 200
+
+
+class Sets:
+    """The sets of a folder; features at every sample stay on disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._trials: dict[str, Streams] = {}
+
+    def part(self, names: Sequence[str]) -> Labelled:
+        """Dense windows of some sets, to train on."""
+        return joined([labelled(self.folder / name, "balanced", "default") for name in names])
+
+    def streams(self, name: str) -> Streams:
+        """A set to evaluate on."""
+        if name not in self._trials:
+            self._trials[name] = streams(self.folder / name, "natural", "default")
+        return self._trials[name]
+
+
+def study(
+    folder: Path, seed: int, say: Say, plans: Mapping[str, TrainingPlan] = PLANS
+) -> list[LearnerRow]:
+    """A row a learner. folder: holds the sets by their names. Raises what reading them raises."""
+    sets = Sets(folder)
+    rows, learners = [], {}
+    for name, plan in plans.items():
+        say(name)
+        learners[name] = _fitted(plan, sets.part(VARIED), seed)
+        rows.append(_row(name, plan, learners[name], sets, seed))
+    times = _times_us(learners, sets.streams("author"))
+    return [replace(row, learner_us=times[row.name][0], step_us=times[row.name][1]) for row in rows]
+
+
+def _row(name: str, plan: TrainingPlan, learner: Learner, sets: Sets, seed: int) -> LearnerRow:
+    permille, found = _evaluated(learner, sets, EVALUATED)
+    left_out = []
+    for style, others in STYLES_KEPT.items():
+        without = _fitted(plan, sets.part(others), seed)
+        left_out.append((style, _evaluated(without, sets, (style,))[1][style]))
+    here = {one: _figures(sets, [(one, result)], seed) for one, result in found.items()}
+    unseen = _figures(sets, [(one, found[one]) for one in UNSEEN], seed)
+    return LearnerRow(name, plan.learner, permille, here, unseen, _figures(sets, left_out, seed))
+
+
+def _fitted(plan: TrainingPlan, part: Labelled, seed: int) -> Learner:
+    return learner_of(plan, "classes", part.features, part.label, len(CLASSES), seed)
+
+
+def _evaluated(
+    learner: Learner, sets: Sets, names: Sequence[str]
+) -> tuple[int, dict[str, MethodResult]]:
+    """The threshold that streams of `daily` give, and what is called at it on each set."""
+    choosing = sets.streams(CHOOSE)
+    answers = answers_of(choosing, _answer(learner, choosing.features))
+    permille = choose_confidence(answers, HIGH_CONFIDENCE, MOST_FALSE_PER_MIN)
+    found = {}
+    for name in names:
+        here = sets.streams(name)
+        found[name] = called(here, answers_of(here, _answer(learner, here.features)), permille)
+    return permille, found
+
+
+def _answer(learner: Learner, features: FloatRows) -> Answer:
+    """Situation [T] and thousandths for a risky slip [T]."""
+    votes = situation_votes(reference_votes(learner, np.asarray(features), len(CLASSES)))
+    return riskier_argmax(votes), (1000 * votes[:, RISKY_SLIP]) // votes.sum(axis=1)
+
+
+def _figures(sets: Sets, parts: Sequence[tuple[str, MethodResult]], seed: int) -> StreamFigures:
+    """Figures of one set, or of several together."""
+    trials = [trial for name, _ in parts for trial in sets.streams(name).trials]
+    results = [result for _, result in parts]
+    result = results[0] if len(results) == 1 else together(results)
+    return StreamFigures.of(method_figures(result, trials, None, seed))
+
+
+def _times_us(learners: Mapping[str, Learner], timed: Streams) -> dict[str, tuple[float, float]]:
+    """Median of each learner and of its whole step, all interleaved; on rows of trials."""
+    rows = np.array(timed.features[:: max(1, len(timed.features) // TIMED_ROWS)][:TIMED_ROWS])
+    samples = np.random.default_rng(0).uniform(0.0, 3.0, (TIMED_ROWS, SPEC.n_channels))
+    calls: dict[str, Callable[[], object]] = {}
+    for name, learner in learners.items():
+        head = Head("situation", CLASSES, learner, uncalibrated(len(CLASSES)))
+        model = whole_graph(SPEC, [head])
+        calls[f"{name} learner"] = learner_call(cut_forests(model), rows)
+        calls[f"{name} step"] = step_call(model.SerializeToString(), samples)
+    us = {name: float(np.median(one)) for name, one in time_in_turns(calls, TURNS, CALLS).items()}
+    return {name: (us[f"{name} learner"], us[f"{name} step"]) for name in learners}
