@@ -119,7 +119,8 @@ docs: setup  ## rewrite the tables of README and docs from build and the code; p
 	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
 	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
 	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
-	$(BIN)/python -m studies.tables.learners build/real/learners.json build/bench/network.json docs/learners.md
+	$(BIN)/python -m studies.tables.learners build/real/learners.json build/bench/network.json \
+	    build/learner-streams/learner-streams.json docs/learners.md
 	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
 

@@ -54,6 +54,10 @@ SITUATION_NETWORK = NetworkPlan()
 PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
 
 
+HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
+"""For the hand: a second hidden layer costs time and calls more hand-overs."""
+
+
 @dataclass(frozen=True)
 class TrainingPlan:
     """All choices of a training run beside the data and the seed.
@@ -99,7 +103,7 @@ SIZES = {
             n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3
         ),
         decision=HIGH_CONFIDENCE,
-        network=NetworkPlan(balance=1.0),
+        network=HAND_NETWORK,
     )
     for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
 }

@@ -34,11 +34,23 @@ class StreamFigures:
 
 
 @dataclass(frozen=True)
+class CurvePoint:
+    """Both unseen styles at a threshold. called: share of voluntary actions called risky."""
+
+    permille: int
+    recall: float | None
+    in_time: float | None
+    false_per_min: float | None
+    called: float
+
+
+@dataclass(frozen=True)
 class LearnerRow:
     """A learner trained on `thesis` and `broad`, and on the other styles alone.
 
     permille: its threshold. sets: by name. unseen: both styles that it never met, together.
     left_out: the same for three learners, each trained without the style it is evaluated on.
+    curve: the unseen styles at other thresholds.
     learner_us, step_us: median of the learner and of a whole step.
     """
 
@@ -48,6 +60,7 @@ class LearnerRow:
     sets: dict[str, StreamFigures]
     unseen: StreamFigures
     left_out: StreamFigures
+    curve: list[CurvePoint]
     learner_us: float = 0.0
     step_us: float = 0.0
 

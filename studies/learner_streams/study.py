@@ -17,7 +17,8 @@ import numpy as np
 
 from edge_runtime.contract import CLASSES, RISKY_SLIP
 from edge_runtime.timing import time_in_turns
-from evaluation.event_scores import choose_confidence
+from evaluation.alarms import Answers
+from evaluation.event_scores import choose_confidence, event_scores
 from evaluation.methods import MethodResult, method_figures, together
 from evaluation.timed_calls import learner_call, step_call
 from export.exporting import whole_graph
@@ -30,7 +31,7 @@ from studies.fast_handover.ideas import VARIED
 from studies.fast_handover.learners import Answer
 from studies.fast_handover.sets import CHOOSE, Labelled, Streams, joined, labelled, streams
 from studies.fast_handover.stream_scores import MOST_FALSE_PER_MIN, answers_of, called
-from studies.learner_streams.figures import LearnerRow, StreamFigures
+from studies.learner_streams.figures import CurvePoint, LearnerRow, StreamFigures
 from training.crossval import learner_of, uncalibrated
 from training.featurise import FloatRows
 from training.plan import CLOCK_FREE_GROUPS, HIGH_CONFIDENCE, SIZES, TrainingPlan
@@ -41,19 +42,22 @@ UNSEEN = ("p1", "p2")
 STYLES_KEPT = {"author": ("p1", "p2"), "p1": ("thesis", "p2"), "p2": ("thesis", "p1")}
 """A style left out -> the sets of the other two styles; `thesis` and `author` are one style."""
 DEFAULT = SIZES["default"]
-ONE_LAYER = replace(DEFAULT.network, hidden=(64,))
+TWO_LAYERS = replace(DEFAULT.network, hidden=(64, 32))
 PLANS: dict[str, TrainingPlan] = {
-    "forest, 8 trees": SIZES["tiny"],
-    "forest, 20 trees": DEFAULT,
-    "forest, 100 trees": SIZES["best"],
+    "forest, 8 trees": replace(SIZES["tiny"], learner="forest"),
+    "forest, 20 trees": replace(DEFAULT, learner="forest"),
+    "forest, 100 trees": replace(SIZES["best"], learner="forest"),
     "network": replace(DEFAULT, learner="network"),
-    "network, one hidden layer": replace(DEFAULT, learner="network", network=ONE_LAYER),
+    "network, two hidden layers": replace(DEFAULT, learner="network", network=TWO_LAYERS),
     "committee, 8 trees": replace(SIZES["tiny"], learner="committee"),
     "committee, 20 trees": replace(DEFAULT, learner="committee"),
-    "committee, one hidden layer": replace(DEFAULT, learner="committee", network=ONE_LAYER),
+    "committee, 100 trees": replace(SIZES["best"], learner="committee"),
+    "committee, two hidden layers": replace(DEFAULT, learner="committee", network=TWO_LAYERS),
 }
 SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
 TURNS, CALLS, TIMED_ROWS = 20, 50, 200
+THRESHOLDS = tuple(range(400, 1000, 20))
+"""Of the curves, thousandths."""
 
 
 class Sets:
@@ -96,7 +100,15 @@ def _row(name: str, plan: TrainingPlan, learner: Learner, sets: Sets, seed: int)
         left_out.append((style, _evaluated(without, sets, (style,))[1][style]))
     here = {one: _figures(sets, [(one, result)], seed) for one, result in found.items()}
     unseen = _figures(sets, [(one, found[one]) for one in UNSEEN], seed)
-    return LearnerRow(name, plan.learner, permille, here, unseen, _figures(sets, left_out, seed))
+    return LearnerRow(
+        name=name,
+        learner=plan.learner,
+        permille=permille,
+        sets=here,
+        unseen=unseen,
+        left_out=_figures(sets, left_out, seed),
+        curve=_curve(learner, sets),
+    )
 
 
 def _fitted(plan: TrainingPlan, part: Labelled, seed: int) -> Learner:
@@ -107,14 +119,32 @@ def _evaluated(
     learner: Learner, sets: Sets, names: Sequence[str]
 ) -> tuple[int, dict[str, MethodResult]]:
     """The threshold that streams of `daily` give, and what is called at it on each set."""
-    choosing = sets.streams(CHOOSE)
-    answers = answers_of(choosing, _answer(learner, choosing.features))
-    permille = choose_confidence(answers, HIGH_CONFIDENCE, MOST_FALSE_PER_MIN)
-    found = {}
-    for name in names:
-        here = sets.streams(name)
-        found[name] = called(here, answers_of(here, _answer(learner, here.features)), permille)
-    return permille, found
+    permille = choose_confidence(
+        _answers(learner, sets, CHOOSE), HIGH_CONFIDENCE, MOST_FALSE_PER_MIN
+    )
+    return permille, {
+        name: called(sets.streams(name), _answers(learner, sets, name), permille) for name in names
+    }
+
+
+def _curve(learner: Learner, sets: Sets) -> list[CurvePoint]:
+    """What each threshold would give on the unseen styles."""
+    answers = {name: _answers(learner, sets, name) for name in UNSEEN}
+    points = []
+    for permille in THRESHOLDS:
+        found = [called(sets.streams(name), answers[name], permille) for name in UNSEEN]
+        result = together(found)
+        scores = event_scores(result.matches, n_draws=0)
+        share = float(np.mean([action.called for action in result.actions]))
+        points.append(
+            CurvePoint(permille, scores.recall, scores.in_time, scores.false_per_min, share)
+        )
+    return points
+
+
+def _answers(learner: Learner, sets: Sets, name: str) -> list[Answers]:
+    here = sets.streams(name)
+    return answers_of(here, _answer(learner, here.features))
 
 
 def _answer(learner: Learner, features: FloatRows) -> Answer:

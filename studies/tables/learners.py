@@ -1,4 +1,4 @@
-"""The tables of docs/learners.md: `python -m studies.tables.learners LEARNERS TIMES PAGE`."""
+"""The tables of docs/learners.md, from the JSON of three commands: `make docs`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import with_interval, write_tables
+from evaluation.doc_tables import table, with_interval, write_tables
 from evaluation.page import markdown
 
 CASES = {
@@ -20,8 +20,32 @@ CASES = {
 """Channels, and whether the truer label -> the table's name."""
 
 
-def tables(figures: Json, times: Json) -> dict[str, str]:
-    """Every learner with its figures, by person, and its time."""
+STREAM_HEADS = {
+    "learner": "learner",
+    "step_us": "step, us",
+    "recall": "recall, `daily` (95 %)",
+    "in_time": "acted before gross slip",
+    "false": "false alarms per min",
+    "false_holds": "in disturbed holds",
+    "called_author": "voluntary called, author",
+    "called_daily": "voluntary called, `daily`",
+}
+UNSEEN_HEADS = {
+    "learner": "learner",
+    "recall": "recall, p1 and p2 (95 %)",
+    "in_time": "acted before gross slip",
+    "false": "false alarms per min",
+    "called": "voluntary called (95 %)",
+    "called_p1": "p1",
+    "called_p2": "p2",
+    "recall_left_out": "recall, style left out",
+    "false_left_out": "false alarms per min, left out",
+    "called_left_out": "voluntary called, left out",
+}
+
+
+def tables(figures: Json, times: Json, streams: Json) -> dict[str, str]:
+    """Every learner with its figures, by person, its time, and on streams."""
     made = {
         CASES[one["channels"], one["in_hand"]]: markdown(
             [_row(name, row) for name, row in one["rows"].items()]
@@ -30,6 +54,8 @@ def tables(figures: Json, times: Json) -> dict[str, str]:
     }
     made["people"] = markdown(_people(figures["studied"][0]["people"]))
     made["time"] = markdown(_times(times))
+    made["streams"] = table([_on_streams(row) for row in streams["rows"]], STREAM_HEADS)
+    made["streams-unseen"] = table([_unseen(row) for row in streams["rows"]], UNSEEN_HEADS)
     return made
 
 
@@ -75,7 +101,39 @@ def _times(times: Json) -> list[dict[str, str]]:
     ]
 
 
+def _on_streams(row: Json) -> Json:
+    sets = row["sets"]
+    daily = sets["asked-daily"]
+    return {
+        "learner": row["name"],
+        "step_us": f"{row['step_us']:.0f}",
+        "recall": with_interval(daily["recall"], daily["recall_ci"]),
+        "in_time": daily["in_time"],
+        "false": daily["false_per_min"],
+        "false_holds": sets["asked-holds"]["false_per_min"],
+        "called_author": sets["author"]["safe_acts_called"]["share"],
+        "called_daily": daily["safe_acts_called"]["share"],
+    }
+
+
+def _unseen(row: Json) -> Json:
+    unseen, left_out = row["unseen"], row["left_out"]
+    called = unseen["safe_acts_called"]
+    return {
+        "learner": row["name"],
+        "recall": with_interval(unseen["recall"], unseen["recall_ci"]),
+        "in_time": unseen["in_time"],
+        "false": unseen["false_per_min"],
+        "called": with_interval(called["share"], called["share_ci"]),
+        "called_p1": row["sets"]["p1"]["safe_acts_called"]["share"],
+        "called_p2": row["sets"]["p2"]["safe_acts_called"]["share"],
+        "recall_left_out": left_out["recall"],
+        "false_left_out": left_out["false_per_min"],
+        "called_left_out": left_out["safe_acts_called"]["share"],
+    }
+
+
 if __name__ == "__main__":
-    learners, network, page = sys.argv[1:]
-    sources = [json.loads(Path(one).read_text("utf-8")) for one in (learners, network)]
+    *paths, page = sys.argv[1:]
+    sources = [json.loads(Path(one).read_text("utf-8")) for one in paths]
     write_tables(page, tables(*sources))

@@ -28,9 +28,27 @@ def figures() -> dict[str, Any]:
     }
 
 
+def streams() -> dict[str, Any]:
+    """As `make learner-streams` writes them."""
+    share = {"share": 0.02, "share_ci": [0.01, 0.05], "n": 100}
+    one = {
+        "recall": 0.98,
+        "recall_ci": [0.95, 1.0],
+        "in_time": 0.9,
+        "false_per_min": 0.4,
+        "safe_acts_called": share,
+    }
+    holds = one | {"safe_acts_called": {"share": None, "share_ci": None, "n": 0}}
+    sets = {"author": one, "asked-daily": one, "p1": one, "p2": one, "asked-holds": holds}
+    row = {"name": "network", "step_us": 170.4, "sets": sets, "unseen": one, "left_out": one}
+    return {"rows": [row]}
+
+
 def test_every_table_of_learners_has_a_place_in_the_page(tmp_path):
     times = {"times": {"forest": {"p50_us": 20.0, "p99_us": 40.0}}}
-    text = require_tables_fit("docs/learners.md", tables(figures(), times), tmp_path)
+    text = require_tables_fit("docs/learners.md", tables(figures(), times, streams()), tmp_path)
     assert "| committee | 0.63 (0.50 to 0.70) | - | - |" in text
     assert "| committee | 0.430 | 0.530 | 0.630 | 3 of 3 |" in text
     assert "| forest | 20.0 | 40 | 1.00 |" in text
+    assert "| network | 170 | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.4 | 0.02 | 0.02 |" in text
+    assert "| network | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.02 (0.01 to 0.05) | 0.02 |" in text
