@@ -26,6 +26,7 @@ from export.verification import Verification
 from export.verify import verify
 from training.featurise import FloatRows
 from training.label_rule import LabelWeights, fit_label_weights, situation_labels
+from training.network_choice import choose_network
 from training.network_fit import fit_network
 from training.plan import TASK_HEADS, TrainingPlan
 from training.recording import DataSet
@@ -107,6 +108,26 @@ def cross_validate(
     return HeldOut(votes, labels, reports)
 
 
+def plan_for(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    task: str,
+    rows: npt.NDArray[np.int64],
+    seed: int,
+) -> TrainingPlan:
+    """The plan with a task's network as these windows alone choose it, people held out in turn.
+
+    The plan itself where it has no inner folds or no network. Raises TooFewGroups.
+    """
+    if not plan.inner_folds or plan.learner == "forest":
+        return plan
+    label, groups = data.tasks[task].label[rows], data.group_of(task)[rows]
+    given, seen = plan.network_for(task), features[task][rows]
+    chosen = choose_network(given, seen, label, groups, plan.inner_folds, seed)
+    return plan.with_network(task, chosen)
+
+
 def chosen_label_weights(
     data: DataSet,
     features: dict[str, FloatRows],
@@ -118,12 +139,12 @@ def chosen_label_weights(
 
     None where the plan wants none. Raises TooFewGroups.
     """
-    if not plan.label_folds:
+    if not plan.inner_folds:
         return None
     task = main_task(data)
     held_out = data.tasks[task]
     votes = np.zeros((len(rows), len(held_out.classes)), np.int64)
-    for train, test in grouped_folds(data.group_of(task)[rows], plan.label_folds, seed=seed):
+    for train, test in grouped_folds(data.group_of(task)[rows], plan.inner_folds, seed=seed):
         learner = fit_learner(data, features[task], plan, task, rows[train], seed)
         votes[test] = reference_votes(learner, features[task][rows[test]], votes.shape[1])
     situation = held_out.label[rows] // (votes.shape[1] // len(SITUATIONS))
@@ -223,6 +244,7 @@ def _fold_head(
     split: Fold,
     seed: int,
 ) -> Head:
+    plan = plan_for(data, features, plan, task, split[0], seed)
     learner = fit_learner(data, features[task], plan, task, split[0], seed)
     classes, weights = data.tasks[task].classes, None
     if task == main_task(data):

@@ -15,7 +15,14 @@ from edge_runtime.errors import ClassMissing
 from edge_runtime.reading import Json
 from export.artifact import Artifact, write_artifact
 from export.heads import Head
-from training.crossval import HeldOut, cross_validate, fit_calibration, fit_learner, main_task
+from training.crossval import (
+    HeldOut,
+    cross_validate,
+    fit_calibration,
+    fit_learner,
+    main_task,
+    plan_for,
+)
 from training.featurise import FloatRows, features_of, spec_for
 from training.figures import HeadFigures
 from training.label_rule import fit_label_weights
@@ -75,6 +82,8 @@ def final_artifact(
 
     figures: of the held-out votes, for the model card.
     """
+    for task, windows in data.tasks.items():
+        plan = plan_for(data, features, plan, task, np.arange(len(windows)), seed)
     return Artifact(
         spec=spec_for(data, plan.groups),
         preparation=data.preparation,
@@ -131,7 +140,7 @@ def _final_head(
     rows = data.tasks[task]
     learner = fit_learner(data, features, plan, task, np.arange(len(rows)), seed)
     calibration, weights = fit_calibration(held_out.shares(task), rows.label), None
-    if plan.label_folds and task == main_task(data):
+    if plan.inner_folds and task == main_task(data):
         votes = held_out.situation_votes()
         weights = fit_label_weights(votes, rows.label // (len(rows.classes) // len(SITUATIONS)))
     return Head(TASK_HEADS[task], rows.classes, learner, calibration, weights)

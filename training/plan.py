@@ -6,7 +6,7 @@ tried).
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
@@ -62,7 +62,8 @@ HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
 class TrainingPlan:
     """All choices of a training run beside the data and the seed.
 
-    label_folds: the label weights are chosen on the votes of so many folds of the training windows
+    inner_folds: label weights and a network's hyperparameters are chosen on so many folds of the
+    training windows
     alone; 0 for none.
     """
 
@@ -74,11 +75,17 @@ class TrainingPlan:
     learner: LearnerKind = "forest"
     network: NetworkPlan = SITUATION_NETWORK
     prediction_network: NetworkPlan = PREDICTION_NETWORK
-    label_folds: int = 0
+    inner_folds: int = 0
 
     def network_for(self, task: str) -> NetworkPlan:
         """The network of a task."""
         return self.prediction_network if TASK_HEADS[task] == "p_risky_250ms" else self.network
+
+    def with_network(self, task: str, network: NetworkPlan) -> TrainingPlan:
+        """The plan with another network for a task."""
+        if TASK_HEADS[task] == "p_risky_250ms":
+            return replace(self, prediction_network=network)
+        return replace(self, network=network)
 
     def forest_for(self, task: str) -> ForestPlan:
         """The forest of a task."""
@@ -89,8 +96,8 @@ class TrainingPlan:
         fields = asdict(self)
         if self.learner == "forest":
             del fields["learner"], fields["network"], fields["prediction_network"]
-        if not self.label_folds:
-            del fields["label_folds"]
+        if not self.inner_folds:
+            del fields["inner_folds"]
         return fields
 
 

@@ -81,11 +81,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what answers: forest (default), network, or committee (both; docs/learners.md)",
     )
     parser.add_argument(
-        "--label-folds",
+        "--inner-folds",
         type=fold_count,
         default=0,
         metavar="K",
-        help="choose label weights, for macro F1, on K folds of the training groups (default none)",
+        help="choose label weights and network on K folds of the training groups (default: no)",
     )
     parser.add_argument(
         "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
@@ -151,7 +151,7 @@ def _trained(
         require_no_artifact(args.out)
     if not args.data:
         _write_fixture(args.out)
-    plan = replace(SIZES[args.size], learner=args.learner, label_folds=args.label_folds)
+    plan = replace(SIZES[args.size], learner=args.learner, inner_folds=args.inner_folds)
     sets = []
     for folder in folders:
         say(f"reading {folder}")

@@ -1,7 +1,7 @@
 """Forest, network and committee side by side on people held out: `make real`, learners.json.
 
-Nested: a person's windows are answered by learners that never saw that person, with label weights
-chosen on the other people alone (their own people held out in turn).
+Nested: a person's windows are answered by learners that never saw that person, with a network and
+label weights chosen on the other people alone (their own people held out in turn).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +23,14 @@ from export.forest import forest_votes, votes_of_trees
 from export.learner import LEARNERS
 from export.network import network_votes
 from export.reference import riskier_argmax
+from training.crossval import plan_for
 from training.datasets import find
 from training.datasets.human_slip_uskin import load
 from training.featurise import FloatRows, features_of, spec_for
 from training.figures import HeadFigures
 from training.label_rule import fit_label_weights, situation_labels
 from training.metrics import report, situation_scores
-from training.network_fit import fit_members, in_whole_numbers
+from training.network_fit import NetworkPlan, fit_members, in_whole_numbers
 from training.plan import TrainingPlan
 from training.recording import DataSet
 from training.splits import assign_groups, folds_of, grouped_folds
@@ -40,28 +41,36 @@ WEIGHTED = "label weights"
 INNER_FOLDS = 2
 CASES = ((18, False), (18, True), (48, False))
 """Channels, and whether the label is the truer one; the file is written after each."""
-PLAN = TrainingPlan()
+PLAN = TrainingPlan(learner="committee", inner_folds=INNER_FOLDS)
 Votes = dict[str, IntArray]
 """Learner -> votes [N, K]."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """Of one fold: votes by task and learner, labels by learner, shares before quantising."""
+    """Of one fold: votes by task and learner, labels by learner, shares before quantising.
+
+    networks: as chosen for each task.
+    """
 
     votes: dict[str, Votes]
     labels: dict[str, IntArray]
     real_labels: IntArray
+    networks: dict[str, NetworkPlan]
 
 
 @dataclass(frozen=True)
 class LearnerFigures:
-    """Figures by row (learner, or learner with label weights) and by person (macro F1)."""
+    """Figures by row (learner, or learner with label weights) and by person (macro F1).
+
+    networks: chosen for each task, of every fold.
+    """
 
     channels: int
     in_hand: bool
     rows: dict[str, HeadFigures]
     people: dict[str, dict[str, float | None]]
+    networks: list[dict[str, NetworkPlan]]
 
     def to_json(self) -> Json:
         """As it stands in learners.json."""
@@ -71,6 +80,9 @@ class LearnerFigures:
             "in_hand": self.in_hand,
             "rows": rows,
             "people": self.people,
+            "networks": [
+                {task: asdict(network) for task, network in fold.items()} for fold in self.networks
+            ],
         }
 
 
@@ -95,40 +107,50 @@ def _fold(
     seed: int,
 ) -> Answers:
     """Train on the people of one fold, answer the windows of the others."""
-    votes, real = {}, np.zeros(0, np.int64)
+    plan, votes, real = PLAN, {}, np.zeros(0, np.int64)
     for task, (train, test) in split.items():
-        votes[task], shares = _votes(data, features[task], task, train, test, seed)
+        plan = plan_for(data, features, plan, task, train, seed)
+        votes[task], shares = _votes(data, features[task], plan, task, train, test, seed)
         if task == "situations":
             real = np.argmax(shares, axis=1)
     train = split["situations"][0]
-    inner = _inner_votes(data, features["situations"], train, seed)
+    inner = _inner_votes(data, features["situations"], plan, train, seed)
     truth = data.tasks["situations"].label[train]
     labels = {
         name: situation_labels(votes["situations"][name], fit_label_weights(inner[name], truth))
         for name in LEARNERS
     }
-    return Answers(votes, labels, real)
+    return Answers(votes, labels, real, {task: plan.network_for(task) for task in split})
 
 
-def _inner_votes(data: DataSet, features: FloatRows, rows: IntArray, seed: int) -> Votes:
+def _inner_votes(
+    data: DataSet, features: FloatRows, plan: TrainingPlan, rows: IntArray, seed: int
+) -> Votes:
     """Votes for the training windows, their own people held out in turn."""
     inner = {name: np.zeros((len(rows), 4), np.int64) for name in LEARNERS}
     for train, test in grouped_folds(data.group_of("situations")[rows], INNER_FOLDS, seed=seed):
-        found, _ = _votes(data, features, "situations", rows[train], rows[test], seed)
+        seen, asked = rows[train], rows[test]
+        found, _ = _votes(data, features, plan, "situations", seen, asked, seed)
         for name, votes in found.items():
             inner[name][test] = votes
     return inner
 
 
 def _votes(
-    data: DataSet, features: FloatRows, task: str, train: IntArray, test: IntArray, seed: int
+    data: DataSet,
+    features: FloatRows,
+    plan: TrainingPlan,
+    task: str,
+    train: IntArray,
+    test: IntArray,
+    seed: int,
 ) -> tuple[Votes, npt.NDArray[np.float64]]:
     """Votes of every learner on test windows, and the network's shares before quantising."""
     rows = data.tasks[task]
     k, label = len(rows.classes), rows.label[train]
-    forest = PLAN.forest_for(task).build(seed, n_jobs=1)
+    forest = plan.forest_for(task).build(seed, n_jobs=1)
     forest.fit(np.asfortranarray(features[train]), label)
-    members = fit_members(PLAN.network_for(task), features[train], label, seed)
+    members = fit_members(plan.network_for(task), features[train], label, seed)
     in_all = votes_of_trees(len(forest.estimators_))
     network = in_whole_numbers(members, features[train], k, in_all)
     trees, nets = forest_votes(forest, features[test], k), network_votes(network, features[test])
@@ -162,7 +184,8 @@ def _figures(
         for name in LEARNERS
     }
     figures[UNQUANTISED] = report(data, real, None, seed=seed)
-    return LearnerFigures(channels, in_hand, figures, _by_person(data, weighted))
+    networks = [found.networks for _, found in folds]
+    return LearnerFigures(channels, in_hand, figures, _by_person(data, weighted), networks)
 
 
 def _scores(
@@ -195,7 +218,6 @@ def _macro_f1(truth: IntArray, found: IntArray) -> float | None:
 def main(out: Path, seed: int = 0) -> None:
     """Study all cases; write learners.json."""
     root = find("human_slip_uskin")
-    plan = replace(PLAN, learner="committee", label_folds=INNER_FOLDS)
     studied: list[Json] = []
     for channels, in_hand in CASES:
         sys.stderr.write(f"{channels} channels{', in the hand' if in_hand else ''}\n")
@@ -204,7 +226,7 @@ def main(out: Path, seed: int = 0) -> None:
         figures = {
             "kind": "public real data",
             "seed": seed,
-            "plan": plan.to_json(),
+            "plan": PLAN.to_json(),
             "host": asdict(host()),
             "studied": studied,
         }

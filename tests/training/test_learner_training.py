@@ -14,9 +14,10 @@ from edge_runtime.contract import SITUATIONS
 from edge_runtime.preparation import Preparation
 from export.committee import Committee
 from export.network import Network, network_votes
-from training.crossval import chosen_label_weights, cross_validate, fit_learner
+from training.crossval import chosen_label_weights, cross_validate, fit_learner, plan_for
 from training.label_rule import fit_label_weights, situation_labels
 from training.metrics import situation_scores
+from training.network_choice import candidates_of, choose_network
 from training.network_fit import NetworkPlan, fit_members, fit_network, in_whole_numbers
 from training.plan import ForestPlan, TrainingPlan
 from training.recording import DataSet, LabelledRows, Recording
@@ -27,7 +28,7 @@ PLAN = TrainingPlan(
     folds=3,
     network=SMALL,
     learner="committee",
-    label_folds=2,
+    inner_folds=2,
 )
 PEOPLE, ROWS_EACH, WIDTH = 6, 40, 5
 FloatRows = npt.NDArray[np.float32]
@@ -110,6 +111,27 @@ def test_a_fold_s_labels_do_not_depend_on_the_labels_of_its_own_people():
     assert not np.array_equal(before.situations()[~last], after.situations()[~last])
 
 
+def test_the_network_of_a_fold_is_chosen_without_the_windows_that_are_scored():
+    data, features = people()
+    train = np.arange(3 * ROWS_EACH)
+    chosen = plan_for(data, features, PLAN, "situations", train, 0)
+    assert chosen.network in candidates_of(SMALL)
+    changed = {"situations": features["situations"].copy()}
+    changed["situations"][3 * ROWS_EACH :] = 0.0
+    assert plan_for(data, changed, PLAN, "situations", train, 0) == chosen
+    forest = replace(PLAN, learner="forest")
+    assert plan_for(data, features, forest, "situations", train, 0) is forest
+
+
+def test_the_network_that_ranks_people_held_out_best_is_chosen():
+    data, features = people()
+    label, rows = data.tasks["situations"].label, features["situations"]
+    groups = data.group_of("situations")
+    stiff = replace(SMALL, alpha=3e3, epochs=20)
+    chosen = choose_network(stiff, rows, label, groups, 2, 0)
+    assert chosen.alpha < stiff.alpha, "so much regularisation answers the same whatever it sees"
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_chosen_label_weights_never_lower_macro_f1_on_the_windows_they_are_chosen_on(seed):
     rng = np.random.default_rng(seed)
@@ -130,5 +152,5 @@ def test_chosen_label_weights_never_lower_macro_f1_on_the_windows_they_are_chose
 
 def test_a_plan_of_a_forest_says_nothing_of_networks_so_its_card_stays_as_it_was():
     fields = TrainingPlan().to_json()
-    assert not {"learner", "network", "prediction_network", "label_folds"} & fields.keys()
+    assert not {"learner", "network", "prediction_network", "inner_folds"} & fields.keys()
     assert PLAN.to_json()["network"]["hidden"] == (8,)

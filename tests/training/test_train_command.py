@@ -65,12 +65,12 @@ def test_label_weights_are_chosen_where_they_are_wanted_and_stand_in_the_artifac
     run: Run, fixture_set: Path, tmp_path: Path
 ) -> None:
     words = ("train", "--data", fixture_set, "--out", tmp_path / "out", "--size", "tiny")
-    code, _, err = run(*words, "--label-folds", "2")
+    code, _, err = run(*words, "--inner-folds", "2")
     assert code == 0, err
     made = artifact_of(tmp_path / "out")
-    assert made["training"]["plan"]["label_folds"] == 2
+    assert made["training"]["plan"]["inner_folds"] == 2
     assert max(made["heads"]["situation"]["label_weights"]) == 1.0
-    code, _, err = run(*words, "--force", "--label-folds", "1")
+    code, _, err = run(*words, "--force", "--inner-folds", "1")
     assert code == 2
     assert "'1' is not a whole number of 2 or more" in err
 
