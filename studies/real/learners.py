@@ -86,28 +86,31 @@ class LearnerFigures:
         }
 
 
-def study_learners(data: DataSet, channels: int, in_hand: bool, seed: int) -> LearnerFigures:
+def study_learners(
+    data: DataSet, channels: int, in_hand: bool, seed: int, plan: TrainingPlan = PLAN
+) -> LearnerFigures:
     """All learners on one set, people held out, two folds at a time."""
-    features = features_of(data, spec_for(data, PLAN.groups))
+    features = features_of(data, spec_for(data, plan.groups))
     main = "situations"
-    folds = assign_groups(data.group_of(main), PLAN.folds, seed=seed)
+    folds = assign_groups(data.group_of(main), plan.folds, seed=seed)
     splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
     answers = Parallel(n_jobs=2)(
-        delayed(_fold)(data, features, {task: splits[task][k] for task in splits}, seed)
-        for k in range(PLAN.folds)
+        delayed(_fold)(data, features, plan, {task: splits[task][k] for task in splits}, seed)
+        for k in range(plan.folds)
     )
-    held = [{task: splits[task][k][1] for task in splits} for k in range(PLAN.folds)]
+    held = [{task: splits[task][k][1] for task in splits} for k in range(plan.folds)]
     return _figures(data, channels, in_hand, list(zip(held, answers, strict=True)), seed)
 
 
 def _fold(
     data: DataSet,
     features: dict[str, FloatRows],
+    plan: TrainingPlan,
     split: Mapping[str, tuple[IntArray, IntArray]],
     seed: int,
 ) -> Answers:
     """Train on the people of one fold, answer the windows of the others."""
-    plan, votes, real = PLAN, {}, np.zeros(0, np.int64)
+    votes, real = {}, np.zeros(0, np.int64)
     for task, (train, test) in split.items():
         plan = plan_for(data, features, plan, task, train, seed)
         votes[task], shares = _votes(data, features[task], plan, task, train, test, seed)
