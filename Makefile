@@ -112,7 +112,7 @@ ablation: setup  ## what each part of the method is worth, into build/ablation
 	$(BIN)/python -m studies.ablation --out build/ablation $(ARGS)
 
 docs: setup  ## rewrite the tables of README and docs from build and the code; prose stays
-	$(BIN)/python -m studies.tables.features docs/features.md
+	$(BIN)/python -m studies.tables.features build/ablation/ablation.json docs/features.md
 	$(BIN)/python -m studies.real.table build/real/metrics.json README.md
 	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
 	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json docs/hand.md

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -33,20 +33,36 @@ from training.featurise import features_of, spec_for
 from training.figures import ABSENT, Interval
 from training.fitting import held_out_figures, versions
 from training.paired import Gain, macro_f1_gain, prediction_gains
-from training.plan import TrainingPlan
+from training.plan import LearnerKind, TrainingPlan
 from training.progress import stages
 from training.recording import DataSet
 from training.say import Say
 
 HUMAN = "human_slip_uskin"
+Rows = dict[str, tuple[str, ...]]
+"""Row name -> feature groups."""
 GAINED = ("macro_f1", "auc", "average_precision")
 
 
-def rows_of(groups: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Row name -> feature groups: all defaults, each left out, each other one added."""
+def rows_of(groups: tuple[str, ...], only: Collection[str] | None = None) -> Rows:
+    """All defaults, each left out, each other one added; only: of these groups, None for all."""
     rows = {"default": groups}
-    rows |= {f"without {name}": tuple(g for g in groups if g != name) for name in groups}
-    return rows | {f"with {name}": (*groups, name) for name in GROUPS if name not in groups}
+    for name in GROUPS if only is None else only:
+        if name in groups:
+            rows[f"without {name}"] = tuple(group for group in groups if group != name)
+        else:
+            rows[f"with {name}"] = (*groups, name)
+    return rows
+
+
+def _plan(learner: LearnerKind) -> TrainingPlan:
+    """The default plan, one network in place of four that differ in their seed alone."""
+    plan = TrainingPlan(learner=learner)
+    return replace(
+        plan,
+        network=replace(plan.network, members=1),
+        prediction_network=replace(plan.prediction_network, members=1),
+    )
 
 
 @dataclass(frozen=True)
@@ -87,9 +103,10 @@ class AblationRow:
         return fields.pop("cost") | fields
 
 
-def run(data: DataSet, plan: TrainingPlan, seed: int, say: Say) -> dict[str, AblationRow]:
-    """Every row's figures and cost."""
-    rows = rows_of(plan.groups)
+def run(
+    data: DataSet, plan: TrainingPlan, rows: Rows, seed: int, say: Say
+) -> dict[str, AblationRow]:
+    """Every row's figures and cost; the first is the default."""
     specs = {name: spec_for(data, groups) for name, groups in rows.items()}
     costs = step_costs(specs)
     result, default = {}, None
@@ -194,12 +211,16 @@ def main(argv: Sequence[str]) -> int:
     )
     parser.add_argument("--out", type=path_argument, default=Path("build/ablation"), metavar="DIR")
     parser.add_argument("--learner", choices=LEARNERS, default="committee", metavar="WHAT")
+    parser.add_argument(
+        "--groups", nargs="+", choices=GROUPS, metavar="GROUP", help="rows of these groups only"
+    )
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
     args = parser.parse_args(argv)
     require_writable(args.out)
-    plan, data = TrainingPlan(learner=args.learner), load(HUMAN)
-    with stages(len(rows_of(plan.groups))) as say:
-        rows = run(data, plan, args.seed, say)
+    plan, data = _plan(args.learner), load(HUMAN)
+    chosen = rows_of(plan.groups, args.groups)
+    with stages(len(chosen)) as say:
+        rows = run(data, plan, chosen, args.seed, say)
     result = {
         "data": HUMAN,
         "learner": args.learner,

@@ -1,9 +1,11 @@
-"""The table of docs/features.md, from the feature groups: `python -m studies.tables.features`."""
+"""The tables of docs/features.md, from the feature groups and from `make ablation`: `make docs`."""
 
 from __future__ import annotations
 
+import json
 import math
 import sys
+from pathlib import Path
 
 from edge_runtime.contact import NORMAL_FLOOR
 from evaluation.doc_tables import write_tables
@@ -12,6 +14,7 @@ from export.features import GROUPS, feature_count
 from export.history import LAGS_S
 from export.spec import StepSpec
 from export.step_graph import feature_graph
+from studies.ablation import table
 
 SHOWN = (6, 58.9)
 """Sensors and rate the page's numbers are for."""
@@ -55,4 +58,6 @@ def _spec(groups: tuple[str, ...]) -> StepSpec:
 
 
 if __name__ == "__main__":
-    write_tables(sys.argv[1], tables())
+    ablation, page = sys.argv[1:]
+    rows = json.loads(Path(ablation).read_text("utf-8"))["rows"]
+    write_tables(page, tables() | {"gains": table(rows)})

@@ -186,6 +186,11 @@ def test_the_ablation_has_a_row_for_every_group_and_says_which_is_not_clock_free
     assert rows["default"] == CLOCK_FREE_GROUPS
     assert all(f"without {group}" in rows for group in CLOCK_FREE_GROUPS)
     assert "bands" in rows["with bands"]
+    assert list(rows_of(CLOCK_FREE_GROUPS, ["now", "bands"])) == [
+        "default",
+        "without now",
+        "with bands",
+    ]
     gains = Gains(Gain(0.004, (-0.001, 0.01)), Gain(0.0, None), Gain(None, None))
     free = AblationRow(StepCost(3, 1.0), 0.5, None, 0.5, None, 2, True, None, None, gains)
     assert list(free.to_json())[:3] == ["nodes", "us", "macro_f1"]
