@@ -107,13 +107,18 @@ def _shear(h: History) -> str:
 
 
 def _ranges(h: History) -> Triples:
-    graph, places = h.graph, []
+    places: list[int] = []
     for span_s in SPANS_S:
-        recent = graph.columns(h.summed, h.length - h.spec.lag(span_s) - 1, h.length)
-        high = graph.node("ReduceMax", recent, graph.ints(1), keepdims=1)
-        low = graph.node("ReduceMin", recent, graph.ints(1), keepdims=1)
-        places += h.pooled(graph.node("Sub", high, low), 1)
+        places += h.pooled(_range(h, h.summed, span_s), 1)
     return Triples(places)
+
+
+def _range(h: History, signal: str, span_s: float) -> str:
+    """[B, 1, ..]: the largest minus the smallest of a signal [B, L, ..] over a span."""
+    recent = h.graph.columns(signal, h.length - h.spec.lag(span_s) - 1, h.length)
+    high = h.graph.node("ReduceMax", recent, h.graph.ints(1), keepdims=1)
+    low = h.graph.node("ReduceMin", recent, h.graph.ints(1), keepdims=1)
+    return h.graph.node("Sub", high, low)
 
 
 def _more_differences(h: History) -> Triples:
@@ -127,13 +132,10 @@ def _more_differences(h: History) -> Triples:
 
 
 def _finger_ranges(h: History) -> Triples:
-    graph, places = h.graph, []
+    places: list[int] = []
     for span_s in SPANS_S:
-        recent = graph.columns(h.samples, h.length - h.spec.lag(span_s) - 1, h.length)
-        high = graph.node("ReduceMax", recent, graph.ints(1), keepdims=1)
-        low = graph.node("ReduceMin", recent, graph.ints(1), keepdims=1)
-        spread = graph.reshape(graph.node("Sub", high, low), 0, h.spec.n_sensors, 3)
-        places += h.pooled(spread, h.spec.n_sensors)
+        by_finger = h.graph.reshape(_range(h, h.samples, span_s), 0, h.spec.n_sensors, 3)
+        places += h.pooled(by_finger, h.spec.n_sensors)
     return Triples(places)
 
 

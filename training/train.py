@@ -59,6 +59,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force", action="store_true", help="replace an artifact that is in DIR already"
     )
     _choose_recordings(parser)
+    _choose_learner(parser)
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
+    )
+
+
+def _choose_learner(parser: argparse.ArgumentParser) -> None:
+    """The options of what is learned from which windows."""
     parser.add_argument(
         "--windows",
         choices=WINDOWS,
@@ -86,9 +94,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0,
         metavar="K",
         help="choose label weights and network on K folds of the training groups (default: no)",
-    )
-    parser.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
     )
 
 
