@@ -148,7 +148,7 @@ def _moments(h: History) -> Triples:
 def _imbalance(h: History) -> Triples:
     """The first half of the sensors against the second."""
     middle = (h.spec.n_sensors - 1) / 2.0
-    return _leaned(h, np.sign(np.arange(h.spec.n_sensors) - middle))
+    return _leaned(h, np.where(np.arange(h.spec.n_sensors) < middle, -1.0, 1.0))
 
 
 def _leaned(h: History, arms: FloatArray) -> Triples:

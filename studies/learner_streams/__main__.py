@@ -1,16 +1,18 @@
-"""`python -m studies.learner_streams FOLDER --out DIR`: writes learner-streams.json."""
+"""`python -m studies.learner_streams FOLDER --out DIR`: writes learner-streams.json, row by row."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from edge_runtime.command import path_argument, run_script, seed
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.provenance import host
+from studies.learner_streams.figures import LearnerRow
 from studies.learner_streams.study import PLANS, study
 from training.progress import stages
 
@@ -34,17 +36,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Study, write, print the main columns."""
     require_writable(args.out)
+    path = args.out / "learner-streams.json"
+
+    def keep(rows: Sequence[LearnerRow]) -> None:
+        figures = {"kind": "simulated", "seed": args.seed, "host": asdict(host())}
+        content = figures | {"rows": [row.to_json() for row in rows]}
+        write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
     with stages(len(PLANS)) as say:
-        rows = study(args.folder, args.seed, say)
-    figures = {
-        "kind": "simulated",
-        "seed": args.seed,
-        "host": asdict(host()),
-        "rows": [row.to_json() for row in rows],
-    }
-    path = write_whole(
-        args.out / "learner-streams.json", json.dumps(figures, indent=1, allow_nan=False) + "\n"
-    )
+        rows = study(args.folder, args.seed, say, keep=keep)
+    keep(rows)
     lines = [f"{row.unseen.recall:.3f} {row.step_us:6.1f} us  {row.name}" for row in rows]
     sys.stdout.write("\n".join([*lines, str(path)]) + "\n")
     return 0

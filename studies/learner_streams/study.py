@@ -46,13 +46,12 @@ TWO_LAYERS = replace(DEFAULT.network, hidden=(64, 32))
 PLANS: dict[str, TrainingPlan] = {
     "forest, 8 trees": replace(SIZES["tiny"], learner="forest"),
     "forest, 20 trees": replace(DEFAULT, learner="forest"),
-    "forest, 100 trees": replace(SIZES["best"], learner="forest"),
     "network": replace(DEFAULT, learner="network"),
     "network, two hidden layers": replace(DEFAULT, learner="network", network=TWO_LAYERS),
     "committee, 8 trees": replace(SIZES["tiny"], learner="committee"),
     "committee, 20 trees": replace(DEFAULT, learner="committee"),
-    "committee, 100 trees": replace(SIZES["best"], learner="committee"),
     "committee, two hidden layers": replace(DEFAULT, learner="committee", network=TWO_LAYERS),
+    "forest, 100 trees": replace(SIZES["best"], learner="forest"),
 }
 SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
 TURNS, CALLS, TIMED_ROWS = 20, 50, 200
@@ -79,57 +78,63 @@ class Sets:
 
 
 def study(
-    folder: Path, seed: int, say: Say, plans: Mapping[str, TrainingPlan] = PLANS
+    folder: Path,
+    seed: int,
+    say: Say,
+    plans: Mapping[str, TrainingPlan] = PLANS,
+    keep: Callable[[list[LearnerRow]], object] = len,
 ) -> list[LearnerRow]:
-    """A row a learner. folder: holds the sets by their names. Raises what reading them raises."""
-    sets = Sets(folder)
-    rows, learners = [], {}
+    """A row a learner; keep is called with all rows so far, times come last.
+
+    folder: holds the sets by their names. Raises what reading them raises.
+    """
+    sets, rows, learners = Sets(folder), [], {}
     for name, plan in plans.items():
         say(name)
         learners[name] = _fitted(plan, sets.part(VARIED), seed)
         rows.append(_row(name, plan, learners[name], sets, seed))
-    times = _times_us(learners, sets.streams("author"))
-    return [replace(row, learner_us=times[row.name][0], step_us=times[row.name][1]) for row in rows]
+        keep(rows)
+    us = _times_us(learners, sets.streams("author"))
+    return [replace(row, learner_us=us[row.name][0], step_us=us[row.name][1]) for row in rows]
 
 
 def _row(name: str, plan: TrainingPlan, learner: Learner, sets: Sets, seed: int) -> LearnerRow:
-    permille, found = _evaluated(learner, sets, EVALUATED)
-    left_out = []
-    for style, others in STYLES_KEPT.items():
-        without = _fitted(plan, sets.part(others), seed)
-        left_out.append((style, _evaluated(without, sets, (style,))[1][style]))
+    answers = _answers(learner, sets, (CHOOSE, *EVALUATED))
+    permille = _threshold(answers)
+    found = {one: called(sets.streams(one), answers[one], permille) for one in EVALUATED}
     here = {one: _figures(sets, [(one, result)], seed) for one, result in found.items()}
-    unseen = _figures(sets, [(one, found[one]) for one in UNSEEN], seed)
     return LearnerRow(
         name=name,
         learner=plan.learner,
         permille=permille,
         sets=here,
-        unseen=unseen,
-        left_out=_figures(sets, left_out, seed),
-        curve=_curve(learner, sets),
+        unseen=_figures(sets, [(one, found[one]) for one in UNSEEN], seed),
+        left_out=_figures(sets, _left_out(plan, sets, seed), seed),
+        curve=_curve(answers, sets),
     )
+
+
+def _left_out(plan: TrainingPlan, sets: Sets, seed: int) -> list[tuple[str, MethodResult]]:
+    """Each style, and what a learner that was trained on the others calls on it."""
+    results = []
+    for style, others in STYLES_KEPT.items():
+        learner = _fitted(plan, sets.part(others), seed)
+        answers = _answers(learner, sets, (CHOOSE, style))
+        results.append((style, called(sets.streams(style), answers[style], _threshold(answers))))
+    return results
 
 
 def _fitted(plan: TrainingPlan, part: Labelled, seed: int) -> Learner:
     return learner_of(plan, "classes", part.features, part.label, len(CLASSES), seed)
 
 
-def _evaluated(
-    learner: Learner, sets: Sets, names: Sequence[str]
-) -> tuple[int, dict[str, MethodResult]]:
-    """The threshold that streams of `daily` give, and what is called at it on each set."""
-    permille = choose_confidence(
-        _answers(learner, sets, CHOOSE), HIGH_CONFIDENCE, MOST_FALSE_PER_MIN
-    )
-    return permille, {
-        name: called(sets.streams(name), _answers(learner, sets, name), permille) for name in names
-    }
+def _threshold(answers: Mapping[str, Sequence[Answers]]) -> int:
+    """In thousandths of the votes, from streams of `daily`."""
+    return choose_confidence(answers[CHOOSE], HIGH_CONFIDENCE, MOST_FALSE_PER_MIN)
 
 
-def _curve(learner: Learner, sets: Sets) -> list[CurvePoint]:
+def _curve(answers: Mapping[str, Sequence[Answers]], sets: Sets) -> list[CurvePoint]:
     """What each threshold would give on the unseen styles."""
-    answers = {name: _answers(learner, sets, name) for name in UNSEEN}
     points = []
     for permille in THRESHOLDS:
         found = [called(sets.streams(name), answers[name], permille) for name in UNSEEN]
@@ -142,9 +147,13 @@ def _curve(learner: Learner, sets: Sets) -> list[CurvePoint]:
     return points
 
 
-def _answers(learner: Learner, sets: Sets, name: str) -> list[Answers]:
-    here = sets.streams(name)
-    return answers_of(here, _answer(learner, here.features))
+def _answers(learner: Learner, sets: Sets, names: Sequence[str]) -> dict[str, list[Answers]]:
+    """The answers to every sample of some sets."""
+    found = {}
+    for name in names:
+        here = sets.streams(name)
+        found[name] = answers_of(here, _answer(learner, here.features))
+    return found
 
 
 def _answer(learner: Learner, features: FloatRows) -> Answer:
