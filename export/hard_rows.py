@@ -46,16 +46,15 @@ def threshold_rows(forest: Any, rows: FloatRows, seed: int) -> FloatRows:
     THRESHOLD_ROWS. Each row is a held-out one, changed only so far that it reaches its node.
     """
     rng = np.random.default_rng(seed)
-    trees = [_Branches(tree.tree_) for tree in forest.estimators_]
-    places = [(tree, node) for tree in trees for node in tree.nodes]
-    if not places:
+    nodes = _Nodes([tree.tree_ for tree in forest.estimators_])
+    if not len(nodes.branches):
         return rows[:0]
-    chosen = np.resize(rng.permutation(3 * len(places)), THRESHOLD_ROWS).tolist()
+    chosen = np.resize(rng.permutation(3 * len(nodes.branches)), THRESHOLD_ROWS)
     hard = rows[rng.integers(len(rows), size=THRESHOLD_ROWS)].copy()
-    for row, (place, side) in zip(hard, (divmod(number, 3) for number in chosen), strict=True):
-        tree, node = places[place]
-        tree.lead(row, node)
-        row[tree.feature[node]] = tree.beside[side][node]
+    place, side = np.divmod(chosen, 3)
+    at = nodes.branches[place]
+    nodes.lead(hard, at)
+    hard[np.arange(len(hard)), nodes.feature[at]] = nodes.beside[side, at]
     return hard
 
 
@@ -65,33 +64,50 @@ def largest_float32_not_above(threshold: npt.NDArray[np.float64]) -> FloatRows:
     return np.where(near > threshold, np.nextafter(near, np.float32(-np.inf)), near)
 
 
-class _Branches:
-    """A tree's branches as lists, because Python walks them one by one.
+class _Nodes:
+    """The nodes of all trees in one row; a node's number is its place there.
 
-    beside: for each node the largest float32 that goes left, the one below it, and the one above
-    it, which goes right.
+    beside: [3, nodes] for each node the largest float32 that goes left, the one below it, and the
+    one above it, which goes right. branches: numbers of the nodes that are no leaves.
     """
 
-    def __init__(self, tree: Any) -> None:
-        at = largest_float32_not_above(tree.threshold)
-        around = (at, np.nextafter(at, np.float32(-np.inf)), np.nextafter(at, np.float32(np.inf)))
-        self.beside = [side.tolist() for side in around]
-        self.feature = tree.feature.tolist()
-        self.nodes = [node for node, feature in enumerate(self.feature) if feature >= 0]
-        left, right = tree.children_left.tolist(), tree.children_right.tolist()
-        self._above = {left[node]: (node, True) for node in self.nodes}
-        self._above |= {right[node]: (node, False) for node in self.nodes}
+    def __init__(self, trees: list[Any]) -> None:
+        self.feature = np.concatenate([tree.feature for tree in trees])
+        at = largest_float32_not_above(np.concatenate([tree.threshold for tree in trees]))
+        infinite = np.float32(np.inf)
+        self.beside = np.array([at, np.nextafter(at, -infinite), np.nextafter(at, infinite)])
+        self.branches = np.flatnonzero(self.feature >= 0)
+        first = np.cumsum([0] + [tree.node_count for tree in trees])[:-1].repeat(
+            [tree.node_count for tree in trees]
+        )
+        left, right = (
+            np.concatenate([getattr(tree, side) for tree in trees])[self.branches]
+            + first[self.branches]
+            for side in ("children_left", "children_right")
+        )
+        self._above, self._is_left = np.full(len(at), -1), np.zeros(len(at), dtype=bool)
+        self._above[left] = self._above[right] = self.branches
+        self._is_left[left] = True
 
-    def lead(self, row: npt.NDArray[np.float32], node: int) -> None:
-        """Change a row [F] in place where it leaves the path to a node, from the root on down."""
+    def lead(self, rows: FloatRows, nodes: npt.NDArray[np.intp]) -> None:
+        """Change each row of [N, F] in place where it leaves the path to its node of [N], from the
+        root on down."""
         path = []
-        while node in self._above:
-            node, left = self._above[node]
-            path.append((node, left))
-        for above, left in reversed(path):
-            feature, at = self.feature[above], self.beside[0][above]
-            if (row[feature] <= at) != left:
-                row[feature] = at if left else self.beside[2][above]
+        while (nodes >= 0).any():
+            path.append(nodes)
+            nodes = np.where(nodes >= 0, self._above[nodes], -1)
+        for node, above in zip(path[-2::-1], path[:0:-1], strict=True):
+            self._turn(rows, node, above)
+
+    def _turn(
+        self, rows: FloatRows, node: npt.NDArray[np.intp], above: npt.NDArray[np.intp]
+    ) -> None:
+        """Send rows from the node above, where there is one (-1: none), to its child, the node."""
+        these = np.flatnonzero(above >= 0)
+        above, left = above[these], self._is_left[node[these]]
+        feature, (at, _, over) = self.feature[above], self.beside[:, above]
+        wrong = (rows[these, feature] <= at) != left
+        rows[these[wrong], feature[wrong]] = np.where(left, at, over)[wrong]
 
 
 def edge_rows(n_features: int) -> FloatRows:
