@@ -142,7 +142,7 @@ def _finger_ranges(h: History) -> Triples:
 def _moments(h: History) -> Triples:
     """The arm of a sensor is its place in the row, from the middle."""
     middle = (h.spec.n_sensors - 1) / 2.0
-    return _leaned(h, np.arange(h.spec.n_sensors) - middle)
+    return _leaned(h, np.arange(h.spec.n_sensors, dtype=np.float64) - middle)
 
 
 def _imbalance(h: History) -> Triples:
