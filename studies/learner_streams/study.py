@@ -64,11 +64,15 @@ class Sets:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._windows: dict[str, Labelled] = {}
         self._trials: dict[str, Streams] = {}
 
     def part(self, names: Sequence[str]) -> Labelled:
         """Dense windows of some sets, to train on."""
-        return joined([labelled(self.folder / name, "balanced", "default") for name in names])
+        for name in names:
+            if name not in self._windows:
+                self._windows[name] = labelled(self.folder / name, "balanced", "default")
+        return joined([self._windows[name] for name in names])
 
     def streams(self, name: str) -> Streams:
         """A set to evaluate on."""
