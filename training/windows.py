@@ -154,10 +154,20 @@ def counts_table(windows: pd.DataFrame) -> str:
     """Two tables to print: class x object against action, and class against source."""
     names = pd.Categorical.from_codes(windows["label"].to_numpy(), categories=list(CLASSES))
     named = windows.assign(**{"class": names})
-    index = [named["class"], named["object"]]
-    cells = pd.crosstab(index, named["action"], margins=True, margins_name="all")
-    sources = pd.crosstab(named["class"], named["source"], margins=True, margins_name="all")
+    cells = _with_totals(pd.crosstab([named["class"], named["object"]], named["action"]))
+    sources = _with_totals(pd.crosstab(named["class"], named["source"]))
     return f"{cells.to_string()}\n\n{sources.to_string()}"
+
+
+def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
+    """The counts with a column and a row "all"; pandas' own margins take three times as long."""
+    counts["all"] = counts.sum(axis=1)
+    total = counts.sum().to_frame().T
+    one = counts.index.nlevels == 1
+    total.index = pd.Index(["all"]) if one else pd.MultiIndex.from_tuples([("all", "")])
+    return pd.concat([counts, total]).rename_axis(
+        index=counts.index.names, columns=counts.columns.name
+    )
 
 
 def _by_class(counts: Any) -> dict[str, int]:

@@ -96,18 +96,18 @@ def case_figures(
     samples, label = windows(data, points, case.first, case.last), case.labels(points.kind)
     draws = repetitions(points, case, seed, leaky=leaky)
     scores: dict[str, list[tuple[float, float]]] = {name: [] for name in MAKE}
-    for draw in draws:
-        train, test = (
-            case.features(samples[draw.train], samples[rows]).reshape(len(rows), -1)
-            for rows in (draw.train, draw.test)
-        )
-        truth = label[draw.test]
-        for name, make in MAKE.items():
-            with threadpool_limits(1):  # so few rows: threads would wait for each other
-                answer = make(draw.seed).fit(train, label[draw.train]).predict(test)
-            scores[name].append(
-                (accuracy_score(truth, answer), balanced_accuracy_score(truth, answer))
+    with threadpool_limits(1):  # so few rows: threads would wait for each other
+        for draw in draws:
+            train, test = (
+                case.features(samples[draw.train], samples[rows]).reshape(len(rows), -1)
+                for rows in (draw.train, draw.test)
             )
+            truth = label[draw.test]
+            for name, make in MAKE.items():
+                answer = make(draw.seed).fit(train, label[draw.train]).predict(test)
+                scores[name].append(
+                    (accuracy_score(truth, answer), balanced_accuracy_score(truth, answer))
+                )
     largest = [np.bincount(label[draw.test]).max() / len(draw.test) for draw in draws]
     return CaseFigures(
         what=case.what,
