@@ -1,11 +1,12 @@
 """An hour of falls in real time: no more drops than in simulation, beyond chance.
 
-The trials are those that the simulation keeps with two samples to spare. What the chips' noise adds
-depends on when they are read, so real time and a second simulation, read at other moments, may both
-lose one now and then. HOLDFAST_SOAK_S=60 makes it a minute. A trial in which this machine lost
-samples, or answered one late, counts for nothing; what the scene itself costs is no time
-(holdfast/real_time.py). `pytest -s` prints the falls, and
-how many real time and the second simulation lost.
+The trials are those that the simulation keeps with two samples to spare, whichever of three moments
+within a sample the chips are read at: a few seeds are kept at one moment and lost at the others.
+What the chips' noise adds depends on the moment, so real time and one more simulation, read at a
+fourth, may both lose one now and then. HOLDFAST_SOAK_S=60 makes it a minute. A trial in which this
+machine lost samples, or answered one late, counts for nothing; what the scene itself costs is no
+time (holdfast/real_time.py). `pytest -s` prints the falls, and how many real time and the last
+simulation lost.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 SPARE_SAMPLES = 2
 """A real machine answers by up to this much later than a simulated one, which takes no time."""
 PLAYED_S = 4.5
-OTHER_MOMENT_NS = 3_300_000
+MOMENTS_NS, OTHER_MOMENT_NS = (0, 2_200_000, 4_400_000), 3_300_000
+"""Within a sample of 6.7 ms."""
 CHANCE = 3.0
 """Standard deviations of the difference of two counts."""
 
@@ -82,7 +84,7 @@ def test_an_hour_in_real_time_loses_no_more_objects_than_the_simulation(tmp_path
     tried = lost_live = lost_again = skipped = 0
     for seed in seeds(clock):
         url = f"virtual://ft232h?scene={tmp_path / 'fall.toml'}&seed={seed}"
-        if not kept(url, model, VirtualClock(), SPARE_SAMPLES)[0]:
+        if not all(kept(url, model, VirtualClock(), SPARE_SAMPLES, ns)[0] for ns in MOMENTS_NS):
             continue
         with first_in_line(lambda line: None):
             live, lost_samples = kept(url, model, SceneClock())
