@@ -5,8 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from drivers.tmag5273 import (
     BURST_8,
     BURST_16,
@@ -26,6 +24,7 @@ from drivers.virtual.conversion import (
     angle_raw,
     interrupts,
     magnitude_raw,
+    noise_of,
     settings,
     temperature_raw,
 )
@@ -39,9 +38,6 @@ Temperature = Callable[[float], float]
 WAKE_AND_SLEEP = 3
 """DEVICE_CONFIG_2.OPERATING_MODE."""
 ASLEEP = (SLEEP, WAKE_AND_SLEEP)
-NOISE_UT = np.array([125.0, 125.0, 68.0])
-"""Noise of one conversion (SLYS045A 6.7); averaging divides it by the root of the averages."""
-NOISE_ROWS = 4096
 STATUS = REGISTERS["CONV_STATUS"].address
 TEMPERATURE, ANGLE = REGISTERS["T_MSB_RESULT"].address, REGISTERS["ANGLE_RESULT_MSB"].address
 RESULT_READY = 0x01
@@ -85,12 +81,7 @@ class Chip:
         self.number, self.factory_address, self.version = number, factory_address, version
         self._field, self._degc, self._clock, self._faults = field, degc, clock, faults
         self._born_ns = clock.now_ns()
-        noise = (
-            np.zeros((1, 3))
-            if seed is None
-            else np.random.default_rng([seed, number]).normal(size=(NOISE_ROWS, 3))
-        )
-        self._noise_ut: list[list[float]] = (noise * NOISE_UT).tolist()
+        self._noise_ut = noise_of(seed, number)
         self.power_on()
 
     def power_on(self) -> None:

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+import numpy as np
+
 from drivers.tmag5273 import RANGES_MT, REGISTERS, conversion_s
 
 X, Y, Z = 0, 1, 2
@@ -37,12 +39,28 @@ SLEEP_S = (1e-3, 5e-3, 10e-3, 15e-3, 20e-3, 30e-3, 50e-3, 0.1, 0.5, 1.0, 2.0, 5.
 """SENSOR_CONFIG_1.SLEEPTIME."""
 REFERENCE_DEGC, AT_REFERENCE, LSB_PER_DEGC = 25.0, 17508, 60.1
 T_THRESHOLD_FIRST, T_THRESHOLD_FIRST_DEGC, T_THRESHOLD_STEP_DEGC = 0x1A, -41.0, 8.0
+NOISE_UT = np.array([125.0, 125.0, 68.0])
+"""Noise of one conversion (SLYS045A 6.7); averaging divides it by the root of the averages."""
+NOISE_ROWS = 4096
 FULL_SCALE = 32768
 CODES_OF_8_BITS = 256
 OFFSET_STEPS = 16
 """16-bit codes of one step of MAG_OFFSET_CONFIG: 2 / 2^12 of the full scale (equation 16)."""
 ANGLE_STEPS, CIRCLE = 16, 360 * 16
 """Steps of ANGLE_RESULT in a degree, and in a circle."""
+
+
+@lru_cache(maxsize=12)
+def noise_of(seed: int | None, number: int) -> tuple[tuple[float, ...], ...]:
+    """[rows][3] noise in uT of a chip's conversions, in turn; a seed of None is a chip without
+    noise.
+
+    Cached, because hands are opened again and again.
+    """
+    if seed is None:
+        return ((0.0, 0.0, 0.0),)
+    noise = np.random.default_rng([seed, number]).normal(size=(NOISE_ROWS, 3)) * NOISE_UT
+    return tuple(map(tuple, noise.tolist()))
 
 
 def signed(byte: int) -> int:
