@@ -13,18 +13,24 @@ import pytest
 LONGEST = (
     "test_readme",
     "test_record_camera",
-    "test_preliminary",
-    "test_closed_loop",
-    "test_loop",
-    "test_real",
-    "test_scenes_study",
+    "test_cli",
     "test_fast_handover",
+    "test_run_grip",
+    "test_real",
     "test_fuzz",
+    "test_closed_loop",
+    "test_scenes_study",
+    "test_scenes",
+    "test_preliminary",
+    "test_live",
+    "test_evaluate_events",
+    "test_health",
+    "test_selftest",
     "test_released_models",
     "test_bench_hand",
-    "test_cli",
+    "test_bench",
 )
-"""Names of files, the longest first: 20 s of the processor and more."""
+"""Names of files, the longest first: 12 s of the processor or more."""
 
 
 @pytest.hookimpl(trylast=True)
