@@ -16,13 +16,15 @@
     |   |   `-- TagError              printed tags contradict each other, or their stated size
     |   |-- CardError                 a scene's card holds impossible values
     |   |-- ClassMissing              a class without a single window
-    |   `-- TooFewGroups              fewer people (or blocks) than a split needs
+    |   |-- TooFewGroups              fewer people (or blocks) than a split needs
+    |   `-- TooLittleToAdapt          too few hand-overs of a person, or too little holding
     |-- ModelError                4   a model file cannot be used
     |   |-- NotAModel                 not an ONNX file of ours (a pickle, text, anything else)
     |   |-- BrokenSeal                truncated or altered after it was sealed
     |   |-- GoldenMismatch            this runtime does not reproduce the file's golden sequences
     |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
-    |   `-- VerificationFailed        the exported file and the reference disagree
+    |   |-- VerificationFailed        the exported file and the reference disagree
+    |   `-- NotAdapted                it is no adapted file, so there is nothing to undo
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
     |-- OutputError               5   a result cannot be written
     `-- DeviceError               6   the hand, or the camera beside it, cannot be read
@@ -139,6 +141,10 @@ class TooFewGroups(DataError):
     """Fewer people (or blocks) than a grouped split needs."""
 
 
+class TooLittleToAdapt(DataError):
+    """Too few hand-overs of a person, or too little holding."""
+
+
 class ModelError(HoldfastError):
     """A model file cannot be used."""
 
@@ -163,6 +169,10 @@ class RuntimeRefused(ModelError):
 
 class VerificationFailed(ModelError):
     """The exported file and the reference disagree."""
+
+
+class NotAdapted(ModelError):
+    """There is no adaptation to undo, or no base to restore."""
 
 
 class ArtifactError(HoldfastError):

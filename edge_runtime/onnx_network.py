@@ -33,8 +33,12 @@ def require_network(
     """Raise ValueError where a network's votes may be wrong. votes: the tensor's name."""
     if not 0 < votes_in_all < EXACT_FLOAT32:
         raise ValueError("its votes are too many for float32 to add exactly")
-    walk = _Walk(made_by, tensors)
-    logits = _votes_follow(walk, votes, votes_in_all)
+    walk = Walk(made_by, tensors)
+    require_layers(walk, _votes_follow(walk, votes, votes_in_all))
+
+
+def require_layers(walk: Walk, logits: str) -> None:
+    """Raise ValueError where logits do not follow from bounded inputs by exact sums."""
     values, layers = walk.up(logits, "Round"), 0
     while (before := _before_layer(walk, values)) is not None:
         values, layers = before, layers + 1
@@ -44,7 +48,7 @@ def require_network(
         raise ValueError("its network has no layer")
 
 
-class _Walk:
+class Walk:
     """Operators from what they make to what they read."""
 
     def __init__(self, made_by: Mapping[str, Node], tensors: Mapping[str, Tensor]) -> None:
@@ -96,7 +100,7 @@ class _Walk:
         return self._tensors[name].element
 
 
-def _votes_follow(walk: _Walk, votes: str, votes_in_all: int) -> str:
+def _votes_follow(walk: Walk, votes: str, votes_in_all: int) -> str:
     """The logits that whole votes are made of."""
     others, last = walk.with_constant(votes, "Add")
     whole, rest = walk.with_constant(others, "MatMul")
@@ -108,13 +112,18 @@ def _votes_follow(walk: _Walk, votes: str, votes_in_all: int) -> str:
     shares, of = walk.with_constant(walk.up(whole, "Floor"), "Mul")
     if of.shape != () or not 0 < float(of) <= votes_in_all - 2 * n:
         raise ValueError("its network shares out more votes than it has")
+    return logits_of_shares(walk, shares)
+
+
+def logits_of_shares(walk: Walk, shares: str) -> str:
+    """The logits that shares of 1 are made of. Raises ValueError where they may not add up."""
     raised, total = walk.inputs(shares, "Div")
     if walk.over_classes(total, "ReduceSum") != raised:
         raise ValueError("its network's shares do not add up to 1")
     return _raised_from(walk, raised)
 
 
-def _raised_from(walk: _Walk, raised: str) -> str:
+def _raised_from(walk: Walk, raised: str) -> str:
     """The logits behind a table of whole numbers; the largest logit has the first entry."""
     table, place = walk.inputs(raised, "Gather")
     entries = walk.constant(table)
@@ -130,7 +139,7 @@ def _raised_from(walk: _Walk, raised: str) -> str:
     return logits
 
 
-def _before_layer(walk: _Walk, scaled: str) -> str | None:
+def _before_layer(walk: Walk, scaled: str) -> str | None:
     """What enters a layer, as its scaled sum; None at the inputs."""
     if walk.op(scaled) == "Add":
         _require_inputs(walk, scaled)
@@ -153,7 +162,7 @@ def _before_layer(walk: _Walk, scaled: str) -> str | None:
     return walk.up(values, "Round")
 
 
-def _require_inputs(walk: _Walk, moved: str) -> None:
+def _require_inputs(walk: Walk, moved: str) -> None:
     """Features are squashed into +-1, then scaled and moved to whole numbers."""
     scaled, offset = walk.with_constant(moved, "Add")
     squashed, gain = walk.with_constant(scaled, "Mul")

@@ -15,6 +15,7 @@ from edge_runtime.contract import SITUATIONS
 from edge_runtime.golden import golden_length
 from edge_runtime.model_file import ModelCard
 from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, Node, OnnxModel, TensorSpec
+from edge_runtime.onnx_correction import require_correction
 from edge_runtime.onnx_network import require_network
 from edge_runtime.onnx_ranges import require_indices
 from edge_runtime.onnx_shapes import shapes_of
@@ -195,7 +196,10 @@ def _require_votes(model: OnnxModel, card: ModelCard, tensors: dict[str, Tensor]
         raise ValueError("its situation is not the one with the most votes")
     for head in ("situation", *card.heads):
         name = "votes" if head == "situation" else f"votes_{head}"
-        _require_learner(name, card.raw["heads"][head], made_by, tensors)
+        about = card.raw["heads"][head]
+        if "correction" in about:
+            name = require_correction(name, len(about["classes"]), made_by, tensors)
+        _require_learner(name, about, made_by, tensors)
 
 
 def _require_learner(

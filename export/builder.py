@@ -24,8 +24,9 @@ IR_VERSION = 10
 class GraphBuilder:
     """Collects nodes, constants, outputs and state fields, and assembles them into one model."""
 
-    def __init__(self, n_sensors: int) -> None:
-        self.n_sensors = n_sensors
+    def __init__(self, n_sensors: int, prefix: str = "") -> None:
+        """prefix: begins the name of every tensor that it names."""
+        self.n_sensors, self._prefix = n_sensors, prefix
         self._nodes: list[onnx.NodeProto] = []
         self._constants: dict[str, onnx.TensorProto] = {}
         self._outputs: list[onnx.ValueInfoProto] = []
@@ -45,7 +46,7 @@ class GraphBuilder:
     def constant(self, value: npt.ArrayLike, dtype: npt.DTypeLike = np.float64) -> str:
         """A constant tensor; equal ones are stored once."""
         array = np.array(value, dtype=dtype)
-        name = f"c{len(self._constants)}"
+        name = f"{self._prefix}c{len(self._constants)}"
         for known, tensor in self._constants.items():
             if _same(tensor, array):
                 return known
@@ -81,6 +82,10 @@ class GraphBuilder:
     def n_channels(self) -> int:
         """Channels C = 3 x sensors."""
         return 3 * self.n_sensors
+
+    def part(self) -> tuple[list[onnx.NodeProto], list[onnx.TensorProto]]:
+        """Nodes and constants, to be added to another graph."""
+        return self._nodes, list(self._constants.values())
 
     def model(self) -> onnx.ModelProto:
         """Assemble and check the model: unpack state, all nodes, pack state."""
@@ -132,7 +137,7 @@ class GraphBuilder:
 
     def _fresh(self, op: str) -> str:
         self._count += 1
-        return f"{op.lower()}_{self._count}"
+        return f"{self._prefix}{op.lower()}_{self._count}"
 
 
 def _same(tensor: onnx.TensorProto, array: npt.NDArray[Any]) -> bool:

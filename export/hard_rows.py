@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from export.learner import Learner, features_in, forest_of, network_of
-from export.network import Network
+from export.network import Inputs
 from export.reference import FloatRows
 
 THRESHOLD_ROWS = 20_000
@@ -23,15 +23,15 @@ def hard_rows(learner: Learner, rows: FloatRows, seed: int) -> FloatRows:
     if forest is not None:
         parts.insert(0, threshold_rows(forest, rows, seed))
     if network is not None:
-        parts.append(step_rows(network, rows, seed))
+        parts.append(step_rows(network.inputs, rows, seed))
     return np.concatenate(parts)
 
 
-def step_rows(network: Network, rows: FloatRows, seed: int) -> FloatRows:
+def step_rows(inputs: Inputs, rows: FloatRows, seed: int) -> FloatRows:
     """Rows in which some inputs are where rounding steps, or one float32 beside it."""
     rng = np.random.default_rng(seed)
     hard = rows[rng.integers(len(rows), size=STEP_ROWS)].copy()
-    inputs, columns = network.inputs, rng.random(hard.shape) < STEP_SHARE
+    columns = rng.random(hard.shape) < STEP_SHARE
     half = np.floor(np.abs(inputs.gain) * rng.uniform(-1, 1, hard.shape)) + 0.5
     squashed = np.clip((half - inputs.offset) / inputs.gain, -0.999, 0.999)
     at = (squashed * inputs.knee / (1.0 - np.abs(squashed))).astype(np.float32)

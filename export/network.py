@@ -111,16 +111,21 @@ def _require_exact(layer: Layer, most_in: int) -> None:
 
 def network_votes(network: Network, rows: Float32Array) -> IntArray:
     """Votes [N, K] of float32 rows [N, F]: the reference for the exported graph."""
+    shares = network_shares(network, rows)
+    votes = np.floor(shares * np.float32(_shared_votes(network))).astype(np.int64)
+    votes[:, -1] = network.votes_in_all - votes[:, :-1].sum(axis=1)
+    return np.asarray(votes)
+
+
+def network_shares(network: Network, rows: Float32Array) -> Float32Array:
+    """Share [N, K] of every class, in float32 as in the file; a row's shares add up to 1."""
     values = network.inputs.quantised(rows)
     for layer in network.layers[:-1]:
         values = hidden_values(layer, values)
     logits = _layer(network.layers[-1], values)
     behind = np.minimum(logits.max(axis=1, keepdims=True) - logits, TABLE_LENGTH - 1)
     raised = EXPONENTIALS.astype(np.float32)[behind.astype(np.int64)]
-    shares = raised / raised.sum(axis=1, keepdims=True)
-    votes = np.floor(shares * np.float32(_shared_votes(network))).astype(np.int64)
-    votes[:, -1] = network.votes_in_all - votes[:, :-1].sum(axis=1)
-    return np.asarray(votes)
+    return np.asarray(raised / raised.sum(axis=1, keepdims=True), dtype=np.float32)
 
 
 def hidden_values(layer: Layer, values: Float32Array) -> Float32Array:
@@ -139,11 +144,20 @@ def _shared_votes(network: Network) -> int:
 
 def add_network(graph: GraphBuilder, network: Network, features: str, out: str = "") -> str:
     """Add the network; returns votes [B, K] float32 that hold exact integers."""
+    shares = add_shares(graph, network, features)
+    votes = graph.node("Floor", graph.node("Mul", shares, _number(graph, _shared_votes(network))))
+    others = graph.node("MatMul", votes, _number(graph, rest_to_the_last(network.n_classes)))
+    last = np.eye(network.n_classes)[-1] * network.votes_in_all
+    return graph.node("Add", others, _number(graph, last), out=out)
+
+
+def add_shares(graph: GraphBuilder, network: Network, features: str) -> str:
+    """Add the network up to its shares [B, K] float32."""
     values = _add_inputs(graph, network.inputs, features)
     for layer in network.layers[:-1]:
         bounds = (_number(graph, 0.0), _number(graph, HIDDEN_MOST))
         values = graph.node("Clip", _add_layer(graph, layer, values), *bounds)
-    return _add_votes(graph, network, _add_layer(graph, network.layers[-1], values), out)
+    return _add_raised(graph, _add_layer(graph, network.layers[-1], values))
 
 
 def _number(graph: GraphBuilder, value: npt.ArrayLike) -> str:
@@ -164,18 +178,14 @@ def _add_layer(graph: GraphBuilder, layer: Layer, values: str) -> str:
     return graph.node("Round", graph.node("Mul", total, _number(graph, layer.scale)))
 
 
-def _add_votes(graph: GraphBuilder, network: Network, logits: str, out: str) -> str:
+def _add_raised(graph: GraphBuilder, logits: str) -> str:
     first = graph.node("ReduceMax", logits, graph.ints(1), keepdims=1)
     behind = graph.node("Sub", first, logits)
     nearest = graph.node("Min", behind, _number(graph, TABLE_LENGTH - 1))
     place = graph.node("Cast", nearest, to=TensorProto.INT64)
     raised = graph.node("Gather", _number(graph, EXPONENTIALS), place, axis=0)
     total = graph.node("ReduceSum", raised, graph.ints(1), keepdims=1)
-    shares = graph.node("Div", raised, total)
-    votes = graph.node("Floor", graph.node("Mul", shares, _number(graph, _shared_votes(network))))
-    others = graph.node("MatMul", votes, _number(graph, rest_to_the_last(network.n_classes)))
-    last = np.eye(network.n_classes)[-1] * network.votes_in_all
-    return graph.node("Add", others, _number(graph, last), out=out)
+    return graph.node("Div", raised, total)
 
 
 def rest_to_the_last(n_classes: int) -> Float32Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 
 import onnx
 
@@ -66,8 +67,10 @@ def _head_card(head: Head) -> Json:
     return {**card, "calibration": head.calibration.to_json()}
 
 
-def seal(model: onnx.ModelProto, card: Json, spec: StepSpec) -> bytes:
-    """The serialised model with card, golden sequences and its own hash."""
+def seal(
+    model: onnx.ModelProto, card: Json, spec: StepSpec, more: Mapping[str, str] | None = None
+) -> bytes:
+    """The serialised model with card, golden sequences and its own hash. more: of its metadata."""
     session = open_session(model.SerializeToString())
     golden = golden_to_json(
         golden_answers(session, spec.n_channels, spec.unit, spec.settle_samples)
@@ -75,9 +78,14 @@ def seal(model: onnx.ModelProto, card: Json, spec: StepSpec) -> bytes:
     metadata = {
         CARD_KEY: json.dumps(card, separators=(",", ":")),
         GOLDEN_KEY: json.dumps(golden, separators=(",", ":")),
-        SEAL_KEY: "0" * DIGITS,
+        **(more or {}),
     }
-    onnx.helper.set_model_props(model, metadata)
+    return sealed_with(model, metadata)
+
+
+def sealed_with(model: onnx.ModelProto, metadata: Mapping[str, str]) -> bytes:
+    """The serialised model with these metadata, and its own hash as the last of them."""
+    onnx.helper.set_model_props(model, {**metadata, SEAL_KEY: "0" * DIGITS})
     open_bytes = model.SerializeToString()
     digest = hashlib.sha256(open_bytes).hexdigest()
     at = open_bytes.rfind(SEAL_KEY.encode()) + len(SEAL_KEY) + 2

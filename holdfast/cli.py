@@ -18,6 +18,7 @@ VERBS = {
     "check": ("holdfast.check", "say what a folder of recordings holds and what is missing"),
     "train": ("training.train", "train on recordings; writes an artifact folder"),
     "export": ("export.export", "turn an artifact folder into one verified, sealed model file"),
+    "adapt": ("holdfast.adapt", "adapt a model file to one person, from two minutes of recording"),
     "evaluate": ("holdfast.evaluate", "score a model file on labelled sets or folders"),
     "replay": ("holdfast.replay", "a model's answers on a recorded trial, as JSON lines"),
     "run": ("holdfast.run", "read a hand live and answer every sample"),

@@ -39,9 +39,10 @@ WORD = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
 LONGEST_WORD = 24
 MOST_TRIALS = 10_000
 SECTIONS, ROW_KEYS = (
-    ("title", "about", "trials", "objects"),
+    ("title", "about", "trials", "objects", "effects"),
     ("objects", "action", "style", "count"),
 )
+"""Effects are of a simulated hand; they are allowed so that one card may serve both."""
 OBJECT_KEYS = ("mass_g",)
 
 

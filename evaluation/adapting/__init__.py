@@ -1,0 +1,1 @@
+"""Adapting a model file to one person, from a short recording."""

@@ -1,0 +1,138 @@
+"""From a person's recordings to an adaptation of a model file, chosen and fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from edge_runtime.errors import TooLittleToAdapt, UsageError
+from edge_runtime.model import Model
+from edge_runtime.onnx_rules import votes_in_all
+from edge_runtime.reading import Json
+from evaluation.adapting.choice import OperatingPoint, choose
+from evaluation.adapting.evidence import (
+    PersonCounts,
+    Stream,
+    counts_of,
+    label_weights,
+    streams_of,
+)
+from evaluation.adapting.logistic import fit_correction, moved
+from export.adapted_file import Adaptation
+from export.correction import Correction
+from export.reference import FloatRows
+from training.recording import DataSet
+from training.say import Part, Say, ignored
+
+LEAST_HAND_OVERS, LEAST_HOLDING_S, LEAST_SLIPS = 8, 40.0, 40
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An adaptation, the held-out figures of its operating point, and what it was fitted on."""
+
+    adaptation: Adaptation
+    point: OperatingPoint
+    streams: list[Stream]
+
+    def rows(self) -> FloatRows:
+        """[N, F] features of all samples that a correction may change, to verify on."""
+        return np.concatenate([one.features for one in self.streams])
+
+
+def adapt(
+    model: Model, person: DataSet, others: DataSet, say: Say = ignored, part: Part = ignored
+) -> Fitted:
+    """Adapt a base model to a person. others: recordings with slips, of anybody.
+
+    Raises TooLittleToAdapt; ChannelError, UnitError or RateError where a set does not fit.
+    """
+    counts = counts_of(person.recordings)
+    require_enough(counts)
+    require_slips(others)
+    say(f"running the model on {counts.trials} trials of the person")
+    own = streams_of(model, person, part)
+    say(f"running the model on {len(others.recordings)} recordings with slips ({others.name})")
+    return adapt_streams(model, own, streams_of(model, others, part), counts, others.name, say)
+
+
+def adapt_streams(
+    model: Model,
+    person: Sequence[Stream],
+    others: Sequence[Stream],
+    counts: PersonCounts,
+    others_name: str,
+    say: Say = ignored,
+) -> Fitted:
+    """Adapt from computed answers. counts: what the person's recordings hold."""
+    in_all = votes_in_all(model.card.raw["heads"]["situation"])
+    weights = label_weights(model)
+    correction: Correction | None = None
+    say("fitting the correction, each trial held out in turn")
+    wanted = in_all if any(len(one.row) for one in person) else None
+    point = choose(person, others, model.card.decision, weights, wanted)
+    if point.nats is not None:
+        correction = moved(fit_correction(person, others, in_all), point.nats)
+    about = _about(counts, others, others_name, point)
+    return Fitted(Adaptation(correction, point.rules, about), point, [*person, *others])
+
+
+def _about(
+    counts: PersonCounts, others: Sequence[Stream], others_name: str, point: OperatingPoint
+) -> Json:
+    """What the card says of an adaptation: counts and figures, and no name of a person."""
+    return {
+        "person": asdict(counts),
+        "others": {
+            "name": others_name,
+            "recordings": len(others),
+            "slips": sum(len(one.recording.events) for one in others),
+        },
+        "held_out": asdict(point.reached),
+    }
+
+
+def require_enough(counts: PersonCounts) -> None:
+    """Raise TooLittleToAdapt that says what to record."""
+    missing = []
+    if counts.hand_overs < LEAST_HAND_OVERS:
+        missing.append(f"{counts.hand_overs} hand-overs of {LEAST_HAND_OVERS}")
+    if counts.holding_s < LEAST_HOLDING_S:
+        missing.append(f"{counts.holding_s:.0f} s of holding of {LEAST_HOLDING_S:.0f}")
+    if missing:
+        raise TooLittleToAdapt(
+            " and ".join(missing),
+            cause="an adaptation from less would follow chance; without a mark of the load onset "
+            "a hand-over has no label",
+            next_step="holdfast record --source URL --out DIR --person p01 --protocol "
+            "simulation/cards/adapt.toml",
+        )
+
+
+def require_slips(others: DataSet) -> None:
+    """Raise TooLittleToAdapt where the recordings that keep the recall have too few slips."""
+    slips = sum(len(one.events) for one in others.recordings)
+    if slips < LEAST_SLIPS:
+        raise TooLittleToAdapt(
+            f"{slips} risky slips of {LEAST_SLIPS} in {others.name}",
+            cause="the correction must be shown what it has to keep",
+            next_step="holdfast simulate thesis --trials 300 --seed 1 --out slips, then --slips "
+            "slips",
+        )
+
+
+def of_person(data: DataSet, person: str) -> DataSet:
+    """The recordings of a person; all of them where the set names no person. Raises UsageError."""
+    people = sorted({one.person for one in data.recordings if one.person is not None})
+    if not people:
+        return data
+    if person not in people:
+        raise UsageError(
+            f"--person {person}: nobody in {data.name} has this name",
+            next_step=f"choose from {', '.join(people)}",
+        )
+    kept = [k for k, one in enumerate(data.recordings) if one.person == person]
+    tasks = {name: rows.of_trials(kept) for name, rows in data.tasks.items()}
+    return replace(data, recordings=[data.recordings[k] for k in kept], tasks=tasks)
