@@ -39,7 +39,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams preliminary ablation bench peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench peers lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -96,6 +96,10 @@ learner-streams: setup  ## learners on streams and on styles left out, into buil
 	    '$(BIN)/holdfast simulate $$1 --trials $$2 --seed $$3 --out build/learner-streams/$$0'
 	$(BIN)/python -m studies.learner_streams build/learner-streams --out build/learner-streams $(ARGS)
 
+adapt: setup  ## what adapting to a person brings, simulated and on people, into build/adapt-study
+	$(BIN)/python -m studies.adapt --out build/adapt-study
+	$(BIN)/python -m studies.adapt --people --out build/adapt-study
+
 preliminary: setup  ## the thesis' preliminary study again, into build/preliminary
 	rm -rf build/preliminary
 	$(BIN)/holdfast simulate twenty-sensors --out build/preliminary/scene
@@ -121,6 +125,7 @@ docs: setup  ## rewrite the tables of README and docs from build and the code; p
 	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
 	$(BIN)/python -m studies.tables.learners build/real/learners.json build/bench/network.json \
 	    build/learner-streams/learner-streams.json docs/learners.md
+	$(BIN)/python -m studies.tables.adapt build/adapt-study/adapt.json build/adapt-study/people.json docs/adapt.md
 	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
 

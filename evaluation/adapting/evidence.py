@@ -72,7 +72,7 @@ def streams_of(model: Model, data: DataSet, part: Part = ignored) -> list[Stream
     for first in range(0, len(recordings), AT_ONCE):
         some = recordings[first : first + AT_ONCE]
         computed = everywhere(model.session, some, OUTPUTS)
-        streams += [_stream(one, out, weights) for one, out in zip(some, computed, strict=True)]
+        streams += [stream_of(one, out, weights) for one, out in zip(some, computed, strict=True)]
         part(len(streams) / len(recordings))
     return streams
 
@@ -83,7 +83,8 @@ def label_weights(model: Model) -> LabelWeights:
     return None if given is None else tuple(given)
 
 
-def _stream(recording: Recording, out: Outputs, weights: LabelWeights) -> Stream:
+def stream_of(recording: Recording, out: Outputs, weights: LabelWeights) -> Stream:
+    """The candidate rows of a recording. out: OUTPUTS at every sample."""
     votes = out["votes"].astype(np.int64)
     permille = risky_permille(votes)
     known = ~out["unknown"]

@@ -73,6 +73,7 @@ OFTEN = (
     "simulate",
     "train",
     "export",
+    "adapt",
     "evaluate",
     "record",
     "watch",

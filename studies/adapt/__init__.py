@@ -1,0 +1,1 @@
+"""What adapting to a person brings: on simulated styles, and on people of a public set."""

@@ -1,0 +1,106 @@
+"""`python -m studies.adapt --out build/adapt-study`: writes adapt.json.
+
+Each unseen style is answered by the shipped file as it is, with its threshold chosen for a person,
+and with the whole adaptation. A person is a draw of the card `adapt` in that style; nothing of the
+test sets is seen while adapting. With --people, the same on a public set of people.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from edge_runtime.command import Parser, finish, path_argument
+from edge_runtime.model import Model
+from edge_runtime.onnx_rules import votes_in_all
+from edge_runtime.reading import Json
+from edge_runtime.writing import require_writable, write_whole
+from evaluation.adapting.choice import choose
+from evaluation.adapting.evidence import Stream, corrected, label_weights, streams_of
+from evaluation.adapting.logistic import fit_correction, moved
+from evaluation.adapting.slips import SEED, TRIALS, simulated_slips
+from evaluation.provenance import host
+from studies.adapt.figures import Way, way_figures
+from studies.adapt.sets import PERSON_SEED, PERSONS, STYLES, TEST_SEED, person_set, test_set
+
+MODEL = Path("models/holdfast-150hz.onnx")
+BEFORE, THRESHOLD, WHOLE = "as it is", "threshold alone", "adapted"
+
+
+def study_style(model: Model, style: str, others: Sequence[Stream], folder: Path) -> Json:
+    """Figures of every way on a style's test set."""
+    test = streams_of(model, test_set(style, folder))
+    ways: dict[str, list[Way]] = {BEFORE: [([one.answers for one in test], model.card.decision)]}
+    points: dict[str, list[Json]] = {THRESHOLD: [], WHOLE: []}
+    for number in range(PERSONS):
+        sys.stderr.write(f"{style}, person {number + 1} of {PERSONS}\n")
+        own = streams_of(model, person_set(style, number, folder))
+        for name in points:
+            way, point = _adapted(model, own, others, test, whole=name == WHOLE)
+            ways.setdefault(name, []).append(way)
+            points[name].append(point)
+    return {
+        "ways": {name: asdict(way_figures(one)) for name, one in ways.items()},
+        "points": points,
+    }
+
+
+def _adapted(
+    model: Model,
+    own: Sequence[Stream],
+    others: Sequence[Stream],
+    test: Sequence[Stream],
+    *,
+    whole: bool,
+) -> tuple[Way, Json]:
+    weights, base = label_weights(model), model.card.decision
+    in_all = votes_in_all(model.card.raw["heads"]["situation"])
+    point = choose(own, others, base, weights, in_all if whole else None)
+    correction = None
+    if point.nats is not None:
+        correction = moved(fit_correction(own, others, in_all), point.nats)
+    return ([corrected(one, correction, weights) for one in test], point.rules), asdict(point)
+
+
+def study_styles(model: Model) -> dict[str, Json]:
+    """Style -> figures."""
+    others = streams_of(model, simulated_slips(model.card))
+    with tempfile.TemporaryDirectory() as folder:
+        return {style: study_style(model, style, others, Path(folder)) for style in STYLES}
+
+
+def main(argv: Sequence[str]) -> int:
+    """Parse, run, write adapt.json."""
+    parser = Parser(prog="adapt.py", description="what adapting to a person brings")
+    out = Path("build/adapt-study")
+    parser.add_argument("--out", type=path_argument, default=out, metavar="DIR")
+    parser.add_argument("--people", action="store_true", help="people of human_slip_uskin instead")
+    args: argparse.Namespace = parser.parse_args(argv)
+    require_writable(args.out)
+    started = time.process_time()
+    if args.people:
+        from studies.adapt.people import study_people
+
+        name, figures = "people.json", study_people()
+    else:
+        name, figures = "adapt.json", {"kind": "simulated", "styles": study_styles(Model(MODEL))}
+    figures |= {
+        "seeds": {"test": TEST_SEED, "persons": PERSON_SEED, "slips": SEED},
+        "persons": PERSONS,
+        "slip_trials": TRIALS,
+        "host": asdict(host()),
+        "cpu_s": round(time.process_time() - started, 1),
+    }
+    write_whole(args.out / name, json.dumps(figures, indent=1, allow_nan=False) + "\n")
+    sys.stdout.write(f"{args.out / name} ({figures['cpu_s']} CPU s)\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(finish(main, sys.argv[1:]))

@@ -1,0 +1,128 @@
+"""The rule of an adaptation: what a person's samples and others' slips make of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from edge_runtime.decision import UNKNOWN, DecisionRules
+from edge_runtime.errors import TooLittleToAdapt
+from evaluation.adapting.adapt import require_enough
+from evaluation.adapting.choice import LEAST_RECALL, choose
+from evaluation.adapting.evidence import PersonCounts, Stream, corrected, counts_of, stream_of
+from evaluation.adapting.logistic import MOST_NATS, TOP, _best_of_slips, fit_correction, moved
+from export.correction import corrected_votes
+from training.recording import Recording
+from training.timeline import Phase, RiskyEvent
+
+AREA = "Events and alarms"
+RATE_HZ, VOTES, LENGTH = 100.0, 4096, 60
+RULES = DecisionRules(act_samples=1, min_risky_permille=600)
+
+
+def stream(number: int, *, slip: bool, alike: bool = False) -> Stream:
+    """A grip whose samples 20 to 39 have 80 % risky votes.
+
+    In a slip feature 0 is high, in a hand-over low; alike: as in a slip.
+    """
+    rng = np.random.default_rng(number)
+    phases = (Phase(0, 20, GRASP), Phase(20, 40, RISKY_SLIP if slip else SAFE_SLIP))
+    recording = Recording(
+        f"t{number}",
+        f"t{number}",
+        np.zeros((LENGTH, 3)),
+        np.ones((LENGTH, 1), dtype=bool),
+        RATE_HZ,
+        "N",
+        action="pull" if slip else "pass",
+        phases=phases,
+        events=(RiskyEvent(0.2, 0.3, 0.39),) if slip else (),
+    )
+    features = rng.normal(size=(LENGTH, 3)).astype(np.float32)
+    features[20:40, 0] += 6.0 if slip or alike else -6.0
+    votes = np.tile([0, VOTES, 0, 0], (LENGTH, 1))
+    votes[20:40] = [0, 0, VOTES // 5, VOTES - VOTES // 5]
+    unknown = np.arange(LENGTH) < 3
+    found = {
+        "votes": votes,
+        "features": features,
+        "unknown": unknown,
+        "situation": np.argmax(votes, axis=1),
+    }
+    return stream_of(recording, found, None)
+
+
+def passes(n: int = 8, *, alike: bool = False) -> list[Stream]:
+    return [stream(k, slip=False, alike=alike) for k in range(n)]
+
+
+def slips(n: int = 24) -> list[Stream]:
+    return [stream(100 + k, slip=True) for k in range(n)]
+
+
+def test_hand_overs_that_look_like_no_slip_are_no_longer_called() -> None:
+    point = choose(passes(), slips(), RULES, None, VOTES)
+    assert point.nats is not None
+    assert (point.reached.called, point.reached.hand_overs) == (0, 8)
+    assert point.reached.recall == 1.0
+    fitted = moved(fit_correction(passes(), slips(), VOTES), point.nats)
+    new = corrected(stream(999, slip=False), fitted, None)
+    assert not ((new.situation == RISKY_SLIP) & (new.risky_permille >= 600)).any()
+    kept = corrected(stream(998, slip=True), fitted, None)
+    assert ((kept.situation == RISKY_SLIP) & (kept.risky_permille >= 600)).any()
+
+
+def test_hand_overs_that_look_like_a_slip_stay_called_rather_than_slips_missed() -> None:
+    for votes_in_all in (None, VOTES):
+        point = choose(passes(alike=True), slips(), RULES, None, votes_in_all)
+        assert point.reached.recall >= LEAST_RECALL
+
+
+def test_a_threshold_alone_cannot_tell_votes_that_are_alike_apart() -> None:
+    point = choose(passes(), slips(), RULES, None, None)
+    assert point.nats is None
+    assert (point.reached.called, point.reached.recall) == (8, 1.0)
+
+
+def test_a_moved_rule_still_adds_exactly_and_keeps_more_or_fewer_risky_votes() -> None:
+    fitted, one = fit_correction(passes(), slips(), VOTES), stream(5, slip=False)
+    risky = [
+        corrected_votes(moved(fitted, nats), one.features, one.votes)[:, RISKY_SLIP].sum()
+        for nats in (-MOST_NATS, 0.0, MOST_NATS)
+    ]
+    assert risky == sorted(risky)
+    assert risky[0] < risky[-1]
+
+
+def test_only_the_best_samples_of_a_slip_count_and_all_that_are_none() -> None:
+    slip = np.array([0] * 5 + [1] * 2 + [-1] * 4)
+    kept = _best_of_slips(slip, np.array([5.0, 1, 4, 3, 2, 0, 9, 7, 7, 7, 7]))
+    assert kept.tolist() == [True, False, True, True, False, True, True] + [True] * 4
+    assert TOP == 3
+
+
+def test_samples_that_cannot_be_called_and_unknown_ones_are_no_evidence() -> None:
+    one = stream(1, slip=True)
+    assert one.row.tolist() == list(range(20, 40))
+    assert (one.answers.situation[:3] == UNKNOWN).all()
+
+
+def test_counts_are_of_hand_overs_holding_and_slips() -> None:
+    recordings = [one.recording for one in (*passes(3), *slips(2))]
+    assert counts_of(recordings) == PersonCounts(5, 3, 1.0, 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [({"hand_overs": 7}, "7 hand-overs of 8"), ({"holding_s": 12.0}, "12 s of holding of 40")],
+)
+def test_too_little_is_refused_with_the_command_that_records_it(change, says) -> None:
+    enough = PersonCounts(16, 8, 60.0, 0)
+    require_enough(enough)
+    with pytest.raises(TooLittleToAdapt, match=says) as error:
+        require_enough(replace(enough, **change))
+    assert "holdfast record" in str(error.value)
+    assert "adapt.toml" in str(error.value)

@@ -1,0 +1,174 @@
+"""An adapted file: whole votes, the base inside it byte for byte, and no way around the checks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import numpy_helper
+from small_model import artifact, card_of, graph_of, resealed, sealed_again, spec, with_networks
+
+from edge_runtime.decision import DecisionRules
+from edge_runtime.errors import NotAdapted, NotAModel, VerificationFailed
+from edge_runtime.model import Model, read_model
+from edge_runtime.onnx_rules import votes_in_all
+from export.adapted_file import BASE_KEY, Adaptation, adapted, is_adapted, undone
+from export.correction import PREFIX, Correction, corrected_votes, rows_of
+from export.features import feature_count
+from export.network import Inputs, Layer, Network
+from export.seal import model_card, seal
+from export.verify_adapted import verify_adapted
+
+AREA = "The model file"
+RULES = DecisionRules(min_risky_permille=700)
+
+
+def base_of(eight: bool = True, committee: bool = False) -> bytes:
+    made = artifact(spec(), eight)
+    made = with_networks(made) if committee else made
+    return seal(graph_of(made), model_card(made), made.spec)
+
+
+def correction(base: bytes, bias: float = 40.0) -> Correction:
+    """Of noise, for the features and classes of a base."""
+    card = card_of(base)["heads"]["situation"]
+    k, n = len(card["classes"]), 2 * feature_count(spec()) + len(card["classes"])
+    knee = np.full(n, 0.5, np.float32)
+    knee[-k:] = votes_in_all(card)
+    weights = np.zeros((n, 2), np.float32)
+    weights[:, 1] = np.random.default_rng(5).integers(-400, 400, n)
+    layer = Layer(weights, np.array([0, bias], np.float32), np.array([1, 0.002], np.float32))
+    inputs = Inputs(knee, np.full(n, 511, np.float32), np.zeros(n, np.float32))
+    return Correction(Network(inputs, (layer,), votes_in_all=1))
+
+
+def file_of(base: bytes) -> bytes:
+    return adapted(base, Adaptation(correction(base), RULES, {"person": {"hand_overs": 8}}))
+
+
+def rows(n: int = 300) -> np.ndarray:
+    return np.random.default_rng(2).normal(size=(n, feature_count(spec()))).astype(np.float32)
+
+
+@pytest.mark.parametrize("committee", [False, True])
+@pytest.mark.parametrize("eight", [True, False])
+def test_the_base_comes_back_byte_for_byte(eight: bool, committee: bool) -> None:
+    base = base_of(eight, committee)
+    made = file_of(base)
+    assert made != base
+    assert is_adapted(made)
+    assert not is_adapted(base)
+    assert undone(made) == base
+
+
+def test_parameters_alone_can_be_undone_too() -> None:
+    base = base_of()
+    made = adapted(base, Adaptation(None, RULES, {}))
+    assert card_of(made)["decision"]["min_risky_permille"] == 700
+    assert undone(made) == base
+
+
+@pytest.mark.parametrize("committee", [False, True])
+@pytest.mark.parametrize("eight", [True, False])
+def test_every_vote_of_an_adapted_file_is_the_reference_s(
+    eight: bool, committee: bool, tmp_path: Path
+) -> None:
+    base = base_of(eight, committee)
+    made, path = file_of(base), tmp_path / "m.onnx"
+    path.write_bytes(made)
+    card = Model(path).card
+    assert card.decision == RULES
+    report = verify_adapted(base, made, card, correction(base), rows())
+    assert report.rows > 300
+    with pytest.raises(VerificationFailed, match="votes"):
+        verify_adapted(base, made, card, correction(base, bias=-4000.0), rows())
+
+
+def test_a_correction_takes_risky_votes_gives_them_to_safe_slip_and_keeps_the_sum() -> None:
+    one = correction(base_of())
+    votes = np.random.default_rng(3).integers(0, 4096, size=(300, 8))
+    found = corrected_votes(one, rows(), votes)
+    assert (found >= 0).all()
+    assert np.array_equal(found.sum(axis=1), votes.sum(axis=1))
+    assert np.array_equal(found[:, :4], votes[:, :4])
+    taken = votes[:, 6:] - found[:, 6:]
+    assert (taken >= 0).all()
+    assert taken.any()
+    assert np.array_equal(found[:, 4:6] - votes[:, 4:6], taken)
+
+
+def test_the_card_says_what_it_is_based_on_and_names_no_one() -> None:
+    base = base_of()
+    card = card_of(file_of(base))
+    assert card["adaptation"]["person"] == {"hand_overs": 8}
+    assert len(card["adaptation"]["base_sha256"]) == 64
+    assert (
+        card["heads"]["situation"]["correction"]["inputs"]
+        == rows_of(rows(1), np.zeros((1, 8), np.int64)).shape[1]
+    )
+
+
+def test_what_is_not_adapted_or_was_altered_cannot_be_undone() -> None:
+    base = base_of()
+    with pytest.raises(NotAdapted, match="not adapted"):
+        undone(base)
+    model = onnx.load_from_string(file_of(base))
+    for entry in model.metadata_props:
+        if entry.key == BASE_KEY:
+            entry.value = entry.value[:-8]
+    with pytest.raises(NotAdapted, match="restored"):
+        undone(sealed_again(model.SerializeToString()))
+
+
+def constants(model: onnx.ModelProto) -> dict[str, onnx.TensorProto]:
+    return {one.name: one for one in model.graph.initializer if one.name.startswith(PREFIX)}
+
+
+def spoiled(fault: str) -> bytes:
+    """An adapted file, altered and sealed again by the rule alone."""
+    model = onnx.load_from_string(file_of(base_of()))
+    card, nodes = card_of(model.SerializeToString()), list(model.graph.node)
+    ours = [node for node in nodes if node.output[0].startswith(PREFIX) or "votes" in node.output]
+    (last,) = [node for node in ours if "votes" in node.output]
+    if fault == "no word of it in the card":
+        del card["heads"]["situation"]["correction"]
+    elif fault == "the card of a base":
+        plain = onnx.load_from_string(base_of())
+        other = card_of(plain.SerializeToString())
+        other["heads"]["situation"]["correction"] = {}
+        return resealed(plain, other, golden=True)
+    elif fault == "votes are added":
+        matrix = next(one for one in nodes if last.input[1] in one.output).input[1]
+        tensor = constants(model)[matrix]
+        tensor.CopyFrom(numpy_helper.from_array(-numpy_helper.to_array(tensor), matrix))
+    elif fault == "not rounded down":
+        next(one for one in ours if one.op_type == "Floor").op_type = "Abs"
+    elif fault == "weights too large to add":
+        product = next(one for one in ours if one.op_type == "MatMul")
+        tensor = constants(model)[product.input[1]]
+        tensor.CopyFrom(
+            numpy_helper.from_array(numpy_helper.to_array(tensor) * 30000, product.input[1])
+        )
+    return resealed(model, card, golden=True)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "no word of it in the card",
+        "the card of a base",
+        "votes are added",
+        "not rounded down",
+        "weights too large to add",
+    ],
+)
+def test_an_altered_correction_is_refused_before_it_is_run(fault: str) -> None:
+    with pytest.raises(NotAModel):
+        read_model(spoiled(fault), "m.onnx")
+
+
+def test_an_unaltered_one_is_not() -> None:
+    model = onnx.load_from_string(file_of(base_of()))
+    read_model(resealed(model, golden=True), "m.onnx")

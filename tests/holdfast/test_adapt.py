@@ -1,0 +1,109 @@
+"""`holdfast adapt`: docs/adapt.md runs as it stands, and what is too little is refused."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from command_line import fails
+
+from edge_runtime.errors import UsageError
+from edge_runtime.model import Model
+from evaluation.adapting.adapt import of_person
+from evaluation.adapting.base import base_model
+from holdfast.recorder.card import read_protocol
+from simulation.shipped import CARDS
+from training.datasets import load
+
+AREA = "The command line"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs/adapt.md"
+RELEASED = ROOT / "models/holdfast-150hz.onnx"
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    (commands,) = re.findall(r"```sh\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    results = [run(*shlex.split(line)[1:]) for line in commands.splitlines()]
+    assert [code for code, _, _ in results] == [0] * len(results), results
+    assert "based on 8 hand-overs" in results[2][1]
+    assert "0 labels differ from the reference" in results[2][1]
+    made = tmp_path / "build/adapt/p01.onnx"
+    assert (tmp_path / "build/adapt/base.onnx").read_bytes() == RELEASED.read_bytes()
+    about = Model(made).card.raw["adaptation"]
+    assert about["person"]["hand_overs"] == 8
+    assert about["person"]["slips"] == 0
+    assert about["held_out"]["recall"] >= 0.98
+    assert "p01" not in Model(made).card.raw["adaptation"].__repr__()
+    assert "correction" in (made.with_suffix(".json")).read_text("utf-8")
+    with base_model(made) as (_, base):
+        assert base == RELEASED.read_bytes(), "adapting again starts from the base"
+    trial = next((tmp_path / "build/adapt/trials").rglob("pass/trial_1.csv"))
+    code, out, _ = run("replay", made, trial)
+    assert code == 0
+    assert Model(made).card.model_id in out
+    _refused(run, tmp_path)
+
+
+def _refused(run: Run, folder: Path) -> None:
+    """Too few hand-overs, one-sided data, an existing file: one line that says what to do."""
+    few = folder / "few"
+    shutil.copytree(folder / "build/adapt/trials", few)
+    words = ("adapt", RELEASED, "--data", few, "--person", "p01", "--out", folder / "few.onnx")
+    slips = ("--slips", folder / "build/adapt/slips")
+    shutil.rmtree(few / "hard-ball/pass")
+    says = fails(run, 3, "TooLittleToAdapt", *words, *slips, says="6 hand-overs of 8")
+    assert "holdfast record" in says
+    shutil.rmtree(few)
+    shutil.copytree(folder / "build/adapt/trials", few)
+    one_sided = (*words, "--slips", folder / "build/adapt/trials")
+    fails(run, 3, "TooLittleToAdapt", *one_sided, says="0 risky slips of 40")
+    for hold in few.rglob("hold"):
+        shutil.rmtree(hold)
+    fails(run, 3, "TooLittleToAdapt", *words, *slips, says="s of holding of 40")
+    made = folder / "build/adapt/p01.onnx"
+    fails(run, 5, "OutputError", "adapt", made, "--undo", "--out", made, says="exists already")
+    undo = ("adapt", RELEASED, "--undo", "--out", folder / "b.onnx")
+    fails(run, 4, "NotAdapted", *undo, says="not adapted")
+
+
+def test_options_that_contradict_each_other_are_refused(run: Run, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "m.onnx")
+    fails(run, 2, "UsageError", "adapt", RELEASED, *out, says="--data and --person")
+    undo = ("adapt", RELEASED, *out, "--undo", "--person", "p01")
+    fails(run, 2, "UsageError", *undo, says="--undo takes no")
+
+
+def test_only_the_named_person_counts(tmp_path: Path, write_people: Path) -> None:
+    data = load(write_people, windows="natural")
+    own = of_person(data, "p01")
+    assert {one.person for one in own.recordings} == {"p01"}
+    assert len(own.recordings) < len(data.recordings)
+    with pytest.raises(UsageError, match="p07"):
+        of_person(data, "p07")
+
+
+@pytest.fixture
+def write_people(tmp_path: Path) -> Path:
+    from own_data import write_people_folders
+
+    return write_people_folders(tmp_path / "people")
+
+
+def test_the_card_is_a_protocol_of_eight_hand_overs_and_holding() -> None:
+    tasks = read_protocol(CARDS / "adapt.toml").tasks
+    assert [sum(one.action == name for one in tasks) for name in ("pass", "hold")] == [8, 8]
+
+
+def test_every_path_the_page_points_to_exists() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text("utf-8"))
+    assert [link for link in links if not (PAGE.parent / link).exists()] == []
