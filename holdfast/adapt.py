@@ -20,6 +20,7 @@ from edge_runtime.model_file import CARD_SUFFIX
 from edge_runtime.writing import require_writable, write_whole
 
 if TYPE_CHECKING:
+    from edge_runtime.model import Model
     from evaluation.adapting.adapt import Fitted
     from export.verify_adapted import AdaptedVerification
     from training.progress import Stages
@@ -117,8 +118,7 @@ def _adapted(args: argparse.Namespace, say: Stages) -> tuple[Fitted, AdaptedVeri
         say("reading the person's recordings")
         channels = model.card.n_channels
         data = of_person(load(args.data, channels=channels, windows="natural"), args.person)
-        others = _slips(args, model, say)
-        fitted = adapt(model, data, others, say, say.part)
+        fitted = adapt(model, data, lambda: _slips(args, model, say), say, say.part)
     say("building, verifying and sealing the file")
     correction, rows = fitted.adaptation.correction, fitted.rows()
     made = adapted(base, fitted.adaptation)
@@ -127,12 +127,10 @@ def _adapted(args: argparse.Namespace, say: Stages) -> tuple[Fitted, AdaptedVeri
     return fitted, verified
 
 
-def _slips(args: argparse.Namespace, model: object, say: Stages) -> DataSet:
-    from edge_runtime.model import Model
+def _slips(args: argparse.Namespace, model: Model, say: Stages) -> DataSet:
     from evaluation.adapting.slips import simulated_slips
     from training.datasets import load
 
-    assert isinstance(model, Model)
     if args.slips:
         say(f"reading {args.slips}")
         return load(args.slips, channels=model.card.n_channels, windows="natural", part=say.part)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -43,14 +43,19 @@ class Fitted:
 
 
 def adapt(
-    model: Model, person: DataSet, others: DataSet, say: Say = ignored, part: Part = ignored
+    model: Model,
+    person: DataSet,
+    others_of: Callable[[], DataSet],
+    say: Say = ignored,
+    part: Part = ignored,
 ) -> Fitted:
-    """Adapt a base model to a person. others: recordings with slips, of anybody.
+    """Adapt a base model to a person. others_of: reads recordings with slips, of anybody.
 
     Raises TooLittleToAdapt; ChannelError, UnitError or RateError where a set does not fit.
     """
     counts = counts_of(person.recordings)
     require_enough(counts)
+    others = others_of()
     require_slips(others)
     say(f"running the model on {counts.trials} trials of the person")
     own = streams_of(model, person, part)

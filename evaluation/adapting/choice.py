@@ -22,11 +22,12 @@ from evaluation.truths import voluntary_actions
 from export.correction import Correction
 from training.say import Part, ignored
 
-LEAST_RECALL = 0.98
+LEAST_RECALL = 0.99
 """Of the others' slips, with the trial held out; or the base's own recall where that is less."""
 FOLDS = 4
 NATS = (-1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
-PERMILLE = (400, 500, 600, 700, 800, 900)
+PERMILLE, FINER = (400, 500, 600, 700), tuple(range(400, 1000, 50))
+"""Thresholds with a correction, whose place moves more finely, and without one."""
 LONGER = (0, 1)
 """Samples that an act needs beyond the base's."""
 
@@ -69,10 +70,11 @@ def choose(
         if votes_in_all is None
         else list(_held_out(person, others, votes_in_all, part))
     )
+    permille = FINER if votes_in_all is None else PERMILLE
     points = [
         point
         for nats in ((None,) if votes_in_all is None else NATS)
-        for point in _points(person, others, base, weights, held, nats)
+        for point in _points(person, others, base, weights, held, nats, permille)
     ]
     least = min(LEAST_RECALL, _of_base(person, others, base, weights).recall)
     enough = [one for one in points if one.reached.recall >= least]
@@ -115,7 +117,7 @@ def _points(
     weights: LabelWeights,
     held: Sequence[Correction | None],
     nats: float | None,
-    permille: Sequence[int] = PERMILLE,
+    permille: Sequence[int],
     longer: Sequence[int] = LONGER,
 ) -> Iterator[OperatingPoint]:
     """All thresholds and durations at one place of the logit."""
@@ -134,11 +136,12 @@ def _points(
 
 
 def _called(answers: Sequence[Answers], rules: DecisionRules, permille: int) -> int:
-    """Samples at which an act may begin: risky for as long as an act needs."""
-    n = rules.act_samples
-    return sum(
-        int((np.convolve(_risky(one, permille), np.ones(n), "valid") >= n).sum()) for one in answers
-    )
+    """Samples that are risky, and others beside them, for as long as an act needs."""
+    needed, total = np.ones(rules.act_samples), 0
+    for one in answers:
+        lasting = np.convolve(_risky(one, permille), needed, "valid") >= len(needed)
+        total += int((np.convolve(lasting, needed) > 0).sum())
+    return total
 
 
 def _risky(one: Answers, permille: int) -> BoolArray:

@@ -8,11 +8,13 @@ Tsochantaridis, Hofmann, NIPS 2002).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
 from edge_runtime.contract import FloatArray
@@ -23,12 +25,14 @@ from export.forest import EXACT_FLOAT32
 from export.network import LOGIT_STEPS, WEIGHT_MOST, Float32Array, Inputs, Layer, Network
 
 TOP, ROUNDS = 3, 4
-OF_PERSON = 0.8
+OF_PERSON = 0.9
 """Share of the weight of all samples that are no slip, for those of the person."""
 SCALE = 2000.0
 """Sum of the weights of slips, and of the others; with INVERSE_PENALTY it says how small the
 correction stays."""
-INVERSE_PENALTY = 0.3
+INVERSE_PENALTY = 0.03
+MOST_STEPS = 100
+"""Of a fit: held-out trials judge the rule, so its last digits do not matter."""
 LEAST_KNEE = 1e-6
 MOST_NATS = 10.0
 """How far `moved` may move a logit, and still add exactly."""
@@ -91,8 +95,10 @@ def _fitted(rows: Rows) -> tuple[FloatArray, float]:
     scale = np.sqrt(np.average((rows.x - mean) ** 2, axis=0, weights=rows.weight)) + 1.0
     x, kept = (rows.x - mean) / scale, np.ones(len(rows.slip), dtype=np.bool_)
     for _ in range(ROUNDS):
-        model = LogisticRegression(C=INVERSE_PENALTY, max_iter=300)
-        model.fit(x[kept], rows.slip[kept] >= 0, sample_weight=rows.weight[kept])
+        model = LogisticRegression(C=INVERSE_PENALTY, max_iter=MOST_STEPS)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            model.fit(x[kept], rows.slip[kept] >= 0, sample_weight=rows.weight[kept])
         kept = _best_of_slips(rows.slip, x @ model.coef_[0])
     weights = model.coef_[0] / scale
     return weights, float(model.intercept_[0] - mean @ weights)
