@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, show
 from edge_runtime.errors import OutputError, UsageError
-from edge_runtime.model_file import CARD_SUFFIX
 from edge_runtime.writing import require_writable, write_whole
 
 if TYPE_CHECKING:
@@ -53,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_options(args: argparse.Namespace) -> None:
     """Raise UsageError or OutputError before anything long begins."""
+    from edge_runtime.model_file import CARD_SUFFIX
+
     if args.undo and (args.data or args.person or args.slips):
         raise UsageError(
             "--undo takes no --data, --person or --slips", next_step="leave these options out"
@@ -141,6 +142,7 @@ def _slips(args: argparse.Namespace, model: Model, say: Stages) -> DataSet:
 def _write(path: Path, data: bytes) -> None:
     """The file, and its card beside it."""
     from edge_runtime.model import read_model
+    from edge_runtime.model_file import CARD_SUFFIX
     from export.exporting import readable_card
 
     card, _ = read_model(data, path)
