@@ -12,6 +12,7 @@ import pytest
 
 LONGEST = (
     "test_readme",
+    "test_adapt",
     "test_record_camera",
     "test_cli",
     "test_fast_handover",
