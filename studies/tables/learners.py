@@ -38,10 +38,14 @@ UNSEEN_HEADS = {
     "called": "voluntary called (95 %)",
     "called_p1": "p1",
     "called_p2": "p2",
+    "called_alike": "voluntary called at equal recall",
     "recall_left_out": "recall, style left out",
     "false_left_out": "false alarms per min, left out",
     "called_left_out": "voluntary called, left out",
 }
+
+
+ALIKE_RECALL = 0.98
 
 
 def tables(figures: Json, times: Json, streams: Json) -> dict[str, str]:
@@ -127,10 +131,17 @@ def _unseen(row: Json) -> Json:
         "called": with_interval(called["share"], called["share_ci"]),
         "called_p1": row["sets"]["p1"]["safe_acts_called"]["share"],
         "called_p2": row["sets"]["p2"]["safe_acts_called"]["share"],
+        "called_alike": _called_at(ALIKE_RECALL, row["curve"]),
         "recall_left_out": left_out["recall"],
         "false_left_out": left_out["false_per_min"],
         "called_left_out": left_out["safe_acts_called"]["share"],
     }
+
+
+def _called_at(recall: float, curve: list[Json]) -> float | None:
+    """Voluntary actions called at the highest threshold that leaves a recall."""
+    kept = [point for point in curve if point["recall"] >= recall]
+    return kept[-1]["called"] if kept else None
 
 
 if __name__ == "__main__":

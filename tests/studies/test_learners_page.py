@@ -40,8 +40,9 @@ def streams() -> dict[str, Any]:
     }
     holds = one | {"safe_acts_called": {"share": None, "share_ci": None, "n": 0}}
     sets = {"author": one, "asked-daily": one, "p1": one, "p2": one, "asked-holds": holds}
+    curve = [{"recall": recall, "called": called} for recall, called in ((1.0, 0.4), (0.98, 0.1))]
     row = {"name": "network", "step_us": 170.4, "sets": sets, "unseen": one, "left_out": one}
-    return {"rows": [row]}
+    return {"rows": [row | {"curve": [*curve, {"recall": 0.9, "called": 0.0}]}]}
 
 
 def test_every_table_of_learners_has_a_place_in_the_page(tmp_path):
@@ -51,4 +52,7 @@ def test_every_table_of_learners_has_a_place_in_the_page(tmp_path):
     assert "| committee | 0.430 | 0.530 | 0.630 | 3 of 3 |" in text
     assert "| forest | 20.0 | 40 | 1.00 |" in text
     assert "| network | 170 | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.4 | 0.02 | 0.02 |" in text
-    assert "| network | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.02 (0.01 to 0.05) | 0.02 |" in text
+    assert (
+        "| network | 0.98 (0.95 to 1.00) | 0.9 | 0.4 | 0.02 (0.01 to 0.05) | 0.02 | 0.02 | 0.1 |"
+        in text
+    )
