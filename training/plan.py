@@ -55,7 +55,7 @@ PREDICTION_NETWORK = NetworkPlan(alpha=10.0, epochs=10, rate=1e-3, balance=0.5)
 
 
 HAND_NETWORK = NetworkPlan(hidden=(64,), balance=1.0)
-"""For the hand: a second hidden layer costs time and calls more hand-overs."""
+"""For the hand: a second hidden layer costs time and brings no clear gain (docs/learners.md)."""
 
 
 @dataclass(frozen=True)
