@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     data = "recordings of the person: eight hand-overs and a minute of holding"
     option("--data", metavar="FOLDER", help=data)
     option("--person", metavar="PSEUDONYM", help="whose recordings in FOLDER")
-    slips = "recordings with slips, of anybody (default: simulated trials)"
+    slips = "recordings with slips, of any person (default: simulated trials)"
     option("--slips", metavar="SET|FOLDER", help=slips)
     out = "model file to write; its card is written beside it"
     option("--out", type=path_argument, required=True, metavar="FILE", help=out)

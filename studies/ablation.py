@@ -11,18 +11,18 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from edge_runtime.command import Parser, finish, path_argument, seed
-from edge_runtime.graph import StepGraph, open_session
 from edge_runtime.reading import Json
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.doc_tables import table as doc_table
+from evaluation.timed_calls import step_call
 from export.features import GROUPS, feature_count
 from export.learner import LEARNERS
 from export.spec import StepSpec
@@ -154,15 +154,14 @@ def _gains(data: DataSet, ours: HeldOut, default: HeldOut, seed: int) -> Gains:
 def step_costs(specs: dict[str, StepSpec]) -> dict[str, StepCost]:
     """One step of each feature graph, B = 1, all graphs interleaved."""
     models = {name: feature_graph(spec) for name, spec in specs.items()}
-    calls = {name: _stepper(model.SerializeToString()) for name, model in models.items()}
+    calls = {
+        name: step_call(
+            models[name].SerializeToString(), np.linspace(0.0, 1.0, spec.n_channels)[None]
+        )
+        for name, spec in specs.items()
+    }
     medians = {name: float(np.median(times)) for name, times in time_in_turns(calls).items()}
     return {name: StepCost(len(models[name].graph.node), medians[name]) for name in specs}
-
-
-def _stepper(model: bytes) -> Callable[[], object]:
-    graph = StepGraph(open_session(model))
-    graph.sample[:] = np.linspace(0.0, 1.0, graph.sample.shape[1])
-    return graph.step
 
 
 HEADS = {

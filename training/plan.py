@@ -63,8 +63,7 @@ class TrainingPlan:
     """All choices of a training run beside the data and the seed.
 
     inner_folds: label weights and a network's hyperparameters are chosen on so many folds of the
-    training windows
-    alone; 0 for none.
+    training windows alone; 0 for none.
     """
 
     groups: tuple[str, ...] = CLOCK_FREE_GROUPS

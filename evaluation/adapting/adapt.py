@@ -11,7 +11,7 @@ from edge_runtime.errors import TooLittleToAdapt, UsageError
 from edge_runtime.model import Model
 from edge_runtime.onnx_rules import votes_in_all
 from edge_runtime.reading import Json
-from evaluation.adapting.choice import OperatingPoint, choose
+from evaluation.adapting.choice import OperatingPoint, choose, correction_at
 from evaluation.adapting.evidence import (
     PersonCounts,
     Stream,
@@ -19,9 +19,7 @@ from evaluation.adapting.evidence import (
     label_weights,
     streams_of,
 )
-from evaluation.adapting.logistic import fit_correction, moved
 from export.adapted_file import Adaptation
-from export.correction import Correction
 from export.reference import FloatRows
 from training.recording import DataSet
 from training.say import Part, Say, ignored
@@ -49,7 +47,7 @@ def adapt(
     say: Say = ignored,
     part: Part = ignored,
 ) -> Fitted:
-    """Adapt a base model to a person. others_of: reads recordings with slips, of anybody.
+    """Adapt a base model to a person. others_of: reads recordings with slips, of any person.
 
     Raises TooLittleToAdapt; ChannelError, UnitError or RateError where a set does not fit.
     """
@@ -60,7 +58,7 @@ def adapt(
     say(f"running the model on {counts.trials} trials of the person")
     own = streams_of(model, person, part)
     say(f"running the model on {len(others.recordings)} recordings with slips ({others.name})")
-    return adapt_streams(model, own, streams_of(model, others, part), counts, others.name, say)
+    return adapt_streams(model, own, streams_of(model, others, part), counts, say)
 
 
 def adapt_streams(
@@ -68,30 +66,24 @@ def adapt_streams(
     person: Sequence[Stream],
     others: Sequence[Stream],
     counts: PersonCounts,
-    others_name: str,
     say: Say = ignored,
 ) -> Fitted:
     """Adapt from computed answers. counts: what the person's recordings hold."""
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
     weights = label_weights(model)
-    correction: Correction | None = None
     say("fitting the correction, each trial held out in turn")
     wanted = in_all if any(len(one.row) for one in person) else None
     point = choose(person, others, model.card.decision, weights, wanted)
-    if point.nats is not None:
-        correction = moved(fit_correction(person, others, in_all), point.nats)
-    about = _about(counts, others, others_name, point)
+    correction = correction_at(point, person, others, in_all)
+    about = _about(counts, others, point)
     return Fitted(Adaptation(correction, point.rules, about), point, [*person, *others])
 
 
-def _about(
-    counts: PersonCounts, others: Sequence[Stream], others_name: str, point: OperatingPoint
-) -> Json:
-    """What the card says of an adaptation: counts and figures, and no name of a person."""
+def _about(counts: PersonCounts, others: Sequence[Stream], point: OperatingPoint) -> Json:
+    """What the card says of an adaptation: counts and figures, no name of a person or a folder."""
     return {
         "person": asdict(counts),
         "others": {
-            "name": others_name,
             "recordings": len(others),
             "slips": sum(len(one.recording.events) for one in others),
         },
@@ -135,7 +127,7 @@ def of_person(data: DataSet, person: str) -> DataSet:
         return data
     if person not in people:
         raise UsageError(
-            f"--person {person}: nobody in {data.name} has this name",
+            f"--person {person}: no recording in {data.name} is of this person",
             next_step=f"choose from {', '.join(people)}",
         )
     kept = [k for k, one in enumerate(data.recordings) if one.person == person]

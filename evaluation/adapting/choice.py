@@ -20,7 +20,6 @@ from evaluation.alarms import Answers, act_requests
 from evaluation.event_scores import match_alarms
 from evaluation.truths import voluntary_actions
 from export.correction import Correction
-from training.say import Part, ignored
 
 LEAST_RECALL = 0.99
 """Of the others' slips, with the trial held out; or the base's own recall where that is less."""
@@ -62,14 +61,9 @@ def choose(
     base: DecisionRules,
     weights: LabelWeights,
     votes_in_all: int | None,
-    part: Part = ignored,
 ) -> OperatingPoint:
     """The operating point. votes_in_all: of the model; None for decision parameters alone."""
-    held = (
-        [None] * FOLDS
-        if votes_in_all is None
-        else list(_held_out(person, others, votes_in_all, part))
-    )
+    held = [None] * FOLDS if votes_in_all is None else list(_held_out(person, others, votes_in_all))
     permille = FINER if votes_in_all is None else PERMILLE
     points = [
         point
@@ -81,6 +75,15 @@ def choose(
     if not enough:
         return max(points, key=lambda one: one.reached.recall)
     return min(enough, key=_cost)
+
+
+def correction_at(
+    point: OperatingPoint, person: Sequence[Stream], others: Sequence[Stream], votes_in_all: int
+) -> Correction | None:
+    """The correction of an operating point, fitted on all trials; None without one."""
+    if point.nats is None:
+        return None
+    return moved(fit_correction(person, others, votes_in_all), point.nats)
 
 
 def _cost(point: OperatingPoint) -> tuple[float, ...]:
@@ -98,12 +101,11 @@ def _of_base(
 
 
 def _held_out(
-    person: Sequence[Stream], others: Sequence[Stream], votes_in_all: int, part: Part
+    person: Sequence[Stream], others: Sequence[Stream], votes_in_all: int
 ) -> Iterator[Correction]:
     """For each fold, the correction of all trials outside of it."""
     for fold in range(FOLDS):
         yield fit_correction(_without(person, fold), _without(others, fold), votes_in_all)
-        part((fold + 1) / FOLDS)
 
 
 def _without(streams: Sequence[Stream], fold: int) -> list[Stream]:

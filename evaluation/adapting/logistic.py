@@ -50,7 +50,7 @@ class Rows:
 def fit_correction(
     person: Sequence[Stream], others: Sequence[Stream], votes_in_all: int
 ) -> Correction:
-    """The correction for a person. others: recordings with slips, of anybody."""
+    """The correction for a person. others: recordings with slips, of any person."""
     x = _rows_of(others)
     inputs = _inputs(x, votes_in_all, others[0].votes.shape[1])
     rows = _weighed(person, others, inputs)

@@ -24,7 +24,7 @@ def simulated_slips(card: ModelCard, trials: int = TRIALS, part: Part = ignored)
         raise UsageError(
             "--slips is needed: scenes have six sensors in N, this model has "
             f"{card.n_channels // 3} in {card.unit}",
-            next_step="--slips FOLDER, with recordings of pulls and falls by anybody",
+            next_step="--slips FOLDER, with recordings of pulls and falls by any person",
         )
     scene = scene_of(read_card(CARD, rate_hz=card.rate_hz), SEED)
     with tempfile.TemporaryDirectory() as folder:

@@ -21,16 +21,14 @@ from edge_runtime.model import Model
 from edge_runtime.onnx_rules import votes_in_all
 from edge_runtime.reading import Json
 from edge_runtime.writing import require_writable, write_whole
-from evaluation.adapting.choice import choose
+from evaluation.adapting.choice import choose, correction_at
 from evaluation.adapting.evidence import Stream, corrected, label_weights, streams_of
-from evaluation.adapting.logistic import fit_correction, moved
 from evaluation.adapting.slips import SEED, TRIALS, simulated_slips
 from evaluation.provenance import host
-from studies.adapt.figures import Way, way_figures
+from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
 from studies.adapt.sets import PERSON_SEED, PERSONS, STYLES, TEST_SEED, person_set, test_set
 
 MODEL = Path("models/holdfast-150hz.onnx")
-BEFORE, THRESHOLD, WHOLE = "as it is", "threshold alone", "adapted"
 
 
 def study_style(model: Model, style: str, others: Sequence[Stream], folder: Path) -> Json:
@@ -62,17 +60,22 @@ def _adapted(
     weights, base = label_weights(model), model.card.decision
     in_all = votes_in_all(model.card.raw["heads"]["situation"])
     point = choose(own, others, base, weights, in_all if whole else None)
-    correction = None
-    if point.nats is not None:
-        correction = moved(fit_correction(own, others, in_all), point.nats)
+    correction = correction_at(point, own, others, in_all)
     return ([corrected(one, correction, weights) for one in test], point.rules), asdict(point)
 
 
-def study_styles(model: Model) -> dict[str, Json]:
-    """Style -> figures."""
+def study_styles(model: Model) -> Json:
+    """Figures of every style, and what they were simulated from."""
     others = streams_of(model, simulated_slips(model.card))
     with tempfile.TemporaryDirectory() as folder:
-        return {style: study_style(model, style, others, Path(folder)) for style in STYLES}
+        styles = {style: study_style(model, style, others, Path(folder)) for style in STYLES}
+    return {
+        "kind": "simulated",
+        "styles": styles,
+        "seeds": {"test": TEST_SEED, "persons": PERSON_SEED, "slips": SEED},
+        "persons": PERSONS,
+        "slip_trials": TRIALS,
+    }
 
 
 def main(argv: Sequence[str]) -> int:
@@ -89,11 +92,8 @@ def main(argv: Sequence[str]) -> int:
 
         name, figures = "people.json", study_people()
     else:
-        name, figures = "adapt.json", {"kind": "simulated", "styles": study_styles(Model(MODEL))}
+        name, figures = "adapt.json", study_styles(Model(MODEL))
     figures |= {
-        "seeds": {"test": TEST_SEED, "persons": PERSON_SEED, "slips": SEED},
-        "persons": PERSONS,
-        "slip_trials": TRIALS,
         "host": asdict(host()),
         "cpu_s": round(time.process_time() - started, 1),
     }

@@ -17,6 +17,8 @@ from training.figures import Interval
 from training.metrics import draw_groups
 
 DRAWS = 1000
+BEFORE, THRESHOLD, WHOLE = "as it is", "threshold alone", "adapted"
+"""Ways of answering."""
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,13 @@ from edge_runtime.contract import SITUATIONS
 from edge_runtime.decision import UNKNOWN
 from edge_runtime.graph import Outputs
 from edge_runtime.reading import Json
-from evaluation.adapting.choice import choose
+from evaluation.adapting.choice import choose, correction_at
 from evaluation.adapting.evidence import Stream, corrected, stream_of
-from evaluation.adapting.logistic import fit_correction, moved
 from evaluation.alarms import Answers
 from export.learner import Learner, reference_votes, votes_in_all
 from export.reference import riskier_argmax
 from export.spec import StepSpec
-from studies.adapt.figures import Way, way_figures
+from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
 from training.crossval import fit_learner
 from training.datasets import find
 from training.datasets.human_slip_uskin import load
@@ -37,7 +36,6 @@ ON, FOLDS, SEED = "familiarization", 3, 0
 EVERY = 4
 """Of the others' recordings, every fourth: the rule has few parameters, and fits sooner."""
 TASK = "situations"
-BEFORE, THRESHOLD, WHOLE = "as it is", "threshold alone", "adapted"
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,7 @@ def study_people() -> Json:
     return {
         "kind": "public real data",
         "adapted_on": ON,
+        "seed": SEED,
         "people": len(ways[BEFORE]),
         "ways": {
             name: {**asdict(way_figures(one)), "macro_f1": _macro_f1(data, one)}
@@ -115,10 +114,7 @@ def _ways(person: Person, in_all: int) -> dict[str, Way]:
         return ways
     for name, wanted in ((THRESHOLD, None), (WHOLE, in_all)):
         point = choose(person.own, person.others, HIGH_CONFIDENCE, None, wanted)
-        correction = None
-        if point.nats is not None:
-            fitted = fit_correction(person.own, person.others, in_all)
-            correction = moved(fitted, point.nats)
+        correction = correction_at(point, person.own, person.others, in_all)
         ways[name] = ([corrected(one, correction, None) for one in person.rest], point.rules)
     return ways
 

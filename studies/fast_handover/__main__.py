@@ -5,29 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
 
-from edge_runtime.command import path_argument, run_script, seed
+from edge_runtime.command import run_script
 from edge_runtime.writing import require_writable, write_whole
 from studies.fast_handover.ideas import IDEAS
 from studies.fast_handover.study import study
+from studies.folder_arguments import add_folder_arguments
 from training.progress import stages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
-    parser.add_argument(
-        "folder",
-        type=Path,
-        metavar="FOLDER",
-        help="holds the sets that `make fast-handover` simulates",
-    )
-    parser.add_argument(
-        "--out", type=path_argument, required=True, metavar="DIR", help="where figures.json goes"
-    )
-    parser.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
-    )
+    add_folder_arguments(parser, "fast-handover")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,11 +7,11 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 
-from edge_runtime.command import path_argument, run_script, seed
+from edge_runtime.command import run_script
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.provenance import host
+from studies.folder_arguments import add_folder_arguments
 from studies.learner_streams.figures import LearnerRow
 from studies.learner_streams.study import PLANS, study
 from training.progress import stages
@@ -19,18 +19,7 @@ from training.progress import stages
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
-    parser.add_argument(
-        "folder",
-        type=Path,
-        metavar="FOLDER",
-        help="holds the sets that `make learner-streams` simulates",
-    )
-    parser.add_argument(
-        "--out", type=path_argument, required=True, metavar="DIR", help="where the JSON goes"
-    )
-    parser.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
-    )
+    add_folder_arguments(parser, "learner-streams")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -48,7 +48,7 @@ class CurvePoint:
 class LearnerRow:
     """A learner trained on `thesis` and `broad`, and on the other styles alone.
 
-    permille: its threshold. sets: by name. unseen: both styles that it never met, together.
+    permille: its threshold. sets: by name. unseen: both unseen styles, together.
     left_out: the same for three learners, each trained without the style it is evaluated on.
     curve: the unseen styles at other thresholds.
     learner_us, step_us: median of the learner and of a whole step.

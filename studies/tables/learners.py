@@ -18,8 +18,6 @@ CASES = {
     (18, True): "real-in-hand",
 }
 """Channels, and whether the truer label -> the table's name."""
-
-
 STREAM_HEADS = {
     "learner": "learner",
     "step_us": "step, us",
@@ -43,8 +41,6 @@ UNSEEN_HEADS = {
     "false_left_out": "false alarms per min, left out",
     "called_left_out": "voluntary called, left out",
 }
-
-
 ALIKE_RECALL = 0.98
 
 

@@ -45,6 +45,7 @@ def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     assert about["person"]["slips"] == 0
     assert about["held_out"]["recall"] >= 0.95
     assert "p01" not in json.dumps(about)
+    assert set(about["others"]) == {"recordings", "slips"}, "a folder may be named after a person"
     assert "correction" in (made.with_suffix(".json")).read_text("utf-8")
     with base_model(made) as (_, base):
         assert base == RELEASED.read_bytes(), "adapting again starts from the base"
