@@ -282,3 +282,28 @@ def test_stamps_may_begin_before_zero(tmp_path):
     done = command("watch", "--camera", path, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(read_tracks(tmp_path / "out").t_s, stamps_s - 1e-3, atol=1.1e-6)
+
+
+LATE = """
+import os, threading
+captured = os.fstat(1).st_ino
+
+def late():
+    while os.fstat(1).st_ino == captured:
+        pass
+    os.write(1, b"[late] [error] of a thread\\n")
+    ended.set()
+
+ended = threading.Event()
+threading.Thread(target=late).start()
+sys.modules["late"] = ended
+print(json.dumps({"number": 1}))
+"""
+
+
+def test_a_line_that_a_thread_writes_after_its_request_is_no_answer_to_the_next():
+    assert program(LATE) == {"number": 1}
+    assert program('sys.modules.pop("late").wait(); print(json.dumps({"number": 2}))') == {
+        "number": 2
+    }
+    assert program('print(json.dumps({"number": 3}))') == {"number": 3}

@@ -105,11 +105,16 @@ def done(words: list[str]) -> int:
 
 
 def serve() -> None:
-    """Answer requests until stdin ends."""
-    for line in sys.stdin:
-        answer = json.dumps(answered(json.loads(line)))
-        sys.stdout.write(answer + "\n")
-        sys.stdout.flush()
+    """Answer requests until stdin ends.
+
+    Answers have a descriptor of their own: a thread of depthai may write to stdout after the
+    request that began it has ended, and that line goes to stderr.
+    """
+    with os.fdopen(os.dup(1), "w") as answers:
+        os.dup2(2, 1)
+        for line in sys.stdin:
+            answers.write(json.dumps(answered(json.loads(line))) + "\n")
+            answers.flush()
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ def process(
 
 
 def program(text: str, *words: object) -> dict[str, Any]:
-    """What a program prints as its last line, which is JSON; depthai is loaded already."""
+    """What a program prints last as one line of JSON; depthai is loaded already."""
     return _json(SHARED.run("-c", PRELUDE + text, *map(str, words)))
 
 
@@ -93,7 +93,9 @@ def fresh_program(text: str, *words: object) -> dict[str, Any]:
 
 def _json(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     assert done.returncode == 0, done.stderr
-    return dict(json.loads(done.stdout.splitlines()[-1]))
+    # a thread of depthai may write a line of its own afterwards: "[date] [error] .."
+    found = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    return dict(json.loads(found[-1]))
 
 
 PRELUDE = """
