@@ -42,9 +42,14 @@ class ForestPlan:
         return maker(random_state=seed, n_jobs=n_jobs, **parameters)
 
 
-TWO_SAMPLES, HIGH_CONFIDENCE = DecisionRules(), DecisionRules(act_samples=1, min_risky_permille=600)
-"""Act on two samples in a row, or on one of which the forest is sure: as seldom wrong, and a sample
-sooner."""
+TWO_SAMPLES = DecisionRules()
+HIGH_CONFIDENCE: dict[LearnerKind, DecisionRules] = {
+    "forest": DecisionRules(act_samples=1, min_risky_permille=600),
+    "network": DecisionRules(act_samples=1, min_risky_permille=860),
+    "committee": DecisionRules(act_samples=1, min_risky_permille=680),
+}
+"""Act on two samples in a row, or on one of which the learner is sure: as seldom wrong, and a
+sample sooner. Networks are surer of themselves than forests (docs/decisions.md)."""
 
 UNTUNED = ForestPlan(kind="random", class_weight=None)
 """The thesis' forest: 100 trees, nothing chosen."""
@@ -103,18 +108,25 @@ class TrainingPlan:
 RAW_BASELINE = TrainingPlan(groups=RAW_GROUPS, situation=UNTUNED, prediction=UNTUNED)
 """The raw-window forest every other figure stands beside."""
 
-SIZES = {
-    name: TrainingPlan(
+_FOREST_SIZES = {"tiny": (8, 10), "default": (20, 16), "best": (100, None)}
+"""Trees and depth."""
+
+
+def hand_plan(size: str, learner: LearnerKind = "committee") -> TrainingPlan:
+    """A model for the hand, trained on dense windows, by the size of its forest."""
+    trees, depth = _FOREST_SIZES[size]
+    return TrainingPlan(
         situation=ForestPlan(
             n_estimators=trees, min_samples_leaf=3, max_depth=depth, max_features=0.3
         ),
-        decision=HIGH_CONFIDENCE,
+        decision=HIGH_CONFIDENCE[learner],
+        learner=learner,
         network=HAND_NETWORK,
     )
-    for name, trees, depth in (("tiny", 8, 10), ("default", 20, 16), ("best", 100, None))
-}
-"""Three models for the hand, trained on dense windows (`holdfast bench cost` says what each
-costs)."""
+
+
+SIZES = {size: hand_plan(size) for size in _FOREST_SIZES}
+"""Three models for the hand (`holdfast bench cost` says what each costs)."""
 
 _SMOOTH = ForestPlan(kind="random", min_samples_leaf=20)
 CLOCK_PLAN = TrainingPlan(groups=(), situation=_SMOOTH, prediction=_SMOOTH)

@@ -2,7 +2,7 @@
 
 Without arguments it trains on the small generated fixture, into build/default, and may be run
 again: an artifact of the fixture there is replaced. Every other artifact is replaced only with
---force.
+--force. As a script it trains a forest, the thesis' learner, as `holdfast train` a committee.
 """
 
 from __future__ import annotations
@@ -65,6 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_script_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the bare script: its learner is the thesis' forest unless another is named."""
+    add_arguments(parser)
+    parser.set_defaults(learner="forest")
+
+
 def _choose_learner(parser: argparse.ArgumentParser) -> None:
     """The options of what is learned from which windows."""
     parser.add_argument(
@@ -79,14 +85,14 @@ def _choose_learner(parser: argparse.ArgumentParser) -> None:
         choices=MODEL_SIZES,
         default="default",
         metavar="SIZE",
-        help=f"size of the forest: {', '.join(MODEL_SIZES)}",
+        help=f"size of the forest, also of one in a committee: {', '.join(MODEL_SIZES)}",
     )
     parser.add_argument(
         "--learner",
         choices=LEARNERS,
-        default="forest",
+        default="committee",
         metavar="WHAT",
-        help="what answers: forest (default), network, or committee (both; docs/learners.md)",
+        help="what answers: forest, network, or committee (both; default; docs/learners.md)",
     )
     parser.add_argument(
         "--inner-folds",
@@ -147,7 +153,7 @@ def _trained(
     from export.artifact import require_no_artifact
     from training.datasets.joined import join
     from training.fitting import train
-    from training.plan import SIZES
+    from training.plan import hand_plan
     from training.scarcity import warn_of_scarcity
     from training.summary import windows_table
 
@@ -156,7 +162,7 @@ def _trained(
         require_no_artifact(args.out)
     if not args.data:
         _write_fixture(args.out)
-    plan = replace(SIZES[args.size], learner=args.learner, inner_folds=args.inner_folds)
+    plan = replace(hand_plan(args.size, args.learner), inner_folds=args.inner_folds)
     sets = []
     for folder in folders:
         say(f"reading {folder}")
@@ -215,4 +221,4 @@ def _write_fixture(out: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_script("train.py", str(__doc__), add_arguments, run))
+    sys.exit(run_script("train.py", str(__doc__), add_script_arguments, run))

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.cost.picture import figure
-from benchmarks.cost.point import GOOD, Point
+from benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
 from edge_runtime.reading import Json
 from edge_runtime.writing import write_whole
 from evaluation.doc_tables import table, with_interval, write_tables
@@ -58,20 +58,21 @@ README_ROWS = (
     Point(),
     Point(debounce=2),
     Point(debounce=3),
-    Point(trees=8, depth=10),
-    Point(trees=100, depth=0),
+    SHIPPED,
+    Point(learner="committee", trees=8, depth=10),
+    Point(learner="committee", trees=100, depth=0),
+    Point(learner="network"),
     Point(trees=1),
     Point(rate_hz=50.0),
-    Point(learner="committee"),
     Point(groups="raw window"),
     Point("human"),
     Point("human", learner="committee"),
     Point("human", groups="raw window"),
 )
 RECOMMENDED = {
-    "tiny": Point(trees=8, depth=10),
-    "default": Point(),
-    "best": Point(trees=100, depth=0),
+    "tiny": Point(learner="committee", trees=8, depth=10),
+    "default": SHIPPED,
+    "best": Point(learner="committee", trees=100, depth=0),
 }
 SHOWN = {
     "floor": "busy-wait reference",
@@ -110,10 +111,10 @@ def tables(bench: Json) -> dict[str, str]:
 def _data(cost: Json) -> list[Json]:
     """What was evaluated, and how long the surface took where one run made every point."""
     rows, took = cost["rows"], cost["took"]
-    default = next(row for row in rows if row["of"] == "scenes" and row["what"] == "default")
+    reference = next(row for row in rows if row["of"] == "scenes" and row["what"] == REFERENCE)
     about = [
-        {"what": "risky slips, simulated", "value": default["events"]},
-        {"what": "simulated stream, min", "value": f"{default['minutes']:.0f}"},
+        {"what": "risky slips, simulated", "value": reference["events"]},
+        {"what": "simulated stream, min", "value": f"{reference['minutes']:.0f}"},
     ]
     if took["new_points"] < len(rows) or took["cores"] is None:
         return about

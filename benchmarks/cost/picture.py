@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, TREES, Point
+from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, REFERENCE, SHIPPED, TREES, Point
 from edge_runtime.reading import Json
 from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
@@ -37,7 +37,6 @@ LABELLED = {
     "now",
     "raw window",
     "network",
-    "committee",
 }
 Families = dict[str, list[tuple[str, Point]]]
 Measure = Callable[[Json], float | None]
@@ -51,10 +50,10 @@ def figure(rows: list[Json]) -> str:
         drawn.suptitle("simulated", x=0.995, ha="right", fontsize=8, color=WARNING, style="italic")
         left, right = drawn.subplots(1, 2, sharey=True)
         _panel(left, by_name, COMPUTED, _step_us)
-        _default(left, _step_us(by_name["default"]), by_name, (7, -12), "left")
+        _marked(left, by_name, _step_us, (7, -12), "left")
         left.legend(frameon=False, fontsize=8, loc="lower right")
         _panel(right, by_name, WAITED, _delay_ms)
-        _default(right, _delay_ms(by_name["default"]), by_name, (-6, -12), "right")
+        _marked(right, by_name, _delay_ms, (-6, -12), "right")
         right.legend(frameon=False, fontsize=8, loc="lower left")
         _label(left, right)
         return svg(drawn)
@@ -71,19 +70,21 @@ def _panel(axes: Axes, by_name: dict[str, Json], families: Families, measure: Me
     axes.margins(x=0.1)
 
 
-def _default(
-    axes: Axes,
-    x: float | None,
-    by_name: dict[str, Json],
-    beside: tuple[int, int],
-    side: str,
+def _marked(
+    axes: Axes, by_name: dict[str, Json], measure: Measure, beside: tuple[int, int], side: str
 ) -> None:
-    """The default's dot, with its name beside it."""
-    if x is None:
-        return
-    y = by_name["default"]["in_time"]
-    axes.plot(x, y, "o", color=INK, markersize=8, zorder=3)
-    axes.annotate("default", (x, y), beside, textcoords="offset points", fontsize=8, ha=side)
+    """The reference's dot and, on its other side, the shipped model's; each with its name."""
+    x_beside, y_beside = beside
+    dots = {REFERENCE: (Point().what, y_beside), "shipped": (SHIPPED.what, -y_beside)}
+    for shown, (what, up) in dots.items():
+        row = by_name.get(what)
+        if row is None or (x := measure(row)) is None:
+            continue
+        axes.plot(x, row["in_time"], "o", color=INK, markersize=8, zorder=3)
+        offset = (x_beside, up)
+        axes.annotate(
+            shown, (x, row["in_time"]), offset, textcoords="offset points", fontsize=8, ha=side
+        )
 
 
 def _label(left: Axes, right: Axes) -> None:

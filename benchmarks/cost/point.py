@@ -16,21 +16,24 @@ from training.plan import (
     CLOCK_FREE_GROUPS,
     HIGH_CONFIDENCE,
     RAW_GROUPS,
-    SIZES,
     LearnerKind,
     TrainingPlan,
+    hand_plan,
 )
 from training.recording import DataSet
 
 PEOPLES_TREES = 20
 BASES = {
-    "scenes": SIZES["default"],
+    "scenes": hand_plan("default", "forest"),
     "human": replace(
         TrainingPlan(), situation=replace(TrainingPlan().situation, n_estimators=PEOPLES_TREES)
     ),
 }
-"""What is varied: the model for the hand, and on people the plan of `make real` with a third of its
-trees."""
+"""What is varied: the forest of the model for the hand, and on people the plan of `make real` with
+a third of its trees."""
+DEBOUNCE = HIGH_CONFIDENCE["forest"].act_samples
+REFERENCE = "reference"
+"""Name of the point where nothing is changed."""
 GROUPS = {
     "default": CLOCK_FREE_GROUPS,
     "now": ("now",),
@@ -48,7 +51,8 @@ BANDS = {
 }
 TREES = (1, 3, 8, 20, 60, 100, 500)
 DEPTHS = (4, 6, 8, 10, 16, 0)
-COMMITTEE_TREES = (None, 8, 100)
+COMMITTEES = ((None, None), (8, 10), (100, 0))
+"""Trees and depth of the three models that `holdfast train --size` makes, the default first."""
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 WINDOWS_S = (0.02, 0.05, 0.10, 0.20, 0.30)
 LOOK_BACKS_S = (0.05, 0.10, 0.17)
@@ -60,9 +64,9 @@ Set = Literal["scenes", "human"]
 
 @dataclass(frozen=True)
 class Point:
-    """What is chosen; what is not named is the default model's.
+    """What is chosen; what is not named is the reference's: a forest of the default size.
 
-    trees, depth: None for the default model's; a depth of 0 is none. window_s: of the raw window.
+    trees, depth: None for the reference's; a depth of 0 is none. window_s: of the raw window.
     look_back_s: no feature sees further. bank: the type the bank computes in. confidence: what the
     alarm's threshold is set on, the votes or the calibrated probability.
     """
@@ -75,7 +79,7 @@ class Point:
     window_s: float = WINDOW_S
     look_back_s: float = HISTORY_S
     bands: str = "all"
-    debounce: int = HIGH_CONFIDENCE.act_samples
+    debounce: int = DEBOUNCE
     bank: Literal["float64", "float32"] = "float64"
     confidence: Literal["votes", "calibrated"] = "votes"
     learner: LearnerKind = "forest"
@@ -87,7 +91,7 @@ class Point:
 
     @property
     def what(self) -> str:
-        """What is not the default about it, in words."""
+        """What differs from the reference, in words."""
         parts = (
             [f"{self.rate_hz:g} Hz"]
             if self.rate_hz != Point(self.of).rate_hz and self.of == "scenes"
@@ -106,12 +110,10 @@ class Point:
             [f"looks back {1e3 * self.look_back_s:g} ms"] if self.look_back_s != HISTORY_S else []
         )
         parts += [f"bands {self.bands}"] if self.bands != "all" else []
-        parts += (
-            [f"debounce {self.debounce}"] if self.debounce != HIGH_CONFIDENCE.act_samples else []
-        )
+        parts += [f"debounce {self.debounce}"] if self.debounce != DEBOUNCE else []
         parts += ["bank in float32"] if self.bank != "float64" else []
         parts += ["calibrated"] if self.confidence != "votes" else []
-        return ", ".join(parts) or "default"
+        return ", ".join(parts) or REFERENCE
 
     @property
     def plan(self) -> TrainingPlan:
@@ -141,7 +143,11 @@ class Point:
             else self.depth
         )
         return replace(
-            self, trees=trees, depth=depth, debounce=HIGH_CONFIDENCE.act_samples, confidence="votes"
+            self,
+            trees=trees,
+            depth=depth,
+            debounce=DEBOUNCE,
+            confidence="votes",
         )
 
     @property
@@ -155,8 +161,12 @@ class Point:
         return DecisionRules(act_samples=self.debounce)
 
 
+SHIPPED = Point(learner="committee")
+"""The model in models/."""
+
+
 def points() -> list[Point]:
-    """One change of the default at a time, and trees against depth; the same on both sets."""
+    """One change of the reference at a time, and trees against depth; the same on both sets."""
     return list(dict.fromkeys([*_scenes(), *_human()]))
 
 
@@ -181,4 +191,5 @@ def _anywhere(of: Set) -> Iterator[Point]:
     yield from (Point(of, look_back_s=seconds) for seconds in LOOK_BACKS_S)
     yield Point(of, confidence="calibrated")
     yield Point(of, learner="network")
-    yield from (Point(of, learner="committee", trees=trees) for trees in COMMITTEE_TREES)
+    for trees, depth in COMMITTEES:
+        yield Point(of, learner="committee", trees=trees, depth=depth)

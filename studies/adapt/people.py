@@ -32,6 +32,7 @@ from training.plan import HIGH_CONFIDENCE, TrainingPlan
 from training.recording import DataSet, Recording
 from training.splits import assign_groups, folds_of
 
+RULES = HIGH_CONFIDENCE["forest"]
 ON, FOLDS, SEED = "familiarization", 3, 0
 EVERY = 4
 """Of the others' recordings, every fourth: the rule has few parameters, and fits sooner."""
@@ -109,11 +110,11 @@ def _is_first(stream: Stream) -> bool:
 
 
 def _ways(person: Person, in_all: int) -> dict[str, Way]:
-    ways: dict[str, Way] = {BEFORE: ([one.answers for one in person.rest], HIGH_CONFIDENCE)}
+    ways: dict[str, Way] = {BEFORE: ([one.answers for one in person.rest], RULES)}
     if not person.own:
         return ways
     for name, wanted in ((THRESHOLD, None), (WHOLE, in_all)):
-        point = choose(person.own, person.others, HIGH_CONFIDENCE, None, wanted)
+        point = choose(person.own, person.others, RULES, None, wanted)
         correction = correction_at(point, person.own, person.others, in_all)
         ways[name] = ([corrected(one, correction, None) for one in person.rest], point.rules)
     return ways

@@ -27,6 +27,8 @@ from studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
 from training.plan import HIGH_CONFIDENCE
 
 MOST_FALSE_PER_MIN = 0.5
+ONE_SAMPLE = HIGH_CONFIDENCE["forest"]
+"""The rules of a decision; each learner gets a threshold of its own."""
 CALIBRATION_PASSES = 8
 BOX_GAP_M = 0.01
 """From the object to the box before it is put down, as the scenes have it."""
@@ -50,13 +52,13 @@ def alarm_figures(idea: Idea, sets: Sets, learned: Mapping[str, Answer], seed: i
 
 def called(streams: Streams, answers: Sequence[Answers], permille: int) -> MethodResult:
     """What is called at a threshold, by the rules of the shipped models."""
-    requests = [on[:, 0] for on in act_requests(answers, HIGH_CONFIDENCE, [permille])]
+    requests = [on[:, 0] for on in act_requests(answers, ONE_SAMPLE, [permille])]
     return method_result(streams.trials, requests)
 
 
 def _thresholds(idea: Idea, sets: Sets, answers: Mapping[str, Sequence[Answers]]) -> dict[str, int]:
     """The threshold of each evaluated set, and of CHOOSE, in thousandths of the votes."""
-    permille = choose_confidence(answers[CHOOSE], HIGH_CONFIDENCE, MOST_FALSE_PER_MIN)
+    permille = choose_confidence(answers[CHOOSE], ONE_SAMPLE, MOST_FALSE_PER_MIN)
     personal = idea.decision == "personal"
     return {
         name: _personal(sets[name], answers[name], permille) if personal else permille

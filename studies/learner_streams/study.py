@@ -30,11 +30,11 @@ from export.verify import cut_forests
 from studies.fast_handover.ideas import VARIED
 from studies.fast_handover.learners import Answer
 from studies.fast_handover.sets import CHOOSE, Labelled, Streams, joined, labelled, streams
-from studies.fast_handover.stream_scores import MOST_FALSE_PER_MIN, answers_of, called
+from studies.fast_handover.stream_scores import MOST_FALSE_PER_MIN, ONE_SAMPLE, answers_of, called
 from studies.learner_streams.figures import CurvePoint, LearnerRow, StreamFigures
 from training.crossval import learner_of, uncalibrated
 from training.featurise import FloatRows
-from training.plan import CLOCK_FREE_GROUPS, HIGH_CONFIDENCE, SIZES, TrainingPlan
+from training.plan import CLOCK_FREE_GROUPS, SIZES, TrainingPlan
 from training.say import Say, ignored
 
 EVALUATED = ("author", "asked-daily", "p1", "p2", "asked-holds")
@@ -134,7 +134,7 @@ def _fitted(plan: TrainingPlan, part: Labelled, seed: int) -> Learner:
 
 def _threshold(answers: Mapping[str, Sequence[Answers]]) -> int:
     """In thousandths of the votes, from streams of `daily`."""
-    return choose_confidence(answers[CHOOSE], HIGH_CONFIDENCE, MOST_FALSE_PER_MIN)
+    return choose_confidence(answers[CHOOSE], ONE_SAMPLE, MOST_FALSE_PER_MIN)
 
 
 def _curve(answers: Mapping[str, Sequence[Answers]], sets: Sets) -> list[CurvePoint]:
