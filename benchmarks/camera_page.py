@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import table, write_tables
+from evaluation.doc_tables import Tables, refresh, table
 
 ERROR_HEADS = {
     "fps": "frames per s",
@@ -28,7 +27,7 @@ HELD_HEADS = {
 }
 
 
-def tables(figures: Json) -> dict[str, str]:
+def tables(figures: Json) -> Tables:
     """Every table by its marker."""
     return {
         "ramps": table([_errors(row) for row in figures["ramps"]], RAMP_HEADS),
@@ -48,4 +47,4 @@ def _errors(row: Json) -> Json:
 
 
 if __name__ == "__main__":
-    write_tables(sys.argv[2], tables(json.loads(Path(sys.argv[1]).read_text("utf-8"))))
+    refresh(sys.argv[2], {Path(sys.argv[1]): tables})

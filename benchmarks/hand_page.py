@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import table, write_tables
+from evaluation.doc_tables import Tables, refresh, table
 from evaluation.page import markdown
 
 SCAN_HEADS = {
@@ -48,7 +47,7 @@ RUN_HEADS = {
 PROCESS = {"floor": "Python with numpy and onnxruntime"}
 
 
-def tables(figures: Json) -> dict[str, str]:
+def tables(figures: Json) -> Tables:
     """Every table by its marker."""
     stages = [row for run in figures["live"] for row in _stages(run)]
     stages += [
@@ -113,4 +112,4 @@ def _process(row: Json) -> Json:
 
 
 if __name__ == "__main__":
-    write_tables(sys.argv[2], tables(json.loads(Path(sys.argv[1]).read_text("utf-8"))))
+    refresh(sys.argv[2], {Path(sys.argv[1]): tables})

@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from edge_runtime.command import show
+from edge_runtime.reading import Json
 from evaluation.markers import write_between
 from evaluation.page import markdown
+
+Tables = dict[str, str]
+"""Marker's name -> Markdown."""
+
+
+def refresh(page: str | Path, made_from: Mapping[Path, Callable[[Json], Tables]]) -> None:
+    """Write the tables that each JSON file has figures for; those of an absent file stay.
+
+    Raises DataNotFound for a page without the markers.
+    """
+    for source, tables in made_from.items():
+        if source.is_file():
+            write_tables(page, tables(json.loads(source.read_text("utf-8"))))
+        else:
+            show(f"{page}: the tables from {source} stay as they are; that file is not there")
 
 
 def write_tables(page: str | Path, tables: Mapping[str, str]) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import write_tables
+from evaluation.doc_tables import Tables, refresh
 from evaluation.page import markdown
 from studies.row_names import shown
 
@@ -19,7 +18,7 @@ FIGURES = {
 """Column -> task and figure."""
 
 
-def tables(figures: Json) -> dict[str, str]:
+def tables(figures: Json) -> Tables:
     """Every method with its figures, and what was checked in the same run."""
     return {
         "real": markdown([_row(name, row) for name, row in figures["rows"].items()]),
@@ -50,5 +49,4 @@ def _checks(figures: Json) -> list[dict[str, str]]:
 
 
 if __name__ == "__main__":
-    source, page = sys.argv[1:]
-    write_tables(page, tables(json.loads(Path(source).read_text("utf-8"))))
+    refresh(sys.argv[2], {Path(sys.argv[1]): tables})

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import with_interval, write_tables
+from evaluation.doc_tables import Tables, refresh, with_interval
 from evaluation.page import markdown
 
 
-def tables(styles: Json, people: Json) -> dict[str, str]:
-    """Every style and every way; people likewise."""
+def _styles(figures: Json) -> Tables:
+    """Every style and every way."""
     rows = [
         _style_row(style, name, way)
-        for style, one in styles["styles"].items()
+        for style, one in figures["styles"].items()
         for name, way in one["ways"].items()
     ]
-    return {
-        "styles": markdown(rows),
-        "people": markdown([_people_row(name, way) for name, way in people["ways"].items()]),
-    }
+    return {"styles": markdown(rows)}
+
+
+def _people(figures: Json) -> Tables:
+    """Every way."""
+    return {"people": markdown([_people_row(name, way) for name, way in figures["ways"].items()])}
 
 
 def _style_row(style: str, name: str, way: Json) -> dict[str, str | None]:
@@ -56,11 +58,9 @@ def _number(value: float | None) -> str | None:
     return None if value is None else f"{value:.3f}"
 
 
-def main(styles: Path, people: Path, page: Path) -> None:
-    """Write the tables into the page."""
-    read = [json.loads(path.read_text("utf-8")) for path in (styles, people)]
-    write_tables(page, tables(*read))
-
+MADE_FROM: tuple[Callable[[Json], Tables], ...] = (_styles, _people)
+"""Of the JSON files, in the order of the command's arguments."""
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    *sources, page = sys.argv[1:]
+    refresh(page, dict(zip(map(Path, sources), MADE_FROM, strict=True)))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import table, with_interval, write_tables
+from evaluation.doc_tables import Tables, refresh, table, with_interval
 from evaluation.page import markdown
 from studies.row_names import OURS, RAW, shown
 from studies.tables.targets import target_rows
@@ -51,24 +51,7 @@ CURVE_HEADS = {
 }
 
 
-def tables(
-    evaluated: Json,
-    fast_handover: Json,
-    scenes: Json,
-    preliminary: Json,
-    truer: Json,
-) -> dict[str, str]:
-    """Every table by its marker, from the JSON of each command."""
-    return {
-        **_streams(evaluated),
-        **_fast_handover(fast_handover),
-        **_generalisation(scenes["rates"][RATE]),
-        "preliminary": _preliminary(preliminary),
-        **_relative_rotation(truer),
-    }
-
-
-def _streams(figures: Json) -> dict[str, str]:
+def _streams(figures: Json) -> Tables:
     """What was evaluated, every method on all sets, and the file itself by set."""
     headline, rows = figures["thresholds"]["headline"], figures["all"]["rows"]
     first = rows[headline]
@@ -106,7 +89,7 @@ def _stream(row: Json) -> Json:
     }
 
 
-def _fast_handover(figures: Json) -> dict[str, str]:
+def _fast_handover(figures: Json) -> Tables:
     """Every change, the bounds and the targets."""
     rows = figures["rows"]
     return {
@@ -131,8 +114,9 @@ def _alarms(row: Json) -> Json:
     }
 
 
-def _generalisation(rate: Json) -> dict[str, str]:
+def _generalisation(figures: Json) -> Tables:
     """Trials, objects and styles left out, fewer trials, other seeds."""
+    rate = figures["rates"][RATE]
     curve = [_curve_point(row) for row in rate["learning_curve"]]
     spread = {name: one["spread"] for name, one in rate["retrainings"].items()}
     by_class = [
@@ -182,7 +166,7 @@ def _curve_point(row: Json) -> Json:
 ROWS = {"ours": OURS, "raw": RAW}
 
 
-def _preliminary(figures: Json) -> str:
+def _preliminary(figures: Json) -> Tables:
     """Every case: the thesis' own figures, and a row a set."""
     rows = []
     for case in figures["sets"][0]["cases"]:
@@ -193,10 +177,10 @@ def _preliminary(figures: Json) -> str:
             learners = one["cases"][case]["learners"]
             rows.append({"case": case, "set": one["data"]})
             rows[-1] |= {name: 100.0 * learners[name]["accuracy"]["mean"] for name in LEARNERS}
-    return markdown(rows)
+    return {"preliminary": markdown(rows)}
 
 
-def _relative_rotation(figures: Json) -> dict[str, str]:
+def _relative_rotation(figures: Json) -> Tables:
     """human_slip_uskin labelled by the object's rotation relative to the hand."""
     rows = [
         {
@@ -214,6 +198,15 @@ def _relative_rotation(figures: Json) -> dict[str, str]:
     return {"relative-rotation-windows": markdown(counts), "relative-rotation": markdown(rows)}
 
 
+MADE_FROM: tuple[Callable[[Json], Tables], ...] = (
+    _streams,
+    _fast_handover,
+    _generalisation,
+    _preliminary,
+    _relative_rotation,
+)
+"""Of the JSON files, in the order of the command's arguments."""
+
 if __name__ == "__main__":
     *sources, target = sys.argv[1:]
-    write_tables(target, tables(*(json.loads(Path(path).read_text("utf-8")) for path in sources)))
+    refresh(target, dict(zip(map(Path, sources), MADE_FROM, strict=True)))

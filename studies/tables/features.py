@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from pathlib import Path
 
 from edge_runtime.contact import NORMAL_FLOOR
-from evaluation.doc_tables import write_tables
+from evaluation.doc_tables import refresh, write_tables
 from evaluation.page import markdown
 from export.features import GROUPS, feature_count
 from export.history import LAGS_S
@@ -59,5 +58,5 @@ def _spec(groups: tuple[str, ...]) -> StepSpec:
 
 if __name__ == "__main__":
     ablation, page = sys.argv[1:]
-    rows = json.loads(Path(ablation).read_text("utf-8"))["rows"]
-    write_tables(page, tables() | {"gains": table(rows)})
+    write_tables(page, tables())
+    refresh(page, {Path(ablation): lambda figures: {"gains": table(figures["rows"])}})

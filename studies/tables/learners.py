@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import table, with_interval, write_tables
+from evaluation.doc_tables import Tables, refresh, table, with_interval
 from evaluation.page import markdown
 
 CASES = {
@@ -44,19 +44,15 @@ UNSEEN_HEADS = {
 ALIKE_RECALL = 0.98
 
 
-def tables(figures: Json, times: Json, streams: Json) -> dict[str, str]:
-    """Every learner with its figures, by person, its time, and on streams."""
+def _on_people(figures: Json) -> Tables:
+    """Every learner with its figures, and by person."""
     made = {
         CASES[one["channels"], one["in_hand"]]: markdown(
             [_row(name, row) for name, row in one["rows"].items()]
         )
         for one in figures["studied"]
     }
-    made["people"] = markdown(_people(figures["studied"][0]["people"]))
-    made["time"] = markdown(_times(times))
-    made["streams"] = table([_on_streams(row) for row in streams["rows"]], STREAM_HEADS)
-    made["streams-unseen"] = table([_unseen(row) for row in streams["rows"]], UNSEEN_HEADS)
-    return made
+    return made | {"people": markdown(_people(figures["studied"][0]["people"]))}
 
 
 def _row(name: str, row: Json) -> dict[str, str | None]:
@@ -88,17 +84,19 @@ def _people(people: Json) -> list[dict[str, str]]:
     ]
 
 
-def _times(times: Json) -> list[dict[str, str]]:
-    forest = times["times"]["forest"]["p50_us"]
-    return [
+def _times(figures: Json) -> Tables:
+    """Each learner on one row, beside the forest."""
+    forest = figures["times"]["forest"]["p50_us"]
+    rows = [
         {
             "one row, from features to answers": name,
             "median, us": f"{one['p50_us']:.1f}",
             "99 %, us": f"{one['p99_us']:.0f}",
             "median beside the forest": f"{one['p50_us'] / forest:.2f}",
         }
-        for name, one in times["times"].items()
+        for name, one in figures["times"].items()
     ]
+    return {"time": markdown(rows)}
 
 
 def _on_streams(row: Json) -> Json:
@@ -140,7 +138,17 @@ def _called_at(recall: float, curve: list[Json]) -> float | None:
     return kept[-1]["called"] if kept else None
 
 
+def _streams(figures: Json) -> Tables:
+    """On whole streams, and on unseen styles."""
+    return {
+        "streams": table([_on_streams(row) for row in figures["rows"]], STREAM_HEADS),
+        "streams-unseen": table([_unseen(row) for row in figures["rows"]], UNSEEN_HEADS),
+    }
+
+
+MADE_FROM: tuple[Callable[[Json], Tables], ...] = (_on_people, _times, _streams)
+"""Of the JSON files, in the order of the command's arguments."""
+
 if __name__ == "__main__":
-    *paths, page = sys.argv[1:]
-    sources = [json.loads(Path(one).read_text("utf-8")) for one in paths]
-    write_tables(page, tables(*sources))
+    *sources, page = sys.argv[1:]
+    refresh(page, dict(zip(map(Path, sources), MADE_FROM, strict=True)))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from edge_runtime.reading import Json
-from evaluation.doc_tables import table, write_tables
+from evaluation.doc_tables import Tables, refresh, table, write_tables
 from evaluation.page import markdown
 from simulation.card import read_card
 from simulation.effect import Effect
@@ -57,32 +57,25 @@ LOOP_HEADS = {
 LEVELS = {"8 classes, accuracy": "eight", "7, accuracy": "seven", "4, accuracy": "four"}
 
 
-def tables(bench: Path, study: Path) -> dict[str, str]:
-    """Every table by its marker. bench: folder of effects.json and simulator.json; study:
-    scenes.json of `make scenes`."""
-    effects = json.loads((bench / "effects.json").read_text("utf-8"))
-    simulator = json.loads((bench / "simulator.json").read_text("utf-8"))
+def _from_code() -> Tables:
+    return {"sensor": _sensor(), "cards": _cards()}
+
+
+def _simulator(simulator: Json) -> Tables:
+    """The simulator's time, and its solution beside others'."""
     return {
-        "sensor": _sensor(),
-        "cards": _cards(),
-        **_effects(effects),
         "step": table(simulator["step"], STEP_HEADS),
         "by-trials": table(simulator["by_trials"], TRIAL_HEADS),
         "by-elements": table(simulator["by_elements"], ELEMENT_HEADS),
         "plausibility": table(simulator["plausibility"], LEAD_HEADS),
         "solvers": table(simulator["hold_and_pull"], SOLVER_HEADS),
-        **mujoco_loop(bench / "mujoco-loop.json"),
         "friction": markdown([_friction_row(row) for row in simulator["friction"]]),
-        **_study(json.loads(study.read_text("utf-8"))),
     }
 
 
-def mujoco_loop(file: Path) -> dict[str, str]:
-    """Of `make peers`; none where that was not run, so the page keeps its table."""
-    if not file.is_file():
-        return {}
-    trials = json.loads(file.read_text("utf-8"))["trials"]
-    return {"mujoco-loop": table([_loop_row(trial) for trial in trials], LOOP_HEADS)}
+def mujoco_loop(figures: Json) -> Tables:
+    """Of `make peers`."""
+    return {"mujoco-loop": table([_loop_row(trial) for trial in figures["trials"]], LOOP_HEADS)}
 
 
 def _loop_row(trial: Json) -> Json:
@@ -218,6 +211,17 @@ def _macro_f1(four: Json) -> str | None:
     return f"{four['macro_f1']:.3f} {over(four.get('f1', {}))}".rstrip()
 
 
+def made_from(bench: Path, study: Path) -> dict[Path, Callable[[Json], Tables]]:
+    """bench: folder of `holdfast bench`; study: scenes.json of `make scenes`."""
+    return {
+        bench / "effects.json": _effects,
+        bench / "simulator.json": _simulator,
+        bench / "mujoco-loop.json": mujoco_loop,
+        study: _study,
+    }
+
+
 if __name__ == "__main__":
-    bench_folder, study_file, target = (Path(path) for path in sys.argv[1:])
-    write_tables(target, tables(bench_folder, study_file))
+    bench_folder, study_file, page = map(Path, sys.argv[1:])
+    write_tables(page, _from_code())
+    refresh(page, made_from(bench_folder, study_file))

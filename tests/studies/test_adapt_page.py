@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_tables import require_tables_fit
+from page_tables import require_tables_fit, tables_of
 
 from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
 from edge_runtime.decision import DecisionRules
@@ -15,7 +15,7 @@ from evaluation.alarms import Answers
 from simulation.card import read_card
 from studies.adapt.figures import way_figures
 from studies.adapt.sets import STYLES, _adapt_card
-from studies.tables.adapt import tables
+from studies.tables.adapt import MADE_FROM
 from training.recording import Recording
 from training.timeline import Phase
 
@@ -39,7 +39,8 @@ def way(called: float) -> dict[str, Any]:
 def test_every_table_of_the_page_has_its_place(tmp_path: Path) -> None:
     ways = {"as it is": way(0.4), "adapted": way(0.1)}
     styles = {"styles": {"p1": {"ways": ways}}}
-    text = require_tables_fit("docs/adapt.md", tables(styles, {"ways": ways}), tmp_path)
+    written = tables_of(MADE_FROM, styles, {"ways": ways})
+    text = require_tables_fit("docs/adapt.md", written, tmp_path)
     assert "| p1 | adapted | 0.1 (0.10 to 0.20) | 0.050 to 0.100 |" in text
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
-from page_tables import require_tables_fit
+from page_tables import require_tables_fit, tables_of
 
 from studies.row_names import CLOCK, OURS, RAW
-from studies.tables.evaluation import tables
+from studies.tables.evaluation import MADE_FROM
 from studies.tables.targets import TARGETS, target_rows
 from studies.thesis_preliminary.published import LEARNERS
 
@@ -122,7 +122,8 @@ def relative_rotation() -> dict[str, Any]:
 
 
 def test_the_page_shows_every_figure_under_its_column(tmp_path: Path):
-    written = tables(evaluated(), fast_handover(), scenes(), preliminary(), relative_rotation())
+    commands = (evaluated(), fast_handover(), scenes(), preliminary(), relative_rotation())
+    written = tables_of(MADE_FROM, *commands)
     text = require_tables_fit("docs/evaluation.md", written, tmp_path)
     for line in (
         "| voluntary actions | 9 |",

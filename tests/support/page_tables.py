@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from evaluation.doc_tables import write_tables
+from edge_runtime.reading import Json
+from evaluation.doc_tables import Tables, write_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 BETWEEN = re.compile(r"(<!-- ([\w-]+):[^\n]*-->\n)(.*?)(<!-- /\2 -->)", re.DOTALL)
+
+
+def tables_of(made_from: Iterable[Callable[[Json], Tables]], *figures: Json) -> Tables:
+    """All tables of a page, from the figures of each command."""
+    made: Tables = {}
+    for tables, one in zip(made_from, figures, strict=True):
+        made |= tables(one)
+    return made
 
 
 def require_tables_fit(page: str, tables: Mapping[str, str], folder: Path) -> str:
