@@ -1,4 +1,4 @@
-"""Calls that are timed and counted: the whole step, the forests alone. Live path only."""
+"""Calls that are timed and counted: the whole step, the learners alone. Live path only."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from edge_runtime.monitor import GripMonitor, Model
 STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
     "ours, whole step",
     "ours, grip command",
-    "ours, bare forest",
+    "ours, learner alone",
     "bare forest, 100 full-depth trees",
     "scikit-learn, the same trees",
     "the thesis' way",
@@ -64,10 +64,10 @@ def grip_of(model: Model, stream: tuple[FloatArray, BoolArray]) -> Callable[[], 
     return command
 
 
-def forests_of(
+def learner_of(
     session: ort.InferenceSession, rows: npt.NDArray[np.float32]
 ) -> Callable[[], object]:
-    """The forests alone on rows [N, F] in turn, bound to buffers as the whole step is."""
+    """The learners alone on rows [N, F] in turn, bound to buffers as the whole step is."""
     row, turn = rows[:1].copy(), cycle(range(len(rows)))
     binding = session.io_binding()
     binding.bind_input("features", "cpu", 0, np.float32, row.shape, row.ctypes.data)

@@ -22,7 +22,7 @@ from benchmarks.calls import golden
 from edge_runtime.errors import LibraryMissing
 from edge_runtime.graph import run_recording
 from edge_runtime.monitor import Model
-from export.verify import cut_forests
+from export.verify import cut_learners
 
 FEW, MANY = 10, 410
 CORTEX_A72_HZ = 1.5e9
@@ -33,11 +33,11 @@ PROGRAM = """
 import sys
 from pathlib import Path
 import numpy as np
-from benchmarks.calls import forests_of, step_of
+from benchmarks.calls import learner_of, step_of
 from edge_runtime.graph import open_session
 from edge_runtime.monitor import Model
 path, rows, calls = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
-call = forests_of(open_session(path.read_bytes()), np.load(rows)) if rows else step_of(Model(path))
+call = learner_of(open_session(path.read_bytes()), np.load(rows)) if rows else step_of(Model(path))
 for _ in range(calls):
     call()
 """
@@ -60,10 +60,10 @@ def instructions(model: Path) -> list[CallInstructions]:
         )
     whole = Model(model)
     with tempfile.TemporaryDirectory() as work:
-        alone, rows = Path(work) / "forests.onnx", Path(work) / "rows.npy"
-        alone.write_bytes(cut_forests(onnx.load(model)))
+        alone, rows = Path(work) / "learner.onnx", Path(work) / "rows.npy"
+        alone.write_bytes(cut_learners(onnx.load(model)))
         np.save(rows, run_recording(whole.session, *golden(whole), ["features"])["features"])
-        return [_row("whole step", str(model), ""), _row("forest alone", str(alone), str(rows))]
+        return [_row("whole step", str(model), ""), _row("learner alone", str(alone), str(rows))]
 
 
 def _row(name: str, model: str, rows: str) -> CallInstructions:

@@ -7,8 +7,8 @@ checked while it is timed. Peers, on the same windows:
 
     scikit-learn            predict_proba of 100 full-depth trees on the raw window, one row
     bare forest             the same trees in onnxruntime, io-bound, nothing else computed
-    ours, bare forest       our own trees alone, on the rows that the step gives them
-    ours, whole step        guard, bank, detectors, features, forest, votes: what runs on the hand
+    ours, learner alone     our own trees and networks alone, on the rows that the step gives them
+    ours, whole step        guard, bank, detectors, features, learner, votes: what runs on the hand
     ours, grip command      friction margin, controller and supervisor, from the step's answer on
     a walk in C             the same 100 trees in a few lines of C (where there is a compiler)
     treelite                the same trees by its interpreter (in the environment of `make peers`)
@@ -40,8 +40,8 @@ from benchmarks.calls import (
     THESIS,
     TREELITE,
     WALK,
-    forests_of,
     grip_of,
+    learner_of,
     step_of,
 )
 from benchmarks.forest_c import c_walk
@@ -55,7 +55,7 @@ from export.bank import bands_for
 from export.exporting import export_artifact
 from export.forest import Forest
 from export.learner import reference_votes
-from export.verify import cut_forests
+from export.verify import cut_learners
 from simulation.card import read_card
 from simulation.folder import write_set
 from simulation.scene import Scene
@@ -116,13 +116,13 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
         step = step_of(model, stream)
         floor_us = float(np.median(time_in_turns({STEP: step}, turns=5)[STEP]))
         bare, forest = _bare(data, Path(work))
-        rows = forest_rows(bare, stream)
-        own = forests_of(forests_alone(path), forest_rows(model, stream))
+        rows = learner_rows(bare, stream)
+        own = learner_of(learner_alone(path), learner_rows(model, stream))
         quick = {
             STEP: step,
             GRIP: grip_of(model, stream),
             OWN: own,
-            BARE: forests_of(forests_alone(bare.path), rows),
+            BARE: learner_of(learner_alone(bare.path), rows),
             FLOOR: busy_wait(floor_us),
         }
         times = _by_turn(time_in_turns(quick | _walk(forest, rows, Path(work)), turns), turns)
@@ -152,7 +152,7 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     step = of[STEP]
     return {
         "step_over_bare_full_depth_forest": step.p50_us / of[BARE].p50_us,
-        "step_over_own_forest": step.p50_us / of[OWN].p50_us,
+        "step_over_own_learner": step.p50_us / of[OWN].p50_us,
         "grip_over_step": of[GRIP].p50_us / step.p50_us,
         "step_p999_over_floor_p999": step.p999_us / of[FLOOR].p999_us,
         "thesis_over_step": of[THESIS].p50_us / step.p50_us,
@@ -255,12 +255,12 @@ def _thesis_way(forest: Forest, data: DataSet) -> Callable[[], object]:
     return call
 
 
-def forests_alone(path: Path) -> ort.InferenceSession:
-    """A session of a file's forests, labels and probabilities, from their features on."""
-    return open_session(cut_forests(onnx.load(path)))
+def learner_alone(path: Path) -> ort.InferenceSession:
+    """A session of a file's learners, labels and probabilities, from their features on."""
+    return open_session(cut_learners(onnx.load(path)))
 
 
-def forest_rows(model: Model, stream: tuple[FloatArray, BoolArray]) -> FloatRows:
-    """The very rows [T, F] that the whole step hands its forests."""
+def learner_rows(model: Model, stream: tuple[FloatArray, BoolArray]) -> FloatRows:
+    """The very rows [T, F] that the whole step hands its learner."""
     rows: FloatRows = run_recording(model.session, *stream, ["features"])["features"]
     return rows

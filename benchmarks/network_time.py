@@ -32,7 +32,7 @@ from export.forest import votes_of_trees
 from export.heads import Calibration, Head
 from export.learner import Learner
 from export.spec import BandsLeftOut, StepSpec
-from export.verify import cut_forests
+from export.verify import cut_learners
 from training.featurise import FloatRows
 from training.network_fit import Members, fit_members, in_whole_numbers
 from training.plan import CLOCK_FREE_GROUPS, SIZES
@@ -80,7 +80,7 @@ def _session(learner: Learner, rows: FloatRows) -> Callable[[], object]:
     head = Head("situation", CLASSES, learner, Calibration(np.eye(k), np.zeros(k)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", BandsLeftOut)
-        return _caller(cut_forests(whole_graph(SPEC, [head])), rows)
+        return _caller(cut_learners(whole_graph(SPEC, [head])), rows)
 
 
 def _caller(model: bytes, rows: FloatRows) -> Callable[[], object]:

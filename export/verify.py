@@ -1,6 +1,6 @@
 """Verification: a file that disagrees with the reference on any label is not written.
 
-The forest is cut out of the file itself at the tensor `features`, the labels at `votes`. Rows come
+The learner is cut out of the file itself at the tensor `features`, the labels at `votes`. Rows come
 from windows, from the trees' own thresholds +- 1 ulp, and from the limits of float32.
 """
 
@@ -56,23 +56,23 @@ def verify(
     rows: [N, F] feature rows of windows (in cross-validation: all held-out ones). say: called with
     what begins now.
     """
-    forests = open_session(cut_forests(model))
+    learners = open_session(cut_learners(model))
     compared: dict[str, HeadVerification] = {}
     single = 0
     for head in heads:
         say(f"verifying head {head.name} on {len(rows)} rows and on its own thresholds")
         hard = np.concatenate([rows, hard_rows(head.learner, rows, seed)])
-        votes = _run(forests, hard, CHUNK)
+        votes = _run(learners, hard, CHUNK)
         nodes = require_same_numbers(model, head, _votes(head))
         compared[head.name] = _compare(head, hard, votes, len(rows), nodes)
-        single += _compare_single(forests, hard, votes, seed)
+        single += _compare_single(learners, hard, votes, seed)
     say("verifying ties, and streams of one hand against a batch")
     ties = _check_ties(model, heads)
     return Verification(len(rows), compared, ties, single, _compare_streams(model, spec, seed))
 
 
-def cut_forests(model: onnx.ModelProto) -> bytes:
-    """The forests, labels and probabilities alone, from the tensor `features` [B, F] on."""
+def cut_learners(model: onnx.ModelProto) -> bytes:
+    """The learners, labels and probabilities alone, from the tensor `features` [B, F] on."""
     outputs = [output.name for output in model.graph.output if output.name not in OF_THE_STEP]
     return _cut(model, ["features"], outputs)
 

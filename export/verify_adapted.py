@@ -21,7 +21,7 @@ from export.correction import Correction, corrected_votes
 from export.hard_rows import edge_rows, step_rows
 from export.network import Inputs
 from export.reference import FloatRows, riskier_argmax, situation_votes, weighted
-from export.verify import cut_forests
+from export.verify import cut_learners
 
 CHUNK, SINGLE_ROWS = 4096, 1_000
 OF_THE_VOTES = ("votes", "situation", "p_situation", "p_class", "weight")
@@ -43,7 +43,7 @@ def verify_adapted(
 ) -> AdaptedVerification:
     """Compare an adapted file with the reference. rows: [N, F] features. Raises
     VerificationFailed."""
-    before, after = (open_session(cut_forests(onnx.load_from_string(one))) for one in (base, data))
+    before, after = (open_session(cut_learners(onnx.load_from_string(one))) for one in (base, data))
     hard = np.concatenate([rows, _hard_rows(correction, rows)])
     old, new = _answers(before, hard, CHUNK), _answers(after, hard, CHUNK)
     expected = _expected(correction, hard, old["votes"])

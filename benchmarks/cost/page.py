@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.cost.picture import figure
 from benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
 from edge_runtime.reading import Json
 from edge_runtime.writing import write_whole
-from evaluation.doc_tables import table, with_interval, write_tables
+from evaluation.doc_tables import Tables, refresh, table, with_interval
 from evaluation.page import markdown
 
 HEADS = {
@@ -43,6 +44,11 @@ LATENCY_HEADS = {
     "p99": "99 %, us",
     "p99.9": "99.9 %, us",
     "cold_p50": "cold median, us",
+}
+INSTRUCTION_HEADS = {
+    "what": "what",
+    "instructions": "instructions",
+    "projected_cortex_a72_us": "projected to 1.5 GHz, us",
 }
 TRAINING_HEADS = {
     "trials": "trials",
@@ -82,30 +88,48 @@ SHOWN = {
 """JSON name -> what the page shows, where they differ."""
 
 
-def tables(bench: Json) -> dict[str, str]:
-    """Every table by its marker, from the JSON of each bench by name."""
-    cost, latency = bench["cost"], bench["latency"]
+def _surface(cost: Json) -> Tables:
+    """The models that are made by name, and the front and all points of each set."""
     return {
         "data": markdown(_data(cost)),
         "models": table(_models(cost["rows"]), MODEL_HEADS),
         **_set(cost, "scenes"),
         **_set(cost, "human"),
+    }
+
+
+def _latency(latency: Json) -> Tables:
+    """One decision beside its peers, and the memory of a process."""
+    heads = {"process": "process", "resident_mb": "resident memory, MB", "start_s": "start, s"}
+    return {
         "latency": table([_shown(row, "what") for row in latency["rows"]], LATENCY_HEADS),
         "ratios": markdown(_ratios(latency["ratios"])),
-        "instructions": table(
-            bench["instructions"]["rows"],
-            {
-                "what": "what",
-                "instructions": "instructions",
-                "projected_cortex_a72_us": "projected to 1.5 GHz, us",
-            },
-        ),
-        "memory": table(
-            [_process(row) for row in latency["memory"]],
-            {"process": "process", "resident_mb": "resident memory, MB", "start_s": "start, s"},
-        ),
-        "training": table(bench["training"]["rows"], TRAINING_HEADS),
+        "memory": table([_process(row) for row in latency["memory"]], heads),
     }
+
+
+def _instructions(figures: Json) -> Tables:
+    return {"instructions": table(figures["rows"], INSTRUCTION_HEADS)}
+
+
+def _training(figures: Json) -> Tables:
+    return {"training": table(figures["rows"], TRAINING_HEADS)}
+
+
+def readme_table(cost: Json) -> Tables:
+    """The README's lines."""
+    by_choice = {(row["of"], row["what"]): row for row in cost["rows"]}
+    lines = [line(by_choice[point.of, point.what]) | {"set": _name(point)} for point in README_ROWS]
+    return {"cost": table(lines, README_HEADS)}
+
+
+MADE_FROM: dict[str, Callable[[Json], Tables]] = {
+    "cost.json": _surface,
+    "latency.json": _latency,
+    "training.json": _training,
+    "instructions.json": _instructions,
+}
+"""The page's tables, by the file of each bench."""
 
 
 def _data(cost: Json) -> list[Json]:
@@ -197,26 +221,18 @@ def line(row: Json) -> Json:
     }
 
 
-def readme_table(rows: list[Json]) -> str:
-    """The README's lines."""
-    by_choice = {(row["of"], row["what"]): row for row in rows}
-    lines = [line(by_choice[point.of, point.what]) | {"set": _name(point)} for point in README_ROWS]
-    return table(lines, README_HEADS)
-
-
 def _name(point: Point) -> str:
     return "people, real" if point.of == "human" else "scenes, simulated"
 
 
 def main(folder: Path, docs: Path, readme: Path) -> None:
-    """Rewrite the picture, the page's tables and the README's."""
-    bench = {
-        name: json.loads((folder / f"{name}.json").read_text("utf-8"))
-        for name in ("cost", "latency", "training", "instructions")
-    }
-    write_whole(docs / "what-accuracy-costs.svg", figure(bench["cost"]["rows"]))
-    write_tables(docs / "what-accuracy-costs.md", tables(bench))
-    write_tables(readme, {"cost": readme_table(bench["cost"]["rows"])})
+    """Rewrite the picture, the page's tables and the README's, where the folder has figures."""
+    page, cost = docs / "what-accuracy-costs.md", folder / "cost.json"
+    refresh(page, {folder / name: tables for name, tables in MADE_FROM.items()})
+    refresh(readme, {cost: readme_table})
+    if cost.is_file():
+        drawn = figure(json.loads(cost.read_text("utf-8"))["rows"])
+        write_whole(docs / "what-accuracy-costs.svg", drawn)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, REFERENCE, SHIPPED, TREES, Point
 from edge_runtime.reading import Json
@@ -51,6 +52,7 @@ def figure(rows: list[Json]) -> str:
         left, right = drawn.subplots(1, 2, sharey=True)
         _panel(left, by_name, COMPUTED, _step_us)
         _marked(left, by_name, _step_us, (7, -12), "left")
+        left.margins(x=0.2)
         left.legend(frameon=False, fontsize=8, loc="lower right")
         _panel(right, by_name, WAITED, _delay_ms)
         _marked(right, by_name, _delay_ms, (-6, -12), "right")
@@ -73,24 +75,22 @@ def _panel(axes: Axes, by_name: dict[str, Json], families: Families, measure: Me
 def _marked(
     axes: Axes, by_name: dict[str, Json], measure: Measure, beside: tuple[int, int], side: str
 ) -> None:
-    """The reference's dot and, on its other side, the shipped model's; each with its name."""
-    x_beside, y_beside = beside
-    dots = {REFERENCE: (Point().what, y_beside), "shipped": (SHIPPED.what, -y_beside)}
-    for shown, (what, up) in dots.items():
+    """The reference's dot and the shipped model's, each with its name."""
+    dots = {REFERENCE: (Point().what, beside, side), "shipped": (SHIPPED.what, (7, 3), "left")}
+    for shown, (what, offset, towards) in dots.items():
         row = by_name.get(what)
         if row is None or (x := measure(row)) is None:
             continue
         axes.plot(x, row["in_time"], "o", color=INK, markersize=8, zorder=3)
-        offset = (x_beside, up)
         axes.annotate(
-            shown, (x, row["in_time"]), offset, textcoords="offset points", fontsize=8, ha=side
+            shown, (x, row["in_time"]), offset, textcoords="offset points", fontsize=8, ha=towards
         )
 
 
 def _label(left: Axes, right: Axes) -> None:
     left.set_xscale("log")
-    left.set_xlim(left=36.0)
     left.xaxis.set_major_formatter("{x:g}")
+    left.xaxis.set_minor_locator(LogLocator(subs=(1.0, 2.0, 4.0, 6.0, 8.0)))
     left.xaxis.set_minor_formatter("{x:g}")
     left.set(
         xlabel="computing: one decision, us",
@@ -116,6 +116,7 @@ def _family(
     axes.plot(xs, ys, f"o{line}", color=colour, markersize=4.5, label=family)
     right = colour == OURS
     beside, side = ((5, 4), "left") if right else ((-6, -8 if line else -3), "right")
+    beside, side = ((5, -9), "left") if family == "learner" else (beside, side)
     for x, y, name in points:
         if name in LABELLED:
             axes.annotate(

@@ -31,7 +31,7 @@ from edge_runtime.reading import Json
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import write_whole
 from evaluation.timed_calls import learner_call, step_call
-from export.verify import cut_forests
+from export.verify import cut_learners
 
 WORKERS = cpu_count()
 TIMED_ROWS = 200
@@ -188,7 +188,7 @@ def _measured(folder: Path, fitted: Point, points: Sequence[Point], grown: Grown
     """Measure points of one forest; keep their figures, the model and the rows to time it on."""
     figures, model = measure(fitted, points, folder, grown)
     write_whole(_model(folder, fitted), model.SerializeToString())
-    write_whole(_learner(folder, fitted), cut_forests(model))
+    write_whole(_learner(folder, fitted), cut_learners(model))
     packed = io.BytesIO()
     rows = some(folder, fitted, _settings(fitted), TIMED_ROWS)
     np.savez(packed, rows=rows, samples=_about_events(folder, fitted))

@@ -26,7 +26,7 @@ from export.heads import Head
 from export.learner import Learner, reference_votes
 from export.reference import riskier_argmax, situation_votes
 from export.spec import StepSpec
-from export.verify import cut_forests
+from export.verify import cut_learners
 from studies.fast_handover.ideas import VARIED
 from studies.fast_handover.learners import Answer
 from studies.fast_handover.sets import CHOOSE, Labelled, Streams, joined, labelled, streams
@@ -182,7 +182,7 @@ def _times_us(learners: Mapping[str, Learner], timed: Streams) -> dict[str, tupl
     for name, learner in learners.items():
         head = Head("situation", CLASSES, learner, uncalibrated(len(CLASSES)))
         model = whole_graph(SPEC, [head])
-        calls[f"{name} learner"] = learner_call(cut_forests(model), rows)
+        calls[f"{name} learner"] = learner_call(cut_learners(model), rows)
         calls[f"{name} step"] = step_call(model.SerializeToString(), samples)
     us = {name: float(np.median(one)) for name, one in time_in_turns(calls, TURNS, CALLS).items()}
     return {name: (us[f"{name} learner"], us[f"{name} step"]) for name in learners}

@@ -61,7 +61,7 @@ def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
     calls |= {THESIS: timed(THESIS, 4000.0, 9000.0), FLOOR: timed(FLOOR, 10.0, 10.0)}
     assert ratios(list(calls.values())) == {
         "step_over_bare_full_depth_forest": 1.0,
-        "step_over_own_forest": 1.0,
+        "step_over_own_learner": 1.0,
         "grip_over_step": 0.2,
         "step_p999_over_floor_p999": 2.0,
         "thesis_over_step": 400.0,
@@ -72,14 +72,14 @@ def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
     ("change", "line"),
     [
         ({}, ""),
-        ({"step_over_own_forest": 99.0}, "step_over_own_forest: 99, at most"),
+        ({"step_over_own_learner": 99.0}, "step_over_own_learner: 99, at most"),
         ({"thesis_over_step": 1.0}, "thesis_over_step: 1, at least"),
     ],
 )
 def test_a_broken_budget_is_named_with_its_limit(change, line):
     kept = {
         "step_over_bare_full_depth_forest": 1.0,
-        "step_over_own_forest": 1.0,
+        "step_over_own_learner": 1.0,
         "grip_over_step": 0.2,
         "step_p999_over_floor_p999": 1.0,
         "thesis_over_step": 1000.0,
@@ -91,7 +91,7 @@ def test_a_broken_budget_is_named_with_its_limit(change, line):
 def test_a_model_or_a_process_too_big_is_over_budget():
     kept = {
         "step_over_bare_full_depth_forest": 1.0,
-        "step_over_own_forest": 1.0,
+        "step_over_own_learner": 1.0,
         "grip_over_step": 0.2,
         "step_p999_over_floor_p999": 1.0,
         "thesis_over_step": 1000.0,

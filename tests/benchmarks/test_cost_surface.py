@@ -14,14 +14,14 @@ import onnx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from page_tables import require_tables_fit
+from page_tables import require_tables_fit, tables_of
 
 from benchmarks.cost import recordings
 from benchmarks.cost.features import columns, look_backs_s, some, whole_of
 from benchmarks.cost.grown import first_trees
-from benchmarks.cost.page import README_ROWS, line, readme_table, tables
+from benchmarks.cost.page import MADE_FROM, README_ROWS, line, readme_table
 from benchmarks.cost.picture import figure
-from benchmarks.cost.point import BANDS, GROUPS, Point, points
+from benchmarks.cost.point import BANDS, GROUPS, REFERENCE, Point, points
 from benchmarks.cost.surface import cost, pareto
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import DataError, UsageError
@@ -328,38 +328,37 @@ def rows_of(measured: tuple[Path, dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def test_the_readme_gets_lines_that_say_what_they_were_measured_on(measured):
-    written = readme_table(rows_of(measured))
+    (written,) = readme_table({"rows": rows_of(measured)}).values()
     assert written.startswith("| data |")
     assert len(written.splitlines()) == 2 + len(README_ROWS)
     assert written.count("simulated |") + written.count("real |") == len(README_ROWS)
 
 
-@pytest.mark.parametrize(("new", "told_how_long"), [(13, True), (12, False)])
-def test_the_page_and_its_figure_hold_what_was_measured(measured, new, told_how_long, tmp_path):
-    rows = [*rows_of(measured), dict(rows_of(measured)[0], what="default", of="scenes")]
+@pytest.mark.parametrize(("kept", "says_how_long"), [(0, True), (1, False)])
+def test_the_page_and_its_figure_hold_what_was_measured(measured, kept, says_how_long, tmp_path):
+    rows = [*rows_of(measured), dict(rows_of(measured)[0], what=REFERENCE, of="scenes")]
     fronts = {
-        of: {key: ["default"] for key in ("recall", "in_time", "macro_f1")}
+        of: {key: [REFERENCE] for key in ("recall", "in_time", "macro_f1")}
         for of in ("scenes", "human")
     }
     us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
     latency = {
         "rows": [us],
-        "ratios": {"step_over_own_forest": 5.5},
+        "ratios": {"step_over_own_learner": 5.5},
         "memory": [{"process": "floor"}],
     }
-    took = {"wall_s": 90.0, "cores": 2, "new_points": new}
-    written = tables(
-        {
-            "cost": {"rows": rows, "fronts": fronts, "took": took},
-            "latency": latency,
-            "instructions": {"rows": [{"what": "whole step", "instructions": 7.0}]},
-            "training": {"rows": [{"trials": 50}]},
-        }
+    took = {"wall_s": 90.0, "cores": 2, "new_points": len(rows) - kept}
+    written = tables_of(
+        MADE_FROM.values(),
+        {"rows": rows, "fronts": fronts, "took": took},
+        latency,
+        {"rows": [{"trials": 50}]},
+        {"rows": [{"what": "whole step", "instructions": 7.0}]},
     )
     text = require_tables_fit("docs/what-accuracy-costs.md", written, tmp_path)
     assert "| ours, whole step | 1 | 61.2 |" in text
-    assert "| step over own forest | 5.50 |" in text
-    assert (f"{new} points, min | 1.5 on 2 cores |" in text) == told_how_long, (
+    assert "| step over own learner | 5.50 |" in text
+    assert (f"{len(rows)} points, min | 1.5 on 2 cores |" in text) == says_how_long, (
         "only of a run that made every point"
     )
     drawn = figure(rows)

@@ -37,7 +37,7 @@ from export.heads import Calibration, Head
 from export.learner import reference_votes
 from export.reference import riskier_argmax, situation_votes
 from export.spec import StepSpec
-from export.verify import CHUNK, cut_forests
+from export.verify import CHUNK, cut_learners
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -147,7 +147,7 @@ def head_of(one: Case) -> Head:
 @cache
 def session_of(name: str) -> ort.InferenceSession:
     """The forest, labels and probabilities out of the exported graph."""
-    return open_session(cut_forests(whole_graph(SPEC, [head_of(case(name))])))
+    return open_session(cut_learners(whole_graph(SPEC, [head_of(case(name))])))
 
 
 def answered(
@@ -279,7 +279,7 @@ def test_of_a_hundred_trees_every_tie_is_exact_and_goes_to_the_riskier_class(
     tied = (votes == votes.max(axis=1, keepdims=True)).sum(axis=1) > 1
     record_property("ties", int(tied.sum()))
     np.testing.assert_array_equal(
-        answered(open_session(cut_forests(model)), rows)["situation"], riskier_argmax(votes)
+        answered(open_session(cut_learners(model)), rows)["situation"], riskier_argmax(votes)
     )
     assert tied.sum() > 1000
 
@@ -311,7 +311,7 @@ def test_where_a_leaf_is_split_in_thirds_the_riskier_class_wins_the_rounding_too
     model = whole_graph(
         SPEC, [Head("situation", SITUATIONS, forest, Calibration(np.eye(4), np.zeros(4)))]
     )
-    assert answered(open_session(cut_forests(model)), x[:1])["situation"][0] == max(present)
+    assert answered(open_session(cut_learners(model)), x[:1])["situation"][0] == max(present)
 
 
 # Exact votes

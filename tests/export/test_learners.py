@@ -30,7 +30,7 @@ from export.learner import Learner, reference_votes, votes_in_all
 from export.network import Inputs, Layer, Network, network_votes
 from export.reference import reference_label, riskier_argmax, weighted
 from export.seal import model_card, seal
-from export.verify import cut_forests, verify
+from export.verify import cut_learners, verify
 from training.network_fit import NetworkPlan, fit_network
 from training.plan import ForestPlan
 
@@ -126,7 +126,7 @@ def random_network(seed: int, n_classes: int) -> Network:
 @pytest.mark.parametrize("kind", ["network", "committee"])
 def test_a_row_alone_in_a_batch_and_among_rows_that_are_not_finite_has_the_same_bits(kind):
     made = made_of(kind)
-    session = open_session(cut_forests(whole_graph(SPEC, made.heads)))
+    session = open_session(cut_learners(whole_graph(SPEC, made.heads)))
     rows = rows_of(64, seed=3)
     spoilt = rows.copy()
     spoilt[1::2] = np.resize(

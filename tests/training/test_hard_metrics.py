@@ -32,7 +32,7 @@ from export.heads import Calibration, Head
 from export.learner import reference_votes
 from export.reference import reference_probability
 from export.spec import StepSpec
-from export.verify import cut_forests
+from export.verify import cut_learners
 from training.critical_points import band_pass_envelope, band_pass_rows
 from training.crossval import cross_validate, fit_calibration
 from training.figures import PredictionFigures, Share
@@ -63,7 +63,7 @@ def test_votes_of_all_or_nothing_give_finite_probabilities_in_file_and_reference
         forest,
         Calibration(steepness * np.eye(4), np.linspace(-30.0, 0.0, 4)),
     )
-    session = open_session(cut_forests(whole_graph(StepSpec(2, 50.0, "N", ("now",)), [head])))
+    session = open_session(cut_learners(whole_graph(StepSpec(2, 50.0, "N", ("now",)), [head])))
     (got,) = session.run(["p_situation"], {"features": x})
     expected = reference_probability(head, reference_votes(forest, x, 4))
     assert np.isfinite(got).all()
