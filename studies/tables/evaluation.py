@@ -8,6 +8,7 @@ from pathlib import Path
 
 from edge_runtime.reading import Json
 from evaluation.doc_tables import Tables, refresh, table, with_interval
+from evaluation.labels import DEPLOYED
 from evaluation.page import markdown
 from studies.row_names import OURS, RAW, shown
 from studies.tables.targets import target_rows
@@ -52,7 +53,7 @@ CURVE_HEADS = {
 
 
 def _streams(figures: Json) -> Tables:
-    """What was evaluated, every method on all sets, and the file itself by set."""
+    """What was evaluated, every method on all sets, and the file as deployed by set."""
     headline, rows = figures["thresholds"]["headline"], figures["all"]["rows"]
     first = rows[headline]
     about = [
@@ -67,7 +68,7 @@ def _streams(figures: Json) -> Tables:
         for name, row in rows.items()
     ]
     by_set = [
-        {"set": name, "events": one["rows"][headline]["events"]} | _stream(one["rows"][headline])
+        {"set": name, "events": one["rows"][DEPLOYED]["events"]} | _stream(one["rows"][DEPLOYED])
         for name, one in figures["sets"].items()
     ]
     return {
