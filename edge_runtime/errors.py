@@ -24,9 +24,11 @@
     |   |-- GoldenMismatch            this runtime does not reproduce the file's golden sequences
     |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
     |   |-- VerificationFailed        the exported file and the reference disagree
-    |   `-- NotAdapted                it is no adapted file, so there is nothing to undo
+    |   |-- NotAdapted                it is no adapted file, so there is nothing to undo
+    |   `-- NotCompilable             it holds what the C form does not have
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
     |-- OutputError               5   a result cannot be written
+    |   `-- CompilerFailed            no C compiler, or one that is too old or fails
     `-- DeviceError               6   the hand, or the camera beside it, cannot be read
         |-- DeviceNotFound            no such bridge, or no finger answers
         |-- AccessDenied              the bridge is there, but this user may not open it
@@ -175,6 +177,10 @@ class NotAdapted(ModelError):
     """There is no adaptation to undo, or no base to restore."""
 
 
+class NotCompilable(ModelError):
+    """The file holds what the C form does not have."""
+
+
 class ArtifactError(HoldfastError):
     """A training artifact is missing, foreign or unsafe."""
 
@@ -185,6 +191,10 @@ class OutputError(HoldfastError):
     """A result cannot be written."""
 
     exit_code = 5
+
+
+class CompilerFailed(OutputError):
+    """There is no C compiler, or it is too old, or it fails."""
 
 
 class DeviceError(HoldfastError):

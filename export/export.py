@@ -2,7 +2,7 @@
 
 Without arguments it exports build/default. Nothing is written unless file and reference agree. A
 file in the artifact's own folder is derived from it and replaced; a file elsewhere is replaced only
-with --force.
+with --force. `--to c` turns a sealed file into C99 instead (export/c).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, run_script, show
-from edge_runtime.errors import OutputError
+from edge_runtime.errors import OutputError, UsageError
 from edge_runtime.visible import visible
 
 if TYPE_CHECKING:
@@ -28,16 +28,24 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command, also of `holdfast export`."""
     option, default = parser.add_argument, Path("build/default")
-    folder = "artifact folder of holdfast train (default build/default)"
+    folder = "artifact folder of holdfast train (default build/default); a model file with --to c"
     option("artifact", nargs="?", type=path_argument, default=default, metavar="DIR", help=folder)
-    out = "model file to write (default DIR/holdfast.onnx)"
+    option("--to", choices=("onnx", "c"), default="onnx", help="the form to write (default onnx)")
+    out = (
+        "model file to write (default DIR/holdfast.onnx); the folder with --to c (default MODEL-c)"
+    )
     option("--out", type=path_argument, metavar="FILE", help=out)
     option("--force", action="store_true", help="replace FILE if it exists")
+    option("--build", action="store_true", help="with --to c: compile libholdfast.so too")
 
 
 def run(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
     sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
+    if args.to == "c":
+        return _export_c(args)
+    if args.build:
+        raise UsageError("--build compiles C", next_step="add --to c")
     from export.exporting import MODEL_NAME, export_artifact
 
     require_replaceable(args.artifact, args.out or args.artifact / MODEL_NAME, force=args.force)
@@ -47,6 +55,25 @@ def run(args: argparse.Namespace) -> int:
     rows, samples = report.single_rows, report.stream_samples
     print(f"one at a time equals a batch, bit for bit: {rows} rows and {samples} samples")
     show(f"model: {path} ({report.bytes / 1e6:.1f} MB)")
+    return 0
+
+
+def _export_c(args: argparse.Namespace) -> int:
+    """Export a sealed file as C; prints its memory and what the self-test found."""
+    from export.c.compiler import LIBRARY
+    from export.c.exporting import default_folder, export_c
+
+    model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
+    folder = args.out or default_folder(model)
+    done = export_c(model, folder, build=args.build, force=args.force)
+    source = done.source
+    print(
+        f"state {source.state_bytes} bytes, tables {source.table_bytes} bytes, "
+        f"stack of a step about {source.stack_bytes} bytes"
+    )
+    for line in done.selftest:
+        print(line)
+    show(f"C: {folder} ({', '.join([*source.files, *([LIBRARY] if args.build else [])])})")
     return 0
 
 

@@ -7,45 +7,18 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from adapted_model import RULES, base_of, correction, file_of
 from onnx import numpy_helper
-from small_model import artifact, card_of, graph_of, resealed, sealed_again, spec, with_networks
+from small_model import card_of, resealed, sealed_again, spec
 
-from edge_runtime.decision import DecisionRules
 from edge_runtime.errors import NotAdapted, NotAModel, VerificationFailed
 from edge_runtime.model import Model, read_model
-from edge_runtime.onnx_rules import votes_in_all
 from export.adapted_file import BASE_KEY, Adaptation, adapted, is_adapted, undone
-from export.correction import PREFIX, Correction, corrected_votes, rows_of
+from export.correction import PREFIX, corrected_votes, rows_of
 from export.features import feature_count
-from export.network import Inputs, Layer, Network
-from export.seal import model_card, seal
 from export.verify_adapted import verify_adapted
 
 AREA = "The model file"
-RULES = DecisionRules(min_risky_permille=700)
-
-
-def base_of(eight: bool = True, committee: bool = False) -> bytes:
-    made = artifact(spec(), eight)
-    made = with_networks(made) if committee else made
-    return seal(graph_of(made), model_card(made), made.spec)
-
-
-def correction(base: bytes, bias: float = 40.0) -> Correction:
-    """Of noise, for the features and classes of a base."""
-    card = card_of(base)["heads"]["situation"]
-    k, n = len(card["classes"]), 2 * feature_count(spec()) + len(card["classes"])
-    knee = np.full(n, 0.5, np.float32)
-    knee[-k:] = votes_in_all(card)
-    weights = np.zeros((n, 2), np.float32)
-    weights[:, 1] = np.random.default_rng(5).integers(-400, 400, n)
-    layer = Layer(weights, np.array([0, bias], np.float32), np.array([1, 0.002], np.float32))
-    inputs = Inputs(knee, np.full(n, 511, np.float32), np.zeros(n, np.float32))
-    return Correction(Network(inputs, (layer,), votes_in_all=1))
-
-
-def file_of(base: bytes) -> bytes:
-    return adapted(base, Adaptation(correction(base), RULES, {"person": {"hand_overs": 8}}))
 
 
 def rows(n: int = 300) -> np.ndarray:

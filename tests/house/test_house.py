@@ -97,6 +97,15 @@ print(json.dumps(sorted({name.split(".")[0] for name in sys.modules})))
     assert loaded & (NOT_ON_THE_HAND | (set(MAY_IMPORT) - {"edge_runtime"})) == set()
 
 
+def test_the_c_export_needs_no_package_but_those_of_the_live_path():
+    program = "import json, sys, export.c.exporting; print(json.dumps(sorted(sys.modules)))"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in re.findall(r'"([\w.]+)"', done.stdout)}
+    assert "export" in loaded
+    assert loaded & (NOT_ON_THE_HAND | {"skl2onnx", "skops"}) == set()
+
+
 @pytest.mark.parametrize("room", ["edge_runtime", "drivers"])
 def test_nothing_on_the_hand_reads_a_pickle(room):
     readers = {file: names & READS_PICKLE for file, names in imports_by_file(room).items()}

@@ -37,6 +37,17 @@ def test_files_hold_one_idea() -> None:
     assert median(lines.values()) <= 110
 
 
+def test_the_hand_written_c_is_short_too() -> None:
+    templates = sorted((ROOT / "export/c/templates").iterdir())
+    assert {path.suffix for path in templates} == {".c", ".h"}
+    for path in templates:
+        lines = path.read_text("utf-8").splitlines()
+        assert len(lines) <= 350, path
+        starts = [k for k, line in enumerate(lines) if line.endswith("{") and line[:1].isalpha()]
+        ends = [next(k for k in range(at, len(lines)) if lines[k][:1] == "}") for at in starts]
+        assert all(end - at < 45 for at, end in zip(starts, ends, strict=True)), path
+
+
 def imported(path: Path) -> set[str]:
     """Our modules that a file imports, in functions too."""
     names: set[str] = set()

@@ -1,0 +1,73 @@
+"""A sealed model file -> a folder of C, written whole or not at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from edge_runtime.errors import OutputError
+from edge_runtime.writing import require_writable, whole_folder, write_whole
+from export.c.compiler import LIBRARY, compiled_library
+from export.c.graph import read_graph
+from export.c.source import CSource, c_source
+
+
+@dataclass(frozen=True)
+class CExport:
+    """What was written. selftest: what the compiled self-test printed; empty without --build."""
+
+    folder: Path
+    source: CSource
+    selftest: list[str]
+
+
+def default_folder(model: Path) -> Path:
+    """Where the C form of a model is, if no other place is named: MODEL-c beside it.
+
+    >>> str(default_folder(Path("models/holdfast-150hz.onnx")))
+    'models/holdfast-150hz-c'
+    """
+    return model.with_name(f"{model.stem}-c")
+
+
+def export_c(model: Path, folder: Path, *, build: bool = False, force: bool = False) -> CExport:
+    """Write the C form of a model. Raises a ModelError, CompilerFailed or OutputError."""
+    graph = read_graph(model)
+    names = ["holdfast.c", "holdfast.h", "holdfast_selftest.c", *([LIBRARY] if build else [])]
+    _require_free(folder, names, force=force)
+    require_writable(folder)
+    source, selftest = c_source(graph), list[str]()
+    contents: dict[str, str | bytes] = dict(source.files)
+    if build:
+        contents[LIBRARY] = compiled_library(source.files, selftest)
+    _write(folder, contents)
+    return CExport(folder, source, selftest)
+
+
+def _require_free(folder: Path, names: list[str], *, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(
+            "is a file, not a folder", where=folder, next_step="name another folder with --out"
+        )
+    there = [name for name in names if (folder / name).exists()]
+    if there and not force:
+        raise OutputError(
+            "exists already",
+            where=folder / there[0],
+            cause="an earlier export",
+            next_step="name a new folder with --out, or add --force to replace it",
+        )
+
+
+def _write(folder: Path, contents: dict[str, str | bytes]) -> None:
+    """A new folder appears whole; in one that exists, each file is replaced whole.
+
+    The sources name their model, so that files of two exports do not compile together.
+    """
+    if not folder.exists():
+        with whole_folder(folder) as unfinished:
+            for name, content in contents.items():
+                write_whole(unfinished / name, content)
+        return
+    for name, content in contents.items():
+        write_whole(folder / name, content)

@@ -1,0 +1,128 @@
+"""The trees as compact tables: twelve bytes a branch, and each different leaf once.
+
+A branch holds its threshold, its feature, and where to go: a branch of the same tree (0 or more),
+or a leaf (below 0, its number as ~leaf). Leaves hold whole votes for every class; their sums are
+exact in any order. A feature that is NaN goes right, as in onnxruntime.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.onnx_bytes import Node
+from export.c.literals import number, smallest_type
+from export.c.writer import Writer, block, counted
+
+IntArray = npt.NDArray[np.int64]
+MOST_SHORT = 2**15
+"""Branches of one tree, and different leaves, that 16 bits can name."""
+
+
+@dataclass(frozen=True)
+class Forest:
+    """Branches in the order of the trees, children by C's rule. starts: a tree's first branch.
+
+    roots: where each tree begins: 0, or ~leaf for a tree that is one leaf. votes [leaves, K].
+    """
+
+    threshold: npt.NDArray[np.float32]
+    feature: IntArray
+    children: IntArray
+    starts: IntArray
+    roots: IntArray
+    votes: IntArray
+
+    @property
+    def is_short(self) -> bool:
+        """Whether 16 bits name every child."""
+        least, most = self.children.min(initial=0), self.children.max(initial=0)
+        return least >= -MOST_SHORT and most < MOST_SHORT
+
+
+def read_forest(node: Node, n_classes: int) -> Forest:
+    """The trees of a TreeEnsembleRegressor, which are checked already (edge_runtime)."""
+    about: dict[str, Any] = dict(node.attributes)
+    branch = np.asarray(about["nodes_modes"], dtype=np.bool_)
+    tree = np.asarray(about["nodes_treeids"])
+    first = np.flatnonzero(np.asarray(about["nodes_nodeids"]) == 0)
+    leaf_votes, leaf_of = _leaves(about, first, len(tree), n_classes, branch)
+    place = np.cumsum(branch) - 1
+    starts = np.concatenate([[0], np.cumsum(branch)])[first]
+    meaning = np.where(branch, place - starts[tree], ~leaf_of)
+    left, right = (
+        meaning[(first[tree] + np.asarray(about[name]))[branch]]
+        for name in ("nodes_truenodeids", "nodes_falsenodeids")
+    )
+    return Forest(
+        threshold=np.asarray(about["nodes_values"], dtype=np.float32)[branch],
+        feature=np.asarray(about["nodes_featureids"])[branch],
+        children=np.stack([left, right], axis=1),
+        starts=starts,
+        roots=meaning[first],
+        votes=leaf_votes,
+    )
+
+
+def _leaves(
+    about: dict[str, Any],
+    first: IntArray,
+    n_nodes: int,
+    n_classes: int,
+    branch: npt.NDArray[np.bool_],
+) -> tuple[IntArray, IntArray]:
+    """(votes of every different leaf, the number of each node's leaf)."""
+    votes = np.zeros((n_nodes, n_classes), dtype=np.int64)
+    rows = first[np.asarray(about["target_treeids"])] + np.asarray(about["target_nodeids"])
+    weights = np.asarray(about["target_weights"]).astype(np.int64)
+    np.add.at(votes, (rows, np.asarray(about["target_ids"])), weights)
+    different, of = np.unique(votes[~branch], axis=0, return_inverse=True)
+    leaf_of = np.zeros(n_nodes, dtype=np.int64)
+    leaf_of[~branch] = of.ravel()
+    return different, leaf_of
+
+
+def write_trees(node: Node, writer: Writer) -> list[str]:
+    """Walk every tree and add up the votes of its leaves."""
+    (out,) = node.outputs
+    name, x, n_classes = writer.name(out), writer.name(node.inputs[0]), writer.graph.shape(out)[1]
+    forest = read_forest(node, n_classes)
+    kind = "short" if forest.is_short else "long"
+    prefix = f"hf_{name}"
+    votes_type = smallest_type(forest.votes)
+    votes = writer.tables.add(f"{prefix}_leaves", forest.votes, votes_type)
+    starts = writer.tables.add(f"{prefix}_starts", forest.starts, "int32_t")
+    roots = writer.tables.add(f"{prefix}_roots", forest.roots, "int32_t")
+    branches = f"{prefix}_branches"
+    width = 12 if forest.is_short else 16
+    writer.tables.add_text(
+        branches, _branches(branches, forest, kind), width * len(forest.threshold)
+    )
+    leaf = f"hf_leaf_{kind}({branches} + {starts}[t], {roots}[t], {x})"
+    walk = [
+        f"const {votes_type} *leaf = {votes} + {n_classes} * {leaf};",
+        *counted("k", n_classes, ["total[k] += leaf[k];"]),
+    ]
+    return [
+        f"int32_t total[{n_classes}] = {{0}};",
+        *block(f"for (int t = 0; t < {len(forest.roots)}; ++t)", walk),
+        *counted("k", n_classes, [f"{name}[k] = (float)total[k];"]),
+    ]
+
+
+def _branches(name: str, forest: Forest, kind: str) -> str:
+    """The table of branches; a forest of single leaves has one that no walk reads."""
+    if not len(forest.threshold):
+        return f"static const hf_branch_{kind} {name}[1] = {{{{0.0f, 0, {{-1, -1}}}}}};\n"
+    rows = zip(
+        forest.threshold.tolist(), forest.feature.tolist(), forest.children.tolist(), strict=True
+    )
+    lines = [
+        f"    {{{number(threshold, 'float')}, {feature}, {{{low}, {high}}}}}"
+        for threshold, feature, (low, high) in rows
+    ]
+    count = len(lines)
+    return f"static const hf_branch_{kind} {name}[{count}] = {{\n" + ",\n".join(lines) + "\n};\n"

@@ -1,0 +1,81 @@
+"""Products of whole numbers in integers: 16-bit inputs, weights of the smallest type, 32-bit sums.
+
+A row of the table holds one unit's weights. Units that read the same inputs share a loop; inputs
+that no unit of a loop reads are left out. Ranges are multiples of PACKED, as vector units need.
+"""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from edge_runtime.onnx_bytes import FLOAT, Node
+from export.c.graph import Graph
+from export.c.literals import smallest_type
+from export.c.plan import BY_NUMBER, Plan
+from export.c.whole import Whole
+from export.c.writer import Writer, block, counted, index
+
+PACKED = 8
+INPUT_TYPE, SUM_TYPE = "int16_t", "int32_t"
+MOST_INPUT = 2**15 - 1
+
+
+def whole_types(graph: Graph, plan: Plan) -> dict[str, str]:
+    """C types of the tensors of products that are computed in integers: inputs and sums."""
+    whole, types = Whole(graph), dict[str, str]()
+    loops = {id(node) for step in plan.answer if step.shape is not None for node in step.nodes}
+    readers = _readers(graph)
+    for node in graph.nodes:
+        if node.op_type != "MatMul" or graph.element(node.outputs[0]) != FLOAT:
+            continue
+        values, (total,) = node.inputs[0], node.outputs
+        bounds = whole.bounds(values)
+        fits = bounds is not None and max(-bounds[0], bounds[1]) <= MOST_INPUT
+        alone = all(one.op_type == "MatMul" for one in readers[values])
+        into_loops = all(id(one) in loops and one.op_type in BY_NUMBER for one in readers[total])
+        if fits and alone and into_loops and whole.sums_are_exact(node):
+            types |= {values: INPUT_TYPE, total: SUM_TYPE}
+    return types
+
+
+def _readers(graph: Graph) -> dict[str, list[Node]]:
+    """The nodes that read a tensor; a node in the loop that makes it reads it there."""
+    readers: dict[str, list[Node]] = {name: [] for name in graph.tensors}
+    for node in graph.nodes:
+        for name in node.inputs:
+            readers[name].append(node)
+    return readers
+
+
+def write_whole_product(node: Node, matrix: npt.NDArray[Any], writer: Writer) -> list[str]:
+    """The sums of all units, loop by loop."""
+    x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
+    ranges = [_range(column) for column in matrix.T]
+    lines, unit = [], 0
+    for number, ((first, last), units) in enumerate(groupby(ranges)):
+        count = len(list(units))
+        weights = np.zeros((count, last - first))
+        within = matrix[first:last, unit : unit + count].T
+        weights[:, : within.shape[1]] = within
+        name = f"hf_{out}_weights_{number}"
+        table = writer.tables.add(name, weights, smallest_type(weights))
+        inputs, own = (1, "k", last - first), (1, "i", count)
+        row = index((last - first, "i", count), inputs)
+        add = f"y += {x}[{index(inputs, first=first)}] * {table}[{row}];"
+        kept = f"{out}[{index(own, first=unit)}] = y;"
+        body = ["int32_t y = 0;", *counted("k", last - first, [add]), kept]
+        lines += counted("i", count, body) if count > 1 else block("", body)
+        unit += count
+    return lines
+
+
+def _range(column: npt.NDArray[Any]) -> tuple[int, int]:
+    """The inputs that a unit reads: first, and one past the last, in multiples of PACKED."""
+    places = np.flatnonzero(column)
+    if not len(places):
+        return 0, PACKED
+    return int(places[0]) // PACKED * PACKED, -(-(int(places[-1]) + 1) // PACKED) * PACKED

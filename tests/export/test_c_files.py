@@ -1,0 +1,220 @@
+"""`holdfast export --to c`: whole files or none, one clear error for each thing that is wrong."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import shlex
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import onnx
+import pytest
+from c_form import STRICT
+from command_line import fails
+from small_model import card_of, resealed, sealed_bytes
+
+from edge_runtime.errors import CompilerFailed, NotCompilable
+from export.c.compiler import LIBRARY, find_compiler
+from export.c.graph import read_graph
+from export.c.source import c_source
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "c.md"
+BLOCK = re.compile(r"```(sh|c|text)\n(.*?)```", re.DOTALL)
+SOURCES = ["holdfast.c", "holdfast.h", "holdfast_selftest.c"]
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "small.onnx"
+    path.write_bytes(sealed_bytes())
+    return path
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    from export.c.exporting import export_c
+
+    folder = tmp_path_factory.mktemp("library")
+    (folder / "small.onnx").write_bytes(sealed_bytes())
+    done = export_c(folder / "small.onnx", folder / "c", build=True)
+    assert done.selftest == ["golden: 102 rows, 0 labels differ"]
+    return ctypes.CDLL(str(folder / "c" / LIBRARY))
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_command_writes_three_files_beside_the_model(run: Run, model: Path):
+    code, out, _ = run("export", model, "--to", "c")
+    assert code == 0
+    assert names(model.parent / "small-c") == SOURCES
+    assert out.endswith(
+        f"C: {model.parent / 'small-c'} (holdfast.c, holdfast.h, holdfast_selftest.c)\n"
+    )
+
+
+def test_two_exports_of_a_file_are_the_same_to_the_last_byte(model: Path):
+    assert c_source(read_graph(model)).files == c_source(read_graph(model)).files
+
+
+def test_the_header_says_which_file_it_is_of_and_how_much_memory_it_takes(model: Path):
+    graph = read_graph(model)
+    source = c_source(graph)
+    header = source.files["holdfast.h"]
+    assert graph.digest in header
+    assert graph.card.model_id in header
+    assert f"state {source.state_bytes} bytes" in header
+    assert not re.search(r"@[A-Z_]+@", "".join(source.files.values()))
+
+
+def test_an_earlier_export_is_replaced_only_with_force(run: Run, model: Path):
+    run("export", model, "--to", "c")
+    source = model.parent / "small-c" / "holdfast.c"
+    source.write_text("mine")
+    fails(run, 5, "OutputError", "export", model, "--to", "c", says="exists already")
+    assert source.read_text() == "mine"
+    assert run("export", model, "--to", "c", "--force")[0] == 0
+    assert source.read_text() != "mine"
+
+
+def test_a_place_that_takes_no_folder_is_an_error_of_one_line(run: Run, model: Path):
+    export = ("export", model, "--to", "c", "--out")
+    fails(run, 5, "OutputError", *export, model, says="is a file")
+    fails(run, 5, "OutputError", *export, model / "below", says="cannot write")
+    assert names(model.parent) == ["small.onnx"]
+
+
+def test_another_format_and_other_files_are_refused(run: Run, model: Path):
+    card = {**card_of(sealed_bytes()), "format": 3}
+    model.write_bytes(resealed(onnx.load_from_string(sealed_bytes()), card))
+    fails(run, 4, "NotAModel", "export", model, "--to", "c", says="has format 3")
+    model.write_bytes(b"no model")
+    fails(run, 4, "NotAModel", "export", model, "--to", "c")
+    fails(run, 2, "UsageError", "export", model, "--build", says="add --to c")
+
+
+def test_what_has_no_c_form_is_refused_by_its_name(model: Path):
+    graph = read_graph(model)
+    altered = [
+        replace(node, op_type="Erf") if node.op_type == "Softmax" else node for node in graph.nodes
+    ]
+    with pytest.raises(NotCompilable, match=r"operator Erf for p_class: it has no C form"):
+        c_source(replace(graph, nodes=tuple(altered)))
+
+
+def test_an_answer_that_depends_on_more_than_the_features_is_refused(model: Path):
+    graph = read_graph(model)
+    (label,) = [node for node in graph.nodes if node.op_type == "ArgMax"]
+    added = replace(label, op_type="Add", inputs=("votes", "sample"), outputs=("votes_more",))
+    tensors = {**graph.tensors, "votes_more": graph.tensors["votes"]}
+    with pytest.raises(NotCompilable, match="more than the features"):
+        c_source(replace(graph, nodes=(*graph.nodes, added), tensors=tensors))
+
+
+def script(folder: Path, body: str) -> str:
+    path = folder / "strange-cc"
+    path.write_text(f"#!/bin/sh\n{body}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("exit 1", "does not take -std=c99"),
+        ('case "$*" in *try.c*) exit 0;; esac; echo "x.c:1: error: no" >&2; exit 1', "error: no"),
+        ('case "$*" in *" selftest "*) cp /bin/false selftest;; esac', "answers differently"),
+    ],
+    ids=["too old", "fails", "computes wrongly"],
+)
+def test_a_compiler_that_does_not_do_leaves_nothing_behind(
+    run: Run, model: Path, monkeypatch: pytest.MonkeyPatch, body: str, says: str
+):
+    monkeypatch.setenv("CC", script(model.parent, body))
+    fails(run, 5, "CompilerFailed", "export", model, "--to", "c", "--build", says=says)
+    assert names(model.parent) == ["small.onnx", "strange-cc"]
+
+
+def test_a_compiler_that_is_missing_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(CompilerFailed, match="no C compiler"):
+        find_compiler()
+    monkeypatch.delenv("CC")
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(CompilerFailed, match="cc, gcc, clang"):
+        find_compiler()
+
+
+def test_a_state_of_another_size_or_model_gives_a_code_and_no_answer(library: ctypes.CDLL):
+    library.holdfast_message.restype = ctypes.c_char_p
+    size = library.holdfast_state_bytes()
+    state, out = ctypes.create_string_buffer(size), ctypes.create_string_buffer(b"\xff" * 999, 999)
+    sample = (ctypes.c_float * 6)()
+    assert library.holdfast_init_sized(state, ctypes.c_size_t(size - 8)) == -1
+    assert b"another size" in library.holdfast_message(-1)
+    assert library.holdfast_step(state, sample, out) == -2
+    assert out.raw[:2] == b"\x00\x01", "settled is 0 and unknown is 1"
+    assert library.holdfast_init_sized(state, ctypes.c_size_t(size)) == 0
+    assert library.holdfast_step(state, sample, out) == 0
+
+
+def test_a_float_sample_is_answered_as_the_same_numbers_in_double(library: ctypes.CDLL):
+    size, out = library.holdfast_state_bytes(), [ctypes.create_string_buffer(999) for _ in "ab"]
+    states = [ctypes.create_string_buffer(size) for _ in "ab"]
+    for state in states:
+        library.holdfast_init_sized(state, ctypes.c_size_t(size))
+    for row in range(60):
+        numbers = [(k * row % 7) / 8.0 for k in range(6)]
+        library.holdfast_step(states[0], (ctypes.c_float * 6)(*numbers), out[0])
+        library.holdfast_step_valid(states[1], (ctypes.c_double * 6)(*numbers), None, out[1])
+        assert out[0].raw == out[1].raw
+    assert states[0].raw == states[1].raw
+
+
+def compile_in(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["gcc", *STRICT, *words], cwd=folder, capture_output=True, text=True)
+
+
+def test_files_of_two_models_do_not_compile_together(run: Run, model: Path, tmp_path: Path):
+    run("export", model, "--to", "c", "--out", tmp_path / "one")
+    model.write_bytes(sealed_bytes(False))
+    run("export", model, "--to", "c", "--out", tmp_path / "other")
+    shutil.copy(tmp_path / "other" / "holdfast.h", tmp_path / "one" / "holdfast.h")
+    assert "of another model" in compile_in(tmp_path / "one", "-c", "holdfast.c").stderr
+
+
+@pytest.mark.skipif(shutil.which("nm") is None, reason="no nm")
+def test_the_object_holds_no_memory_that_changes_and_needs_only_libm(run: Run, model: Path):
+    run("export", model, "--to", "c")
+    folder = model.parent / "small-c"
+    assert compile_in(folder, "-O2", "-c", "holdfast.c").returncode == 0
+    listed = subprocess.run(["nm", "holdfast.o"], cwd=folder, capture_output=True, text=True)
+    symbols = [line.split()[-2:] for line in listed.stdout.splitlines()]
+    assert not [name for kind, name in symbols if kind in "bBdDC"]
+    needed = {name for kind, name in symbols if kind == "U"}
+    assert needed <= {"memcpy", "memmove", "memset", "sqrt", "floorf", "__stack_chk_fail"}
+
+
+def test_the_page_does_what_it_says(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    printed = ""
+    for kind, text in BLOCK.findall(PAGE.read_text("utf-8")):
+        if kind == "c":
+            Path("hand.c").write_text(text)
+        elif kind == "text":
+            assert text == printed
+        elif text.startswith("holdfast "):
+            code, printed, _ = run(*shlex.split(text)[1:])
+            assert code == 0
+        else:
+            done = subprocess.run(["sh", "-e", "-c", text], capture_output=True, text=True)
+            assert (done.returncode, done.stderr) == (0, "")
+            printed = done.stdout

@@ -1,0 +1,158 @@
+"""Decision, friction margin, controller and supervisor in C equal those in Python, step by step."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from c_form import SANITISED, CForm, c_form, run
+from grip_senses import QUICK, random_senses
+from made_once import made_once
+from small_model import sealed_bytes
+
+from edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
+from edge_runtime.grip import CONTROLLERS, GripSense
+from edge_runtime.grip_control import GripLoop
+from edge_runtime.lanes import ManyLanes
+from export.c.graph import read_graph
+from export.c.hand import RULE_ORDER
+
+RATE_HZ = 50.0
+"""Of the small model."""
+DECISION = np.dtype(
+    [(name, "i4") for name in ("risky_run", "nothing_run", "override_us", "evidence_us")]
+    + [(name, "u1") for name in ("arm", "act", "ended")],
+    align=True,
+)
+ENDED = (None, "released", "timed_out", "opened", "overridden")
+NUMBERS = ("target_n", "slew_n_s", "feedback", "mu_hat", "margin", "needed_n")
+COMMAND = np.dtype([("mode", "i4"), *((name, "f8") for name in NUMBERS)], align=True)
+STREAM = 500
+Array = npt.NDArray[Any]
+
+
+@pytest.fixture(scope="module")
+def form(tmp_path_factory: pytest.TempPathFactory) -> CForm:
+    def write(folder: Path) -> None:
+        (folder / "model.onnx").write_bytes(sealed_bytes())
+        c_form(folder / "model.onnx", folder / "c")
+
+    folder = made_once(tmp_path_factory, "c-hand", write)
+    return CForm(folder / "model.onnx", folder / "c", read_graph(folder / "model.onnx"))
+
+
+def random_decisions(n: int, seed: int) -> Array:
+    """[n, 11] records of the harness: rules that change every STREAM samples, then labels."""
+    rng = np.random.default_rng(seed)
+    streams = -(-n // STREAM)
+    small = [rng.integers(low, min(high, low + 4), streams) for low, high in LIMITS.values()]
+    small[3] = rng.choice([0, 600, 1000], streams)
+    small[4], small[5] = (rng.choice([1, 45, 2000, 600_000], streams) for _ in range(2))
+    rules = np.repeat(np.stack(small, axis=1), STREAM, axis=0)[:n]
+    fresh = np.arange(n) % STREAM == 0
+    often = np.repeat(rng.integers(-1, 4, -(-n // 4)), 4)[:n]
+    situation = np.where(rng.random(n) < 0.5, often, rng.integers(-1, 4, n))
+    permille = rng.choice([0, 599, 600, 601, 999, 1000], n)
+    period = np.repeat(rng.choice([6667, 20_000], streams), STREAM)[:n]
+    wish = rng.choice(4, n, p=[0.94, 0.03, 0.02, 0.01])
+    more = np.stack([fresh, situation, permille, period, wish], axis=1)
+    return np.concatenate([rules, more], axis=1).astype("<i4")
+
+
+@cache
+def rules_of(*values: int) -> DecisionRules:
+    return DecisionRules(**dict(zip(RULE_ORDER, values, strict=True)))
+
+
+def decided(records: Array) -> Array:
+    """What Python decides: the fields of DECISION as one row of whole numbers each."""
+    remembered = cache(decide_at)
+    state, rows = DecisionState(), []
+    for *rules, fresh, situation, permille, period_us, wish in records.tolist():
+        state = DecisionState() if fresh else state
+        state = remembered(rules_of(*rules), state, situation, permille, period_us, wish)
+        row = (state.risky_run, state.nothing_run, state.override_us, state.evidence_us)
+        rows.append((*row, state.arm, state.act, ENDED.index(state.ended)))
+    return np.array(rows, DECISION)
+
+
+def decide_at(
+    rules: DecisionRules, state: DecisionState, situation: int, permille: int, us: int, wish: int
+) -> DecisionState:
+    opening, override = bool(wish & 1), bool(wish & 2)
+    return decide(
+        rules, state, situation, permille, period_us=us, opening=opening, override=override
+    )
+
+
+@pytest.mark.parametrize("n", [50_000, pytest.param(10**6, marks=pytest.mark.soak)])
+def test_a_decision_in_c_is_that_of_python_at_every_step(form, n):
+    records = random_decisions(n, seed=n)
+    got = run(form.program("gcc", "-O2"), "decide", records, DECISION)
+    wanted = decided(records)
+    assert all((got[name] == wanted[name]).all() for name in DECISION.names or ())
+    assert set(wanted["ended"].tolist()) == set(range(len(ENDED)))
+    few = run(form.program("gcc", *SANITISED), "decide", records[:20_000], DECISION)
+    assert few.tobytes() == got[:20_000].tobytes()
+
+
+def records_of(senses: list[GripSense], hands: int) -> Array:
+    """Records of the harness, one hand after another."""
+    options = (22.0, QUICK.ceiling_n, QUICK.slew_n_s, QUICK.rise_s, QUICK.most_rise_s)
+    kind = [("options", "f8", 7), ("fresh", "u1"), ("numbers", "f8", 4), ("flags", "u1", 4)]
+    given = np.zeros((hands, len(senses)), np.dtype(kind))
+    given["options"] = (*options, QUICK.give_back_s, QUICK.give_back_n_s)
+    given["fresh"][:, 0] = 1
+    for at, one in enumerate(senses):
+        numbers = (one.grip_n, one.load_n, one.p_risky, one.p_safe)
+        given["numbers"][:, at] = np.stack(numbers, axis=1)
+        flags = (one.known, one.empty, one.opening, one.overridden)
+        given["flags"][:, at] = np.stack(flags, axis=1)
+    return given
+
+
+def commanded(senses: list[GripSense], hands: int) -> Array:
+    """[hands, samples] what Python commands, on many hands at once."""
+    lanes = ManyLanes(hands)
+    controller = CONTROLLERS["holdfast"](lanes, RATE_HZ, CONTROLLERS["holdfast"].SETTING)
+    loop = GripLoop(lanes, RATE_HZ, controller, QUICK)
+    commands = np.zeros((hands, len(senses)), COMMAND)
+    for at, one in enumerate(senses):
+        commands["target_n"][:, at] = loop.step(one)
+        commands["mode"][:, at] = loop.supervisor.mode
+        for name in ("mu_hat", "margin", "needed_n"):
+            commands[name][:, at] = getattr(loop.margin, name)
+        commands["feedback"][:, at] = np.where(one.known & (one.p_risky >= 0.7), one.p_risky, 0.0)
+    commands["slew_n_s"] = QUICK.slew_n_s
+    return commands
+
+
+def slides(senses: list[GripSense], hands: int, seed: int) -> list[GripSense]:
+    """The same, and slips in between: a steady ratio of forces while a slip is certain."""
+    rng = np.random.default_rng(seed)
+    for start in range(0, len(senses) - 20, 60):
+        grip_n, ratio = 0.4 + 5.0 * rng.random(hands), 0.2 + rng.random(hands)
+        for one in senses[start : start + 20]:
+            one.grip_n = grip_n * (1.0 + 0.01 * rng.random(hands))
+            one.load_n = 2.0 * ratio * one.grip_n
+            one.p_risky = 0.9 + 0.1 * rng.random(hands)
+            one.known, one.empty = np.ones(hands, bool), np.zeros(hands, bool)
+    return senses
+
+
+@pytest.mark.parametrize("hands", [250, pytest.param(2_500, marks=pytest.mark.soak)])
+def test_a_grip_command_in_c_has_the_bits_of_python_at_every_step(form, hands):
+    senses = slides(random_senses(hands, 400, hands), hands, seed=1)
+    given, wanted = records_of(senses, hands), commanded(senses, hands)
+    got = run(form.program("gcc", "-O2"), "grip", given, COMMAND).reshape(wanted.shape)
+    assert (got["mode"] == wanted["mode"]).all()
+    for name in NUMBERS:
+        assert got[name].tobytes() == wanted[name].tobytes(), name
+    assert set(np.unique(wanted["mode"])) == {0, 1, 2, 3, 4}
+    assert (wanted["mu_hat"] > 0.0).mean() > 0.05
+    few = run(form.program("gcc", *SANITISED), "grip", given[:20], COMMAND)
+    assert few.tobytes() == got[:20].tobytes()

@@ -1,0 +1,84 @@
+"""C forms of small models, compiled once a run, and their answers beside onnxruntime's."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from export.c.exporting import export_c
+from export.c.graph import Graph, read_graph
+from export.c.literals import C_TYPES
+
+HARNESS = Path(__file__).with_name("c_harness.c")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
+SANITISED = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+NUMPY_TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "uint8_t": "u1"}
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class CForm:
+    """A model's sources in a folder, and its graph. model: the ONNX file."""
+
+    model: Path
+    folder: Path
+    graph: Graph
+
+    def program(self, compiler: str, *flags: str, main: str = str(HARNESS)) -> Path:
+        """A program with this main: the harness, or a file of the C form; compiled once."""
+        kind = "".join((compiler, *flags))
+        built, path = self.folder / f"{kind}.o", self.folder / f"{kind}-{Path(main).stem}"
+        if not built.exists():
+            self._compile(compiler, *flags, "-c", "-o", built.name, "holdfast.c")
+        if not path.exists():
+            self._compile(compiler, *flags, "-I.", "-o", path.name, built.name, main, "-lm")
+        return path
+
+    def _compile(self, compiler: str, *words: str) -> None:
+        command = [compiler, *STRICT, *words]
+        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[:2000]
+
+    @property
+    def out_type(self) -> np.dtype[Any]:
+        """The layout of holdfast_out."""
+        fields = [
+            (name, NUMPY_TYPES[C_TYPES[self.graph.element(name)]], self.graph.shape(name)[1:])
+            for name in self.graph.outputs
+        ]
+        return np.dtype(fields, align=True)
+
+    def stepped(self, program: Path, values: Array, valid: Array, fresh: Array) -> Array:
+        """features, out and state after every sample: values [T, C], valid [T, S], fresh [T]."""
+        channels, rows = values.shape[1], self.graph.shape("state")[1:]
+        record = [("sample", "f8", channels), ("valid", "u1", channels // 3), ("fresh", "u1")]
+        given = np.zeros(len(values), np.dtype(record))
+        given["sample"], given["valid"], given["fresh"] = values, valid, fresh
+        answers = [
+            ("features", "f4", self.graph.n_features),
+            ("out", self.out_type),
+            ("state", "f8", rows),
+        ]
+        return run(program, "step", given, np.dtype(answers))
+
+    def answered(self, program: Path, features: Array) -> Array:
+        """out for every row of features [N, F] float32."""
+        return run(program, "answer", np.ascontiguousarray(features), self.out_type)
+
+
+def run(program: Path, mode: str, given: Array, answers: np.dtype[Any]) -> Array:
+    """A harness' answers to records, one for each."""
+    done = subprocess.run([str(program), mode], input=given.tobytes(), capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()[:3000]
+    return np.frombuffer(done.stdout, answers)
+
+
+def c_form(model: Path, folder: Path) -> CForm:
+    """Export a model as C into a new folder."""
+    export_c(model, folder)
+    return CForm(model, folder, read_graph(model))
