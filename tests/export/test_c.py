@@ -24,7 +24,7 @@ from export.c.graph import read_graph
 from export.features import GROUPS
 from export.hard_rows import hard_rows
 from export.seal import model_card, seal
-from export.verify import cut_forests
+from export.verify import cut_learners
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -177,7 +177,7 @@ def everything_features(made: CForm) -> int:
 def test_rows_on_every_threshold_get_the_same_votes_and_labels(form, name, n, record_property):
     made = form(name)
     rows = hard_answers(made, n)
-    session = open_session(cut_forests(onnx.load(made.model)))
+    session = open_session(cut_learners(onnx.load(made.model)))
     names = [one.name for one in session.get_outputs()]
     answers = dict(zip(names, session.run(names, {"features": rows}), strict=True))
     require_same(made, answers, made.answered(quick(made), rows))
