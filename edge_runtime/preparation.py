@@ -24,15 +24,17 @@ class Preparation:
 
     bias_rows: how many rows the bias is taken from (0: the stream is already tared). statistic:
     mean or median over these rows, each channel on its own; non-finite rows do not count.
-    flip_negative_normal: turn z round where its first value is below -flip_beyond (a reversed
-    magnet). flip_beyond: in the stream's unit, above the noise; otherwise a stream that is already
-    tared would be turned at random.
+    flip_negative_normal: turn a sensor round where the first value of z is below -flip_beyond (a
+    reversed magnet). flip_beyond: in the stream's unit, above the noise; otherwise a stream that is
+    already tared would be turned at random. turns: the whole sensor, as a reversed magnet turns the
+    field on all three axes, or its normal alone, as the thesis has it.
     """
 
     bias_rows: int = 0
     statistic: Literal["mean", "median"] = "median"
     flip_negative_normal: bool = False
     flip_beyond: float = 0.0
+    turns: Literal["normal", "sensor"] = "normal"
 
     def apply(self, raw: FloatArray) -> FloatArray:
         """[T, C] raw -> [T, C] prepared, same unit.
@@ -52,8 +54,13 @@ class Preparation:
         first = raw[: max(1, self.bias_rows)]
         for channel in range(NORMAL_AXIS, raw.shape[1], 3):
             finite = first[np.isfinite(first[:, channel]), channel]
-            sign[channel] = -1.0 if finite.size and finite[0] < -self.flip_beyond else 1.0
+            if finite.size and finite[0] < -self.flip_beyond:
+                sign[self._turned(channel)] = -1.0
         return sign
+
+    def _turned(self, normal: int) -> slice:
+        """The channels that turn with a normal channel."""
+        return slice(normal - NORMAL_AXIS if self.turns == "sensor" else normal, normal + 1)
 
     def _bias(self, turned: FloatArray) -> FloatArray:
         first = turned[: self.bias_rows]
@@ -87,4 +94,6 @@ def preparation_from_json(value: Json) -> Preparation:
             f"flip_negative_normal {made.flip_negative_normal!r:.9}, "
             f"flip_beyond {made.flip_beyond!r:.40}"
         )
+    if made.turns not in ("normal", "sensor"):
+        raise ValueError(f"turns {made.turns!r:.40}")
     return made

@@ -92,7 +92,7 @@ class _Hand:
         self.offset_n = rng.uniform(-0.5, 0.5, (N_SENSORS, 3))
         self.offset_n[:, NORMAL_AXIS] = rng.uniform(0.2, 0.8, N_SENSORS)
         self.sign = np.ones((N_SENSORS, 3))
-        self.sign[list(UPSIDE_DOWN), NORMAL_AXIS] = -1.0
+        self.sign[list(UPSIDE_DOWN)] = -1.0
 
     def feel(self, scene: _Scene) -> FloatArray:
         """[T, 18] what the sensors read."""

@@ -143,9 +143,15 @@ rows = hnp.arrays(
 )
 
 
-@given(rows, st.sampled_from([0, 1, 5]), st.sampled_from(["mean", "median"]), st.booleans())
-def test_a_stream_is_tared_as_a_recording_is_prepared(raw, bias_rows, statistic, flip):
-    preparation = Preparation(bias_rows, statistic, flip, flip_beyond=0.3)
+@given(
+    rows,
+    st.sampled_from([0, 1, 5]),
+    st.sampled_from(["mean", "median"]),
+    st.booleans(),
+    st.sampled_from(["normal", "sensor"]),
+)
+def test_a_stream_is_tared_as_a_recording_is_prepared(raw, bias_rows, statistic, flip, turns):
+    preparation = Preparation(bias_rows, statistic, flip, flip_beyond=0.3, turns=turns)
     tare, valid = Tare(preparation, 6), np.ones(2, dtype=np.bool_)
     out = [tare.prepare(row, valid) for row in raw]
     whole = preparation.apply(raw)

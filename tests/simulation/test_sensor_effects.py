@@ -360,7 +360,7 @@ def test_the_thesis_preparation_turns_exactly_the_reversed_magnets(sensors: list
     raw = pressed(sensors)
     sign, _ = preparation("N").learn(raw.values.reshape(40, 18))
     expected = np.ones((6, 3))
-    expected[columns(*sensors), 2] = -1.0
+    expected[columns(*sensors)] = -1.0
     assert np.array_equal(sign.reshape(6, 3), expected)
 
 
@@ -370,6 +370,25 @@ def test_prepared_a_press_is_a_positive_normal_force_on_all_six(sensors: list[in
     assert prepared[:20] == pytest.approx(0.0, abs=1e-9)
     assert (prepared[20:, :, 2] > 4.0).all()
     assert np.ptp(prepared[20:, :, 2]) < 1e-9
+
+
+@pytest.mark.parametrize("sensors", [[1], [2, 5], [1, 2, 3, 4, 5, 6]])
+def test_prepared_a_hand_of_reversed_magnets_is_the_hand_of_upright_ones(
+    sensors: list[int],
+) -> None:
+    """The shear too: a model learns from one hand and runs on the other."""
+    upright, turned = (
+        preparation("N").apply(pressed(which).values.reshape(40, 18)) for which in ([], sensors)
+    )
+    assert turned == pytest.approx(upright, abs=1e-9)
+    thesis_own = replace(preparation("N"), turns="normal")
+    kept = thesis_own.apply(pressed(sensors).values.reshape(40, 18)).reshape(40, 6, 3)
+    assert (
+        np.abs(
+            kept[20:, columns(*sensors), 0] + upright.reshape(40, 6, 3)[20:, columns(*sensors), 0]
+        ).max()
+        < 1e-9
+    )
 
 
 def tared() -> FloatArray:

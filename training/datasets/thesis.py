@@ -80,9 +80,16 @@ READING = 0.5
 
 
 def preparation(unit: Unit) -> Preparation:
-    """The thesis'; a first value that is negative by noise alone turns nothing round."""
+    """The thesis', but a reversed magnet turns the whole sensor round (docs/decisions.md).
+
+    A first value that is negative by noise alone turns nothing round.
+    """
     return Preparation(
-        bias_rows=5, statistic="mean", flip_negative_normal=True, flip_beyond=NORMAL_FLOOR[unit]
+        bias_rows=5,
+        statistic="mean",
+        flip_negative_normal=True,
+        flip_beyond=NORMAL_FLOOR[unit],
+        turns="sensor",
     )
 
 
