@@ -25,7 +25,8 @@
     |   |-- RuntimeRefused            a version of onnxruntime known to answer wrongly
     |   |-- VerificationFailed        the exported file and the reference disagree
     |   |-- NotAdapted                it is no adapted file, so there is nothing to undo
-    |   `-- NotCompilable             it holds what the C form does not have
+    |   |-- NotCompilable             it holds what the C form does not have
+    |   `-- LibraryRefused            no compiled library, or one of another model
     |-- ArtifactError             4   a training artifact is missing, foreign or unsafe
     |-- OutputError               5   a result cannot be written
     |   `-- CompilerFailed            no C compiler, or one that is too old or fails
@@ -179,6 +180,10 @@ class NotAdapted(ModelError):
 
 class NotCompilable(ModelError):
     """The file holds what the C form does not have."""
+
+
+class LibraryRefused(ModelError):
+    """There is no compiled library of the model, or it is another one."""
 
 
 class ArtifactError(HoldfastError):

@@ -9,16 +9,18 @@ relative.
 from __future__ import annotations
 
 import base64
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import GoldenMismatch, NotAModel
 from edge_runtime.graph import Outputs, run_recording
 from edge_runtime.reading import Json, json_of
+
+if TYPE_CHECKING:
+    import onnxruntime as ort
 
 TOLERANCE = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-6}
 AMPLITUDE = {"N": 1.0 / 64.0, "uT": 2.0, "count": 8.0}

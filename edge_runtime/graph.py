@@ -8,13 +8,15 @@ file.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 
 from edge_runtime.contract import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    import onnxruntime as ort
 
 _DTYPES: dict[str, npt.DTypeLike] = {
     "tensor(double)": np.float64,
@@ -31,6 +33,8 @@ Outputs = dict[str, npt.NDArray[Any]]
 
 def open_session(model: bytes) -> ort.InferenceSession:
     """An onnxruntime session with one thread and no spinning, as suits a small board."""
+    import onnxruntime as ort  # here, because a compiled library answers without it
+
     options = ort.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1

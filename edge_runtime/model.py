@@ -8,14 +8,14 @@ sequences.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-
-import onnxruntime as ort
+from typing import TYPE_CHECKING
 
 from edge_runtime.answer_ranges import require_in_range
 from edge_runtime.errors import NotAModel
 from edge_runtime.golden import check_golden, golden_answers, golden_from_json
-from edge_runtime.graph import Outputs, open_session
+from edge_runtime.graph import Outputs, StepGraph, open_session
 from edge_runtime.memory import give_back
 from edge_runtime.model_file import (
     GOLDEN_KEY,
@@ -27,6 +27,9 @@ from edge_runtime.model_file import (
 )
 from edge_runtime.onnx_bytes import read_onnx
 from edge_runtime.onnx_rules import require_ours
+
+if TYPE_CHECKING:
+    import onnxruntime as ort
 
 LONGEST_REASON = 200
 """Characters of onnxruntime's message, which may be several pages long."""
@@ -45,6 +48,10 @@ class Model:
         require_in_range(answers, self.card, path)
         check_golden(golden, answers, str(path))
         give_back()
+
+    def stepper(self, outputs: Sequence[str]) -> StepGraph:
+        """One hand's step, from a fresh state. outputs: those to compute."""
+        return StepGraph(self.session, 1, outputs)
 
     def _golden_answers(self) -> Outputs:
         card = self.card

@@ -10,8 +10,6 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import onnxruntime as ort
-
 from edge_runtime.contract import CLASSES, SITUATIONS, UNITS, Unit
 from edge_runtime.decision import LIMITS, DecisionRules
 from edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
@@ -162,8 +160,15 @@ def _foreign(data: bytes, path: Path) -> NotAModel | BrokenSeal:
     )
 
 
-def check_runtime(version: str = ort.__version__) -> None:
-    """Raise RuntimeRefused for a version of onnxruntime that is known to answer wrongly."""
+def check_runtime(version: str | None = None) -> None:
+    """Raise RuntimeRefused for a version of onnxruntime that is known to answer wrongly.
+
+    version: None for the installed one.
+    """
+    if version is None:
+        import onnxruntime as ort  # here, because a compiled library answers without it
+
+        version = ort.__version__
     if version in WRONG_RUNTIMES:
         raise RuntimeRefused(
             f"onnxruntime {version} {WRONG_RUNTIMES[version]}",

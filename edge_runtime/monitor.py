@@ -21,8 +21,8 @@ from edge_runtime.contract import (
     State,
 )
 from edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
+from edge_runtime.engine import OpenedModel
 from edge_runtime.errors import ChannelError, TimeError
-from edge_runtime.graph import StepGraph
 from edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
 
 # the README's import: a monitor and its model from one module
@@ -43,10 +43,14 @@ class GripMonitor:
     """
 
     def __init__(
-        self, model: Model, clock_ns: Callable[[], int] | None = NOW_NS, *, bias_known: bool = False
+        self,
+        model: OpenedModel,
+        clock_ns: Callable[[], int] | None = NOW_NS,
+        *,
+        bias_known: bool = False,
     ) -> None:
         self.card = model.card
-        self._graph = StepGraph(model.session, 1, self._outputs())
+        self._graph = model.stepper(self._outputs())
         self._clock_ns = clock_ns
         self._bias_known = bias_known
         self._period_us = period_us(self.card.rate_hz)

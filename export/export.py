@@ -60,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _export_c(args: argparse.Namespace) -> int:
     """Export a sealed file as C; prints its memory and what the self-test found."""
-    from export.c.compiler import LIBRARY
-    from export.c.exporting import default_folder, export_c
+    from edge_runtime.c_engine import LIBRARY, default_folder
+    from export.c.exporting import export_c
 
     model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
     folder = args.out or default_folder(model)

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from edge_runtime.commands import command_port
 from edge_runtime.contract import FloatArray, Prediction, Sample
-from edge_runtime.errors import OutputError, RateError
+from edge_runtime.engine import OpenedModel
+from edge_runtime.errors import OutputError, RateError, UsageError
 from edge_runtime.fit import require_fit
 from edge_runtime.live import Command, Source, SourceReading, Summary, run_live
 from edge_runtime.monitor import GripMonitor, Model
@@ -46,12 +47,23 @@ def run_live_verb(args: argparse.Namespace) -> int:
     """Run until stopped; returns the exit code."""
     require_grip(args)
     clock = SceneClock() if is_virtual(args.grip) else RunClock()
-    model = Model(args.model)
+    model = _opened(args)
     with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
         summary, failures = _run_until_stopped(args, clock, model, beside)
         say_summary(summary, beside)
     complete = all(_closed_by_reader(name, error) for name, error in failures.items())
     return 0 if complete else OutputError.exit_code
+
+
+def _opened(args: argparse.Namespace) -> OpenedModel:
+    """The model, with the engine that was asked for. Raises a ModelError, or UsageError."""
+    if args.engine == "c":
+        from edge_runtime.c_engine import CompiledModel
+
+        return CompiledModel(args.model, args.library)
+    if args.library:
+        raise UsageError("--library is for the C engine", next_step="add --engine c")
+    return Model(args.model)
 
 
 def _closed_by_reader(name: str, error: OSError) -> bool:
@@ -65,7 +77,7 @@ class _Outputs:
     def __init__(
         self,
         args: argparse.Namespace,
-        model: Model,
+        model: OpenedModel,
         beside: Sink,
         enter: Callable[[AbstractContextManager[Any]], Any],
         at_end: Callable[[Callable[[], None]], object],
@@ -102,7 +114,7 @@ class _Outputs:
 
 
 def _run_until_stopped(
-    args: argparse.Namespace, clock: RunClock, model: Model, beside: Sink
+    args: argparse.Namespace, clock: RunClock, model: OpenedModel, beside: Sink
 ) -> tuple[Summary, dict[str, OSError]]:
     """(summary, failed outputs): everything opened, the loop, everything closed."""
     with ExitStack() as stack:
@@ -128,7 +140,7 @@ def _run_until_stopped(
 
 
 def _grip(
-    args: argparse.Namespace, model: Model, clock: RunClock, tell: Callable[[str], None]
+    args: argparse.Namespace, model: OpenedModel, clock: RunClock, tell: Callable[[str], None]
 ) -> AbstractContextManager[GripOutput | None]:
     if not args.grip:
         return nullcontext()
@@ -149,7 +161,7 @@ def _sinks(
 
 def answer(
     source: Source,
-    model: Model,
+    model: OpenedModel,
     clock: Any,
     emit: Emit,
     stopped: Callable[[], bool],
@@ -169,7 +181,7 @@ def answer(
     return run_live(source, monitor, tare, clock, emit, stopped=stopped, command=command)
 
 
-def require_pace(source: Source, model: Model, clock: Any) -> None:
+def require_pace(source: Source, model: OpenedModel, clock: Any) -> None:
     """Read until one scan is as fast as the model's rate.
 
     Raises RateError where none of PACE_READS scans is.
@@ -191,7 +203,7 @@ def require_pace(source: Source, model: Model, clock: Any) -> None:
     )
 
 
-def _view(model: Model) -> AbstractContextManager[View]:
+def _view(model: OpenedModel) -> AbstractContextManager[View]:
     from holdfast.view import viewed
 
     return viewed(model.card.unit)

@@ -3,6 +3,7 @@
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h
 holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h --engine c
 """
 
 from __future__ import annotations
@@ -19,6 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("model", metavar="MODEL", help="a sealed holdfast.onnx")
     add_live_options(parser)
+    engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
+    option("--engine", choices=("onnxruntime", "c"), default="onnxruntime", help=engine)
+    library = "the library of --engine c (default MODEL-c/libholdfast.so)"
+    option("--library", type=path_argument, metavar="FILE", help=library)
     option("--out", type=path_argument, metavar="FILE", help="also write the JSON lines to FILE")
     option("--udp", metavar="HOST:PORT", help="also send the JSON lines as datagrams")
     commands = "receive the user's commands here: opening, and override of an alarm"

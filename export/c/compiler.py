@@ -9,9 +9,9 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from edge_runtime.c_engine import LIBRARY
 from edge_runtime.errors import CompilerFailed
 
-LIBRARY = "libholdfast.so"
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off")
 COMPILERS = ("cc", "gcc", "clang")
 LONGEST_S = 600.0

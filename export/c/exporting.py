@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from edge_runtime.c_engine import LIBRARY
 from edge_runtime.errors import OutputError
 from edge_runtime.writing import require_writable, whole_folder, write_whole
-from export.c.compiler import LIBRARY, compiled_library
+from export.c.compiler import compiled_library
 from export.c.graph import read_graph
 from export.c.source import CSource, c_source
 
@@ -19,15 +20,6 @@ class CExport:
     folder: Path
     source: CSource
     selftest: list[str]
-
-
-def default_folder(model: Path) -> Path:
-    """Where the C form of a model is, if no other place is named: MODEL-c beside it.
-
-    >>> str(default_folder(Path("models/holdfast-150hz.onnx")))
-    'models/holdfast-150hz-c'
-    """
-    return model.with_name(f"{model.stem}-c")
 
 
 def export_c(model: Path, folder: Path, *, build: bool = False, force: bool = False) -> CExport:

@@ -25,6 +25,8 @@ INFIX = {
     "GreaterOrEqual": ">=",
     "Less": "<",
 }
+SMALL = 2.0**22
+"""Numbers below it may be rounded by adding and taking away a large one."""
 CALLS = {"Abs": "fabs", "Sqrt": "sqrt", "Floor": "floor"}
 
 
@@ -122,17 +124,23 @@ class _Loop:
         if op in ("Max", "Min"):
             sign = ">" if op == "Max" else "<"
             return "{0} {2} {1} ? {0} : {1}".format(*operands, sign)
-        if op == "Clip":
-            return "{0} < {1} ? {1} : {0} > {2} ? {2} : {0}".format(*operands)
+        if op == "Clip" and element in (FLOAT, DOUBLE):
+            return f"hf_clip{'_f' if end else ''}({', '.join(operands)})"
         if op == "Where":
             return "{} ? {} : {}".format(*operands)
         if op == "Round" and element == FLOAT:
-            return f"hf_round({operands[0]})"
+            return f"{self._round(node)}({operands[0]})"
         if op == "Cast":
             return _cast(node, element, operands[0])
         if op == "Gather":
             return self._looked_up(node, operands)
         raise refusal(node, "it has no C form for its type")
+
+    def _round(self, node: Node) -> str:
+        """The helper that rounds: a faster one where the number is proved to be small."""
+        bounds = self._writer.whole.bounds(node.outputs[0])
+        small = bounds is not None and max(-bounds[0], bounds[1]) < SMALL
+        return "hf_round_small" if small else "hf_round"
 
     def _looked_up(self, node: Node, operands: list[str]) -> str:
         """A number of a table of one row; a corrupted state must not reach beyond it."""

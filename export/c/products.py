@@ -22,6 +22,8 @@ from export.c.writer import Writer, block, counted, index
 Matrix = npt.NDArray[Any]
 MOST_TERMS = 12
 """Terms of one sum that are written out; longer sums with a constant on the left are loops."""
+MOST_SUMS = 4
+"""Sums that a loop keeps in registers."""
 MOST_WRITTEN = 600
 """Terms of a whole product that are written out where the constant is on the right."""
 
@@ -65,7 +67,7 @@ def _row(node: Node, row: int, weights: Matrix, columns: int, writer: Writer) ->
 
 
 def _long_row(node: Node, row: int, weights: Matrix, columns: int, writer: Writer) -> list[str]:
-    """A sum over a range of rows of the input, in a loop."""
+    """A sum over a range of rows of the input, in a loop for each column."""
     c_type = C_TYPES[writer.graph.element(node.outputs[0])]
     x, out = writer.name(node.inputs[1]), writer.name(node.outputs[0])
     places = np.flatnonzero(weights)
@@ -76,17 +78,16 @@ def _long_row(node: Node, row: int, weights: Matrix, columns: int, writer: Write
     else:
         table = writer.tables.add(f"hf_{out}_row_{row}", used, c_type)
         weight = f"{table}[k - {first}]" if first else f"{table}[k]"
-    along, total = (1, "j", columns), f"y[{index((1, 'j', columns))}]"
-    add = _add(c_type, weight, f"{x}[{index((columns, 'k', 2), along)}]", total)
-    kept = f"{out}[{index(along, first=row * columns)}] = {total};"
-    return block(
-        "",
-        [
-            f"{c_type} y[{columns}] = {{0}};",
-            *counted("k", last, counted("j", columns, [add]), first=first),
-            *counted("j", columns, [kept]),
-        ],
-    )
+    lines = []
+    for start in range(0, columns, MOST_SUMS):
+        some = range(start, min(columns, start + MOST_SUMS))
+        terms = ((f"y{n}", f"{x}[{index((columns, 'k', 2), first=n)}]") for n in some)
+        adds = [_add(c_type, weight, operand, total) for total, operand in terms]
+        zeros = ", ".join(f"y{n} = 0" for n in some)
+        kept = [f"{out}[{row * columns + n}] = y{n};" for n in some]
+        body = [f"{c_type} {zeros};", *counted("k", last, adds, first=first), *kept]
+        lines += block("", body)
+    return lines
 
 
 def _constant_right(node: Node, matrix: Matrix, writer: Writer) -> list[str]:

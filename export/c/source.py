@@ -18,6 +18,7 @@ from export.c.plan import Plan, Step, plan_of
 from export.c.selftest import selftest_source
 from export.c.templates import snippets, template
 from export.c.views import View, views_of
+from export.c.whole import Whole
 from export.c.whole_products import whole_types
 from export.c.writer import Names, Writer
 
@@ -54,9 +55,10 @@ class _Compiled:
     def __init__(self, graph: Graph) -> None:
         self.tables = Tables()
         self._graph, self._names, self._number = graph, Names(), 0
+        self._whole = Whole(graph)
         views = views_of(graph)
         plan = plan_of(graph, views)
-        types = whole_types(graph, plan)
+        types = whole_types(graph, plan, self._whole)
         outside = {name: name for name in (*INPUTS, FEATURES)}
         made_early = {name for step in plan.sense for name in step.outputs}
         early = {name: at for name, at in _fields(graph).items() if name in made_early}
@@ -72,7 +74,7 @@ class _Compiled:
 
     def _part(self, steps: list[Step], memory: Memory, end: list[str]) -> tuple[str, str]:
         """(definitions, body of the function that calls them in order)."""
-        writer = Writer(self._graph, memory, self.tables, self._names)
+        writer = Writer(self._graph, memory, self.tables, self._names, self._whole)
         functions = []
         for step in steps:
             functions.append(write_step(step, self._number, writer))

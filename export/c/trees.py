@@ -7,7 +7,7 @@ exact in any order. A feature that is NaN goes right, as in onnxruntime.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from export.c.literals import number, smallest_type
 from export.c.writer import Writer, block, counted
 
 IntArray = npt.NDArray[np.int64]
+TOGETHER = 4
+"""Trees that are walked at once: while one waits for memory, the others go on."""
 MOST_SHORT = 2**15
 """Branches of one tree, and different leaves, that 16 bits can name."""
 
@@ -86,10 +88,10 @@ def _leaves(
 
 
 def write_trees(node: Node, writer: Writer) -> list[str]:
-    """Walk every tree and add up the votes of its leaves."""
+    """Walk all trees, some at a time, and add up the votes of their leaves."""
     (out,) = node.outputs
     name, x, n_classes = writer.name(out), writer.name(node.inputs[0]), writer.graph.shape(out)[1]
-    forest = read_forest(node, n_classes)
+    forest = _padded(read_forest(node, n_classes))
     kind = "short" if forest.is_short else "long"
     prefix = f"hf_{name}"
     votes_type = smallest_type(forest.votes)
@@ -101,16 +103,42 @@ def write_trees(node: Node, writer: Writer) -> list[str]:
     writer.tables.add_text(
         branches, _branches(branches, forest, kind), width * len(forest.threshold)
     )
-    leaf = f"hf_leaf_{kind}({branches} + {starts}[t], {roots}[t], {x})"
+    following = f"hf_next_{kind}({branches} + {starts}[t + k], at[k], {x})"
+    add = [
+        f"const {votes_type} *leaf = {votes} + {n_classes} * ~at[k];",
+        *counted("j", n_classes, ["total[j] += leaf[j];"]),
+    ]
     walk = [
-        f"const {votes_type} *leaf = {votes} + {n_classes} * {leaf};",
-        *counted("k", n_classes, ["total[k] += leaf[k];"]),
+        f"int32_t at[{TOGETHER}];",
+        *counted("k", TOGETHER, [f"at[k] = {roots}[t + k];"]),
+        *block(
+            f"while (({' & '.join(f'at[{k}]' for k in range(TOGETHER))}) >= 0)",
+            counted("k", TOGETHER, [f"at[k] = {following};"]),
+        ),
+        *counted("k", TOGETHER, add),
     ]
     return [
         f"int32_t total[{n_classes}] = {{0}};",
-        *block(f"for (int t = 0; t < {len(forest.roots)}; ++t)", walk),
-        *counted("k", n_classes, [f"{name}[k] = (float)total[k];"]),
+        *block(f"for (int t = 0; t < {len(forest.roots)}; t += {TOGETHER})", walk),
+        *counted("j", n_classes, [f"{name}[j] = (float)total[j];"]),
     ]
+
+
+def _padded(forest: Forest) -> Forest:
+    """With as many trees as are walked at once: those added are a leaf without votes.
+
+    A tree of one leaf begins at the first branch of all, which a walk may read and never follows.
+    """
+    more = -len(forest.roots) % TOGETHER
+    empty = np.zeros((1, forest.votes.shape[1]), dtype=np.int64)
+    roots = np.concatenate([forest.roots, np.full(more, ~len(forest.votes))])
+    starts = np.concatenate([forest.starts, np.zeros(more, dtype=np.int64)])
+    return replace(
+        forest,
+        roots=roots,
+        starts=np.where(roots < 0, 0, starts),
+        votes=np.concatenate([forest.votes, empty]) if more else forest.votes,
+    )
 
 
 def _branches(name: str, forest: Forest, kind: str) -> str:

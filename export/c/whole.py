@@ -95,6 +95,15 @@ class Whole:
         ends = np.stack([low * values, high * values])
         return ends.min(axis=0), ends.max(axis=0)
 
+    def of_product(self, node: Node) -> Bounds:
+        """A sum of inputs times constant weights."""
+        weights = self._graph.values(node.inputs[1])
+        least, most = self._bounds(node.inputs[0])
+        if weights is None or not math.isfinite(most - least):
+            return ANYTHING
+        largest = float(max(-least, most) * np.abs(weights).sum(axis=0).max())
+        return -largest, largest
+
     def of_quotient(self, node: Node) -> Bounds:
         """x / (|x| + k) with k > 0 is within 1."""
         above, below = node.inputs
@@ -118,4 +127,5 @@ _RULES: dict[str, Callable[[Whole, Node], Bounds]] = {
     "Add": Whole.of_sum,
     "Mul": Whole.of_sum,
     "Div": Whole.of_quotient,
+    "MatMul": Whole.of_product,
 }

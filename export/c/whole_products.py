@@ -6,6 +6,7 @@ that no unit of a loop reads are left out. Ranges are multiples of PACKED, as ve
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
@@ -20,13 +21,15 @@ from export.c.whole import Whole
 from export.c.writer import Writer, block, counted, index
 
 PACKED = 8
+TOGETHER = 4
+"""Units whose sums are made at once: they share each input that is read."""
 INPUT_TYPE, SUM_TYPE = "int16_t", "int32_t"
 MOST_INPUT = 2**15 - 1
 
 
-def whole_types(graph: Graph, plan: Plan) -> dict[str, str]:
+def whole_types(graph: Graph, plan: Plan, whole: Whole) -> dict[str, str]:
     """C types of the tensors of products that are computed in integers: inputs and sums."""
-    whole, types = Whole(graph), dict[str, str]()
+    types: dict[str, str] = {}
     loops = {id(node) for step in plan.answer if step.shape is not None for node in step.nodes}
     readers = _readers(graph)
     for node in graph.nodes:
@@ -51,26 +54,61 @@ def _readers(graph: Graph) -> dict[str, list[Node]]:
     return readers
 
 
+@dataclass(frozen=True)
+class _Units:
+    """Units that read the same inputs: C names of input, output and table, and places there."""
+
+    x: str
+    out: str
+    table: str
+    c_type: str
+    first_input: int
+    width: int
+    first_unit: int
+    count: int
+
+
 def write_whole_product(node: Node, matrix: npt.NDArray[Any], writer: Writer) -> list[str]:
     """The sums of all units, loop by loop."""
     x, out = writer.name(node.inputs[0]), writer.name(node.outputs[0])
     ranges = [_range(column) for column in matrix.T]
-    lines, unit = [], 0
-    for number, ((first, last), units) in enumerate(groupby(ranges)):
-        count = len(list(units))
+    lines: list[str] = []
+    unit = 0
+    for number, ((first, last), same) in enumerate(groupby(ranges)):
+        count = len(list(same))
         weights = np.zeros((count, last - first))
         within = matrix[first:last, unit : unit + count].T
         weights[:, : within.shape[1]] = within
         name = f"hf_{out}_weights_{number}"
-        table = writer.tables.add(name, weights, smallest_type(weights))
-        inputs, own = (1, "k", last - first), (1, "i", count)
-        row = index((last - first, "i", count), inputs)
-        add = f"y += {x}[{index(inputs, first=first)}] * {table}[{row}];"
-        kept = f"{out}[{index(own, first=unit)}] = y;"
-        body = ["int32_t y = 0;", *counted("k", last - first, [add]), kept]
-        lines += counted("i", count, body) if count > 1 else block("", body)
+        c_type = smallest_type(weights)
+        table = writer.tables.add(name, weights, c_type)
+        units = _Units(x, out, table, c_type, first, last - first, unit, count)
+        lines += _sums(units, 0, TOGETHER) + _sums(units, count - count % TOGETHER, 1)
         unit += count
     return lines
+
+
+def _sums(units: _Units, begin: int, together: int) -> list[str]:
+    """A loop over units from `begin` on, some at once."""
+    passes = (units.count - begin) // together
+    if not passes:
+        return []
+    value = f"{units.x}[{index((1, 'k', units.width), first=units.first_input)}]"
+    sums = [f"y{n}" for n in range(together)]
+    adds, kept = [], []
+    for n, total in enumerate(sums):
+        row = index((1, "k", units.width), first=n * units.width)
+        adds.append(f"{total} += {value} * row[{row}];")
+        at = index((together, "i", passes), first=units.first_unit + begin + n)
+        kept.append(f"{units.out}[{at}] = {total};")
+    start = index((together * units.width, "i", passes), first=begin * units.width)
+    body = [
+        f"const {units.c_type} *row = {units.table} + {start};",
+        f"int32_t {', '.join(f'{total} = 0' for total in sums)};",
+        *counted("k", units.width, adds),
+        *kept,
+    ]
+    return counted("i", passes, body) if passes > 1 else block("", body)
 
 
 def _range(column: npt.NDArray[Any]) -> tuple[int, int]:

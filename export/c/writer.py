@@ -10,6 +10,7 @@ from export.c.graph import Graph
 from export.c.literals import C_TYPES, Tables
 from export.c.memory import Memory
 from export.c.plan import Step
+from export.c.whole import Whole
 
 _NAME = re.compile(r"[a-z][a-z0-9]*_[a-z0-9_]{1,50}")
 """With an underscore inside, no name is a word of C or a function of its library."""
@@ -47,12 +48,13 @@ class Names:
 
 @dataclass(frozen=True)
 class Writer:
-    """For one part of the graph: its memory, the tables of the file, and the names of tensors."""
+    """What emitters of one part of the graph share. tables, names: of the whole file."""
 
     graph: Graph
     memory: Memory
     tables: Tables
     names: Names
+    whole: Whole
 
     def name(self, tensor: str) -> str:
         """The C name of a tensor."""

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 RELEASED = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 SMALL = ("eight classes", "four situations", "committee", "adapted committee")
-MODELS = (*SMALL, "released")
+MODELS = (*SMALL, pytest.param("released", marks=pytest.mark.soak))
+"""The released file's golden sequence is replayed by tests/export/test_c_files.py on every run."""
 COMPILERS = ("gcc", "clang")
 Make = Callable[[str], CForm]
 Answers = dict[str, npt.NDArray[Any]]
@@ -200,7 +201,7 @@ def has_fused_products() -> bool:
 
 
 @pytest.mark.skipif(not has_fused_products(), reason="no fused multiply-add on this processor")
-@pytest.mark.parametrize("name", ["committee", "released"])
+@pytest.mark.parametrize("name", ["committee", pytest.param("released", marks=pytest.mark.soak)])
 def test_with_fused_products_every_number_has_the_bits_of_onnxruntime(form, name):
     """So the sums are in onnxruntime's order, and only the rounding of products differs."""
     made = form(name)

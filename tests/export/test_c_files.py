@@ -17,8 +17,9 @@ from c_form import STRICT
 from command_line import fails
 from small_model import card_of, resealed, sealed_bytes
 
+from edge_runtime.c_engine import LIBRARY
 from edge_runtime.errors import CompilerFailed, NotCompilable
-from export.c.compiler import LIBRARY, find_compiler
+from export.c.compiler import find_compiler
 from export.c.graph import read_graph
 from export.c.source import c_source
 

@@ -94,10 +94,11 @@ int holdfast_features(holdfast_state *state, const double *sample, const uint8_t
                       float *features, holdfast_out *out);
 void holdfast_answer(const float *features, holdfast_out *out);
 
-/* What a code means, in words; the seal of the model; the size of a state in this library. */
+/* What a code means, in words; the seal of the model; sizes in this library. */
 const char *holdfast_message(int code);
 const char *holdfast_digest(void);
 size_t holdfast_state_bytes(void);
+size_t holdfast_out_bytes(void);
 
 /* ---- the decision: from labels to one request ---- */
 

@@ -18,6 +18,22 @@ static float hf_round(float x) {
     return fabsf(x) < 8388608.0f ? (x + shift) - shift : x;
 }
 
+/*** hf_round_small ***/
+/* The same below 2^22, without a branch: adding 1.5 * 2^23 leaves no place for a fraction. */
+static float hf_round_small(float x) { return (x + 12582912.0f) - 12582912.0f; }
+
+/*** hf_clip ***/
+static double hf_clip(double x, double least, double most) {
+    x = x > least ? x : least;
+    return x < most ? x : most;
+}
+
+/*** hf_clip_f ***/
+static float hf_clip_f(float x, float least, float most) {
+    x = x > least ? x : least;
+    return x < most ? x : most;
+}
+
 /*** hf_whole ***/
 /* Towards zero, within the range of 32 bits; 0 for NaN. */
 static int32_t hf_whole(double x) {
@@ -69,22 +85,18 @@ typedef struct {
     int32_t child[2];
 } hf_branch_long;
 
-/*** hf_leaf_short ***/
-/* The leaf that a row of features reaches: left where feature <= threshold, else (NaN too) right. */
-static int32_t hf_leaf_short(const hf_branch_short *tree, int32_t at, const float *features) {
-    while (at >= 0) {
-        const hf_branch_short *branch = tree + at;
-        at = branch->child[!(features[branch->feature] <= branch->threshold)];
-    }
-    return ~at;
+/*** hf_next_short ***/
+/* From a branch to its child: left where feature <= threshold, else (NaN too) right. A leaf stays. */
+static int32_t hf_next_short(const hf_branch_short *tree, int32_t at, const float *features) {
+    const hf_branch_short *branch = tree + (at < 0 ? 0 : at);
+    const int32_t next = branch->child[!(features[branch->feature] <= branch->threshold)];
+    return at < 0 ? at : next;
 }
 
-/*** hf_leaf_long ***/
-/* The leaf that a row of features reaches: left where feature <= threshold, else (NaN too) right. */
-static int32_t hf_leaf_long(const hf_branch_long *tree, int32_t at, const float *features) {
-    while (at >= 0) {
-        const hf_branch_long *branch = tree + at;
-        at = branch->child[!(features[branch->feature] <= branch->threshold)];
-    }
-    return ~at;
+/*** hf_next_long ***/
+/* From a branch to its child: left where feature <= threshold, else (NaN too) right. A leaf stays. */
+static int32_t hf_next_long(const hf_branch_long *tree, int32_t at, const float *features) {
+    const hf_branch_long *branch = tree + (at < 0 ? 0 : at);
+    const int32_t next = branch->child[!(features[branch->feature] <= branch->threshold)];
+    return at < 0 ? at : next;
 }

@@ -13,6 +13,8 @@ const char *holdfast_digest(void) { return HOLDFAST_DIGEST; }
 
 size_t holdfast_state_bytes(void) { return sizeof(holdfast_state); }
 
+size_t holdfast_out_bytes(void) { return sizeof(holdfast_out); }
+
 int holdfast_init_sized(holdfast_state *state, size_t bytes) {
     if (bytes != sizeof *state) return HOLDFAST_STATE_SIZE;
     memset(state, 0, sizeof *state);

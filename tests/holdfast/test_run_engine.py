@@ -1,0 +1,121 @@
+"""`holdfast run --engine c`: the compiled library answers as onnxruntime does, line by line."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import fails
+from made_once import made_once
+from small_model import artifact, graph_of, sealed_bytes, spec, with_networks
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.c_engine import LIBRARY, CompiledModel
+from edge_runtime.contract import Prediction
+from edge_runtime.engine import OpenedModel
+from edge_runtime.errors import LibraryRefused
+from edge_runtime.model import Model
+from export.c.exporting import export_c
+from export.seal import model_card, seal
+from holdfast.live_run import answer
+from holdfast.live_sources import open_live
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = "virtual://ft232h?scene=pull-soft-ball&seed=1&fault=nack:3@1.5%2B0.2"
+TIMES = ("t_acquired_ns", "t_decided_ns", "latency_us")
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A committee for the virtual hand, with its library in the place that the engine looks in."""
+
+    def write(folder: Path) -> None:
+        made = with_networks(artifact(spec(("now", "differences"), n_sensors=6, rate_hz=150.0)))
+        (folder / "small.onnx").write_bytes(seal(graph_of(made), model_card(made), made.spec))
+        export_c(folder / "small.onnx", folder / "small-c", build=True)
+
+    return made_once(tmp_path_factory, "engine", write) / "small.onnx"
+
+
+def lines(model: OpenedModel, seconds: float) -> list[dict[str, Any]]:
+    """What a run on virtual time answers, without its times."""
+    clock, given = VirtualClock(), list[Prediction]()
+    source = open_live(SOURCE, clock=clock, say=lambda line: None)
+    end_ns = clock.now_ns() + round(1e9 * seconds)
+
+    def emit(prediction: Prediction, *more: object) -> int:
+        given.append(prediction)
+        return 0
+
+    answer(source, model, clock, emit, lambda: clock.now_ns() >= end_ns)
+    answers = [dataclasses.asdict(one) for one in given]
+    return [{k: v for k, v in one.items() if k not in TIMES} for one in answers]
+
+
+def near(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(near(one[key], other[key]) for key in one)
+    return one == other or (isinstance(one, float) and abs(one - other) <= 2e-6)
+
+
+def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(model):
+    compiled, reference = lines(CompiledModel(model), 4.0), lines(Model(model), 4.0)
+    assert len(compiled) == len(reference) > 500
+    assert all(near(one, other) for one, other in zip(compiled, reference, strict=True))
+    assert {line["why"] for line in reference} >= {"", "settling", "sensors"}
+    assert len({line["state"] for line in reference}) > 2
+
+
+def test_a_run_of_the_c_engine_never_loads_onnxruntime(model):
+    program = f"""
+import sys
+from holdfast.cli import main
+words = ["run", {str(model)!r}, "--source", "virtual://ft232h", "--engine", "c", "--seconds", "0.2"]
+code = main([*words, "--quiet"])
+print(code, "onnxruntime" in sys.modules)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
+    assert done.stdout == "0 False\n", done.stderr
+
+
+def test_a_library_that_does_not_fit_is_one_clear_error(run: Run, model: Path, tmp_path: Path):
+    alone = tmp_path / "alone.onnx"
+    alone.write_bytes(sealed_bytes())
+    words = ("run", alone, "--source", "virtual://ft232h", "--engine", "c")
+    fails(run, 4, "LibraryRefused", *words, says="no compiled library")
+    fails(run, 4, "LibraryRefused", *words, "--library", alone, says="is no library of a model")
+    built = model.parent / "small-c" / LIBRARY
+    fails(run, 4, "LibraryRefused", *words, "--library", built, says="is of model")
+    fails(run, 2, "UsageError", *words[:4], "--library", built, says="add --engine c")
+
+
+def test_a_library_that_answers_otherwise_is_refused(model: Path, tmp_path: Path):
+    """The golden sequence is replayed at every load, as onnxruntime does."""
+    folder = tmp_path / "altered"
+    export_c(model, folder)
+    source = (folder / "holdfast.c").read_text()
+    (folder / "holdfast.c").write_text(source.replace("best = ", "best = 3 - ", 1))
+    words = ["gcc", "-std=c99", "-shared", "-fPIC", "-o", LIBRARY, "holdfast.c", "-lm"]
+    subprocess.run(words, cwd=folder, check=True)
+    with pytest.raises(LibraryRefused, match="differs from the golden sequence"):
+        CompiledModel(model, folder / LIBRARY)
+
+
+def test_a_reset_forgets_all(model: Path):
+    steps = CompiledModel(model).stepper(["settled"])
+    settled = []
+    for _ in range(2):
+        rows = [bool(steps.step()["settled"][0]) for _ in range(100)]
+        settled.append(rows)
+        steps.reset()
+    assert settled[0] == settled[1]
+    assert settled[0][-1]
+    assert not settled[0][0]
