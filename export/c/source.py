@@ -179,7 +179,10 @@ def _bias(preparation: Preparation) -> str:
     if not preparation.bias_rows:
         return "it comes without bias already"
     words = f"the {preparation.statistic} of its first {preparation.bias_rows} samples"
-    turned = f"; turn z first where it reads below -{preparation.flip_beyond:g}"
+    what = "x, y and z of a sensor" if preparation.turns == "sensor" else "z"
+    turned = (
+        f".\n   Before that, turn {what} round where z begins below -{preparation.flip_beyond:g}"
+    )
     return words + (turned if preparation.flip_negative_normal else "")
 
 

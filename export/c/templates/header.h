@@ -11,11 +11,11 @@
            holdfast_step(&state, sample, &out);
 
    Compile with cc -std=c99 -O2 -ffp-contract=off, link with -lm. Results then have the same bits on
-   every processor that follows IEEE 754. Without -ffp-contract=off labels still agree, bits may not.
+   every processor that follows IEEE 754. Without -ffp-contract=off their last bits may differ.
 
    Sample: @CHANNELS@ numbers, x y z of sensor 1, then of sensor 2, and so on; z presses on the
-   fingertip. In @UNIT@, without bias: subtract what the unloaded hand reads
-   (@BIAS@).
+   fingertip. In @UNIT@, without bias: subtract what the unloaded hand reads,
+   @BIAS@.
    A sensor with a number that is not finite, or of magnitude @LIMIT@ or more, counts as lost at
    this sample: write NaN for a finger that did not answer. A sample that never came is a step with
    NaN in every number. Call holdfast_init again after a gap of more than @GAP_MS@ ms without steps.
