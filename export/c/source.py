@@ -157,7 +157,8 @@ def _words(graph: Graph, compiled: _Compiled) -> dict[str, object]:
         "UNIT": card.unit,
         "UNIT_IS_N": int(card.unit == "N"),
         "LIMIT": f"{card.range_limit:g} {card.unit}",
-        "BIAS": _bias(card.preparation),
+        **_preparation(card.preparation),
+        "GAP": card.gap_samples,
         "GAP_MS": f"{1000.0 * card.gap_samples / card.rate_hz:.0f}",
         "LEAST": card.min_valid_sensors,
         "SETTLE": card.settle_samples,
@@ -174,10 +175,22 @@ def _words(graph: Graph, compiled: _Compiled) -> dict[str, object]:
     }
 
 
+def _preparation(preparation: Preparation) -> dict[str, object]:
+    """How a stream is prepared: words and numbers for the header."""
+    turned = 3 if preparation.turns == "sensor" else 1
+    return {
+        "BIAS": _bias(preparation),
+        "BIAS_ROWS": preparation.bias_rows,
+        "BIAS_MEDIAN": int(preparation.statistic == "median" and preparation.bias_rows > 0),
+        "TURNED_AXES": turned if preparation.flip_negative_normal else 0,
+        "TURN_BEYOND": number(preparation.flip_beyond, "double"),
+    }
+
+
 def _bias(preparation: Preparation) -> str:
-    """How a stream is prepared, in words for the header."""
+    """The preparation in words."""
     if not preparation.bias_rows:
-        return "it comes without bias already"
+        return "if its samples are not without bias already"
     words = f"the {preparation.statistic} of its first {preparation.bias_rows} samples"
     what = "x, y and z of a sensor" if preparation.turns == "sensor" else "z"
     turned = (

@@ -50,6 +50,14 @@ extern "C" {
 #define HOLDFAST_UNIT "@UNIT@"
 #define HOLDFAST_UNIT_IS_N @UNIT_IS_N@
 #define HOLDFAST_SETTLE_SAMPLES @SETTLE@
+#define HOLDFAST_GAP_SAMPLES @GAP@
+
+/* The preparation: a bias of so many first samples, their mean or median; and how many axes of a
+   sensor are turned round (3: all, 1: z alone) where its z begins below -HOLDFAST_TURN_BEYOND. */
+#define HOLDFAST_BIAS_ROWS @BIAS_ROWS@
+#define HOLDFAST_BIAS_MEDIAN @BIAS_MEDIAN@
+#define HOLDFAST_TURNED_AXES @TURNED_AXES@
+#define HOLDFAST_TURN_BEYOND @TURN_BEYOND@
 
 /* ---- the step ---- */
 

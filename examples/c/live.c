@@ -1,0 +1,87 @@
+/* Live answers from a pipe: a line of numbers for each sample in, a line of JSON for each answer out.
+     holdfast export models/holdfast-150hz.onnx --to c --out build/c
+     cc -std=c99 -O2 -ffp-contract=off -Ibuild/c -o live examples/c/live.c build/c/holdfast.c -lm
+     tail -f -n +1 trial_1/tactile.csv | ./live
+   In: Time in s, x y z of every sensor; then, where the recorder wrote the line, a validity flag for
+   each sensor at the end. The first lines must be of the unloaded hand. A lost finger is nan. */
+#include "holdfast.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { C = HOLDFAST_CHANNELS, S = HOLDFAST_SENSORS, CELLS = 1 + C + 8 + S };
+#if HOLDFAST_BIAS_MEDIAN
+#error "the bias of this model is a median; this example takes a mean"
+#endif
+
+static const char *const STATES[] = {"unknown", "nothing", "grasp", "safe_slip", "risky_slip"};
+static const char *const MODES[] = {"idle", "hold", "tighten", "relax", "yield"};
+
+/* The numbers of a line; returns how many there are: 0 for a header. */
+static int read_cells(const char *line, double *cells) {
+    int n = 0;
+    for (char *end; n < CELLS; line = end + 1) {
+        cells[n] = strtod(line, &end);
+        if (end == line) break;
+        ++n;
+        if (*end != ',') break;
+    }
+    return n;
+}
+
+/* Removes the bias of the first rows, in place; returns 0 until it is known. */
+static int prepare(double *sample) {
+    static double sign[C], sum[C];
+    static int rows = 0;
+    for (int k = 0; k < C && rows < HOLDFAST_BIAS_ROWS; ++k)
+        if (!isfinite(sample[k])) return 0;
+    for (int k = 0; k < C && rows == 0; ++k) {
+        const int turns = sample[k - k % 3 + 2] < -HOLDFAST_TURN_BEYOND && k % 3 >= 3 - HOLDFAST_TURNED_AXES;
+        sign[k] = turns ? -1.0 : 1.0;
+    }
+    for (int k = 0; k < C && rows < HOLDFAST_BIAS_ROWS; ++k) sum[k] += sample[k] * sign[k];
+    rows += rows <= HOLDFAST_BIAS_ROWS;
+    for (int k = 0; k < C; ++k) {
+        const double bias = HOLDFAST_BIAS_ROWS ? sum[k] / HOLDFAST_BIAS_ROWS : 0.0;
+        sample[k] = sample[k] * sign[k] - bias;
+    }
+    return rows >= HOLDFAST_BIAS_ROWS;
+}
+
+int main(void) {
+    static const uint8_t none[S] = {0};
+    static holdfast_state state;
+    holdfast_decision decision = {0};
+    holdfast_grip grip;
+    holdfast_command command;
+    holdfast_out out;
+    double last_s = -1.0;
+    char line[4096];
+    if (holdfast_init(&state) != HOLDFAST_OK) return 1;
+    holdfast_grip_init(&grip, NULL);
+    while (fgets(line, sizeof line, stdin)) {
+        double cells[CELLS], *sample = cells + 1;
+        uint8_t valid[S];
+        holdfast_sense sense;
+        const int n = read_cells(line, cells);
+        if (n < 1 + C) continue;
+        const int known = prepare(sample);
+        for (int k = 0; k < S; ++k) valid[k] = known && (n == 1 + C || cells[n - S + k] != 0.0);
+        /* samples that never came are steps without a sensor; a longer gap is no different */
+        const double missing = last_s < 0.0 ? 0.0 : (cells[0] - last_s) * HOLDFAST_RATE_HZ - 1.5;
+        for (int k = 0; k <= HOLDFAST_GAP_SAMPLES && k < missing; ++k)
+            holdfast_step_valid(&state, sample, none, &out);
+        last_s = cells[0];
+        holdfast_step_valid(&state, sample, valid, &out);
+        holdfast_decide(&decision, &out, HOLDFAST_NO_WISH);
+        sense = holdfast_sense_of(&out, &decision, sample, valid, HOLDFAST_NO_WISH);
+        holdfast_grip_step(&grip, &sense, &command);
+        printf("{\"t_s\":%.6f,\"state\":\"%s\",\"p_risky\":%.6f,", cells[0],
+               STATES[out.unknown ? 0 : 1 + out.situation], (double)out.p_situation[3]);
+        printf("\"act\":%s,\"mode\":\"%s\",\"target_n\":%.4f}\n", decision.act ? "true" : "false",
+               MODES[command.mode], command.target_n);
+        fflush(stdout);
+    }
+    return 0;
+}

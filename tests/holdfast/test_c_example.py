@@ -1,0 +1,102 @@
+"""examples/c/live.c answers a recording line by line as the live path in Python does."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from c_form import STRICT
+from small_model import artifact, graph_of, spec, with_networks
+
+from drivers.replay import open_replay
+from edge_runtime.contract import Prediction, channel_names
+from edge_runtime.grip_command import GripCommand
+from edge_runtime.grip_control import GripControl
+from edge_runtime.model import Model
+from edge_runtime.monitor import GripMonitor
+from edge_runtime.preparation import Preparation
+from edge_runtime.tare import Tare
+from export.c.exporting import export_c
+from export.seal import model_card, seal
+
+LIVE = Path(__file__).resolve().parents[2] / "examples" / "c" / "live.c"
+PREPARED = Preparation(5, "mean", flip_negative_normal=True, flip_beyond=0.3, turns="sensor")
+ROWS = 600
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("example")
+    made = with_networks(artifact(spec(("now", "differences"), n_sensors=6, rate_hz=150.0)))
+    made = replace(made, preparation=PREPARED)
+    (folder / "small.onnx").write_bytes(seal(graph_of(made), model_card(made), made.spec))
+    export_c(folder / "small.onnx", folder / "c")
+    words = ["gcc", *STRICT, "-O1", "-fsanitize=address,undefined", "-I", "c", "-o", "live"]
+    done = subprocess.run([*words, str(LIVE), "c/holdfast.c", "-lm"], cwd=folder)
+    assert done.returncode == 0
+    return folder / "small.onnx"
+
+
+def recording(path: Path) -> Path:
+    """A hand at rest, then pressed and shaken; one sensor turned round, some samples lost."""
+    rng = np.random.default_rng(4)
+    at = np.arange(ROWS)
+    press = np.clip((at - 100) / 50.0, 0.0, 3.0)[:, None] * np.tile([0.3, 0.1, 1.0], 6)
+    shake = np.where((at % 200 > 120)[:, None], 0.5, 0.01) * rng.normal(size=(ROWS, 18))
+    values = press + shake + rng.normal(size=18)
+    values[:, 6:9] = -(press[:, 6:9] + shake[:, 6:9]) - 1.0
+    valid = np.ones((ROWS, 6), dtype=int)
+    valid[250:252, 4] = valid[400:420, 2] = 0
+    names = ["Time", *channel_names(6), "host_ns", "sequence", *(f"valid{k}" for k in range(1, 7))]
+    lines = [",".join(names)]
+    for row in [*range(300), *range(302, ROWS)]:
+        cells = [
+            f"{row / 150.0:.6f}",
+            *(f"{one:.5f}" for one in values[row]),
+            str(row * 10),
+            str(row),
+        ]
+        lines.append(",".join([*cells, *map(str, valid[row])]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def of_python(model: Path, trial: Path) -> list[tuple[Prediction, GripCommand]]:
+    """The live path on the same lines: bias from the first rows, monitor, grip controller."""
+    opened = Model(model)
+    card = opened.card
+    monitor, control = GripMonitor(opened, None), GripControl("holdfast", card.rate_hz)
+    tare, answers = Tare(card.preparation, card.n_channels), []
+    for sample in open_replay(trial):
+        values, valid = tare.prepare(sample.values, sample.valid)
+        prediction = monitor.feed(replace(sample, values=values, valid=valid))
+        answers.append((prediction, control.step(prediction, values, valid)))
+    return answers
+
+
+def test_the_example_answers_a_recording_as_the_live_path_does(model: Path, tmp_path: Path):
+    trial = recording(tmp_path / "trial_1.csv")
+    with trial.open() as lines:
+        done = subprocess.run([model.parent / "live"], stdin=lines, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    got = {round(150 * one["t_s"]): one for one in map(json.loads, done.stdout.splitlines())}
+    wanted = {
+        prediction.sequence: (prediction, command)
+        for prediction, command in of_python(model, trial)
+    }
+    assert len(got) == ROWS - 2
+    for row, one in got.items():
+        prediction, command = wanted[row]
+        assert (one["state"], one["act"], one["mode"]) == (
+            prediction.state,
+            prediction.act,
+            command.mode,
+        ), row
+        assert abs(one["p_risky"] - prediction.p_risky) <= 2e-6
+        assert abs(one["target_n"] - (command.target_n or 0.0)) <= 1e-3
+    assert {one["state"] for one in got.values()} >= {"unknown", "nothing", "grasp"}
+    assert {one["mode"] for one in got.values()} > {"hold"}
