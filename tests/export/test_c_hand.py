@@ -89,7 +89,7 @@ def decide_at(
     )
 
 
-@pytest.mark.parametrize("n", [50_000, pytest.param(10**6, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("n", [25_000, pytest.param(10**6, marks=pytest.mark.soak)])
 def test_a_decision_in_c_is_that_of_python_at_every_step(form, n):
     records = random_decisions(n, seed=n)
     got = run(form.program("gcc", "-O2"), "decide", records, DECISION)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from c_form import STRICT
-from small_model import artifact, graph_of, spec, with_networks
+from c_form import STRICT, require_compiler
+from small_model import for_the_hand, graph_of
 
 from drivers.replay import open_replay
 from edge_runtime.contract import Prediction, channel_names
@@ -18,24 +18,30 @@ from edge_runtime.grip_command import GripCommand
 from edge_runtime.grip_control import GripControl
 from edge_runtime.model import Model
 from edge_runtime.monitor import GripMonitor
-from edge_runtime.preparation import Preparation
 from edge_runtime.tare import Tare
 from export.c.exporting import export_c
 from export.seal import model_card, seal
 
 LIVE = Path(__file__).resolve().parents[2] / "examples" / "c" / "live.c"
-PREPARED = Preparation(5, "mean", flip_negative_normal=True, flip_beyond=0.3, turns="sensor")
 ROWS = 600
 
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("example")
-    made = with_networks(artifact(spec(("now", "differences"), n_sensors=6, rate_hz=150.0)))
-    made = replace(made, preparation=PREPARED)
+    made = for_the_hand()
     (folder / "small.onnx").write_bytes(seal(graph_of(made), model_card(made), made.spec))
     export_c(folder / "small.onnx", folder / "c")
-    words = ["gcc", *STRICT, "-O1", "-fsanitize=address,undefined", "-I", "c", "-o", "live"]
+    words = [
+        require_compiler(),
+        *STRICT,
+        "-O1",
+        "-fsanitize=address,undefined",
+        "-I",
+        "c",
+        "-o",
+        "live",
+    ]
     done = subprocess.run([*words, str(LIVE), "c/holdfast.c", "-lm"], cwd=folder)
     assert done.returncode == 0
     return folder / "small.onnx"

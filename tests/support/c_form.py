@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from export.c.exporting import export_c
 from export.c.graph import Graph, read_graph
@@ -21,6 +24,16 @@ NUMPY_TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "uint8_t": "u1"}
 Array = npt.NDArray[Any]
 
 
+def require_compiler(name: str = "gcc") -> str:
+    """A compiler that is installed. Without gcc a test skips, or fails where nothing may skip."""
+    if shutil.which(name) is None:
+        line = f"no {name}: apt-get install {name}"
+        if name == "gcc" and os.environ.get("HOLDFAST_REQUIRE_DATA") == "1":
+            pytest.fail(line, pytrace=False)
+        pytest.skip(line)
+    return name
+
+
 @dataclass(frozen=True)
 class CForm:
     """A model's sources in a folder, and its graph. model: the ONNX file."""
@@ -31,6 +44,7 @@ class CForm:
 
     def program(self, compiler: str, *flags: str, main: str = str(HARNESS)) -> Path:
         """A program with this main: the harness, or a file of the C form; compiled once."""
+        require_compiler(compiler)
         kind = "".join((compiler, *flags))
         built, path = self.folder / f"{kind}.o", self.folder / f"{kind}-{Path(main).stem}"
         if not built.exists():

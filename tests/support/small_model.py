@@ -89,6 +89,12 @@ def with_networks(made: Artifact) -> Artifact:
     return replace(made, heads=heads)
 
 
+def for_the_hand() -> Artifact:
+    """A committee for six sensors at 150 Hz, as a hand has them; its samples come with a bias."""
+    made = with_networks(artifact(spec(("now", "differences"), n_sensors=6, rate_hz=150.0)))
+    return replace(made, preparation=Preparation(5, "mean", True, 0.3, "sensor"))
+
+
 def graph_of(made: Artifact) -> onnx.ModelProto:
     """Its whole step, unsealed."""
     with warnings.catch_warnings():
