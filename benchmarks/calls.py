@@ -15,8 +15,9 @@ from edge_runtime.graph import StepGraph
 from edge_runtime.grip_control import GripControl
 from edge_runtime.monitor import GripMonitor, Model
 
-STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
+STEP, C_STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
     "ours, whole step",
+    "ours, whole step in C",
     "ours, grip command",
     "ours, learner alone",
     "bare forest, 100 full-depth trees",

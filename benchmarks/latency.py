@@ -9,6 +9,8 @@ checked while it is timed. Peers, on the same windows:
     bare forest             the same trees in onnxruntime, io-bound, nothing else computed
     ours, learner alone     our own trees and networks alone, on the rows that the step gives them
     ours, whole step        guard, bank, detectors, features, learner, votes: what runs on the hand
+    ours, whole step in C   the same file as compiled C, called from Python (where there is a
+                            compiler)
     ours, grip command      friction margin, controller and supervisor, from the step's answer on
     a walk in C             the same 100 trees in a few lines of C (where there is a compiler)
     treelite                the same trees by its interpreter (in the environment of `make peers`)
@@ -30,6 +32,7 @@ import onnx
 import onnxruntime as ort
 from scipy.signal import butter
 
+from benchmarks.c_step import c_step_of
 from benchmarks.calls import (
     BARE,
     FLOOR,
@@ -125,7 +128,8 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
             BARE: learner_of(learner_alone(bare.path), rows),
             FLOOR: busy_wait(floor_us),
         }
-        times = _by_turn(time_in_turns(quick | _walk(forest, rows, Path(work)), turns), turns)
+        in_c = c_step_of(model, stream, Path(work)) | _walk(forest, rows, Path(work))
+        times = _by_turn(time_in_turns(quick | in_c, turns), turns)
         slow = _treelite(forest, rows) | {
             SKLEARN: _predict(forest, rows),
             THESIS: _thesis_way(forest, data),

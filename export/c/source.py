@@ -134,7 +134,7 @@ def _source(graph: Graph, compiled: _Compiled, words: dict[str, object]) -> str:
     ]
     hand = [constants(), *(template(name, words) for name in HAND_FILES)]
     parts = [*generated, template("step.c", words), template("decision.c", words), *hand]
-    return "\n".join([template("begin.c", words), snippets("\n".join(generated)), *parts])
+    return "\n".join([template("begin.c", words), snippets(f"{steps}\n{answers}"), *parts])
 
 
 def _words(graph: Graph, compiled: _Compiled) -> dict[str, object]:

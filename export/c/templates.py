@@ -21,7 +21,7 @@ def snippets(used_in: str) -> str:
     helpers = dict(zip(parts[1::2], parts[2::2], strict=True))
     wanted: set[str] = set()
     text = used_in
-    while more := {name for name in helpers if re.search(rf"\b{name}\b", text)} - wanted:
+    while more := (set(helpers) & set(re.findall(r"\w+", text))) - wanted:
         wanted |= more
         text = "\n".join(helpers[name] for name in more)
     return "\n".join(body.strip() + "\n" for name, body in helpers.items() if name in wanted)
