@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hazard_marks import DEAD_HAND, LATE_ANSWER, RESTART, WRONG_RATE
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from edge_runtime.contract import Prediction, Sample
@@ -200,6 +200,7 @@ def test_losses_are_no_other_rate(lost: Callable[[int], bool], counted: bool) ->
 
 
 @given(st.lists(st.floats(-0.45, 0.45), min_size=300, max_size=300))
+@example([0.45, -0.45] * 150)
 def test_jitter_is_no_other_rate(late: list[float]) -> None:
     watch = RateWatch(150.0, 76)
     assert all(

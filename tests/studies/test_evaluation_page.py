@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_tables import require_tables_fit, tables_of
 
+from evaluation.labels import CHOSEN, DEPLOYED
 from studies.row_names import CLOCK, OURS, RAW
 from studies.tables.evaluation import MADE_FROM
 from studies.tables.targets import TARGETS, target_rows
@@ -75,10 +76,10 @@ LEVELS: dict[str, Any] = {
 
 def evaluated() -> dict[str, Any]:
     """Figures as `holdfast evaluate --json` writes them: two methods on one set."""
-    rows = {"ours": STREAM, "one line of code": STREAM}
+    rows = {CHOSEN: STREAM, DEPLOYED: STREAM, "one line of code": STREAM}
     return {
         "model": {"model_id": "abc"},
-        "thresholds": {"headline": "ours", "how": "by hand"},
+        "thresholds": {"headline": CHOSEN, "how": "by hand"},
         "all": {"rows": rows, "mcnemar": {"one line of code": {"p": 0.25}}},
         "sets": {"p1": {"rows": rows}},
     }
