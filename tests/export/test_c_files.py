@@ -19,6 +19,7 @@ from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
 
 from edge_runtime.c_engine import LIBRARY
 from edge_runtime.errors import CompilerFailed, NotCompilable
+from edge_runtime.onnx_bytes import Node
 from export.c.compiler import find_compiler
 from export.c.graph import read_graph
 from export.c.source import c_source
@@ -119,6 +120,29 @@ def test_an_answer_that_depends_on_more_than_the_features_is_refused(model: Path
     tensors = {**graph.tensors, "votes_more": graph.tensors["votes"]}
     with pytest.raises(NotCompilable, match="more than the features"):
         c_source(replace(graph, nodes=(*graph.nodes, added), tensors=tensors))
+
+
+def test_an_output_that_is_only_a_part_of_another_tensor_is_refused(model: Path):
+    graph = read_graph(model)
+    added = Node("", "Flatten", ("votes",), ("p_more",), {})
+    tensors = {**graph.tensors, "p_more": graph.tensors["votes"]}
+    with pytest.raises(NotCompilable, match="Flatten for p_more"):
+        c_source(
+            replace(
+                graph,
+                nodes=(*graph.nodes, added),
+                tensors=tensors,
+                outputs=(*graph.outputs, "p_more"),
+            )
+        )
+
+
+def test_a_node_that_nothing_reads_is_left_out(model: Path):
+    graph = read_graph(model)
+    added = Node("", "Softmax", ("votes",), ("p_more",), {})
+    tensors = {**graph.tensors, "p_more": graph.tensors["votes"]}
+    more = replace(graph, nodes=(*graph.nodes, added), tensors=tensors)
+    assert c_source(more).files["holdfast.c"] == c_source(graph).files["holdfast.c"]
 
 
 def script(folder: Path, body: str) -> str:
