@@ -24,6 +24,7 @@ LONGEST = (
     "test_scenes",
     "test_preliminary",
     "test_live",
+    "test_c",
     "test_evaluate_events",
     "test_health",
     "test_selftest",
