@@ -72,13 +72,13 @@ class Whole:
         least, most = (self._bounds(name) for name in node.inputs[1:])
         return least[0], most[1]
 
-    def of_sum(self, node: Node) -> Bounds:
-        """The sums of the ends, for numbers that are added one by one."""
+    def with_constant(self, node: Node) -> Bounds:
+        """A sum or a product with a constant, number by number."""
         ends = self._each(node)
         return float(ends[0].min()), float(ends[1].max())
 
     def _each(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds number by number: features have gains and offsets of their own."""
+        """(least, most) of every number: each feature has a gain and an offset of its own."""
         first, second = node.inputs
         values = self._graph.values(second)
         inner = self._made_by.get(first)
@@ -124,8 +124,8 @@ class Whole:
 _RULES: dict[str, Callable[[Whole, Node], Bounds]] = {
     "Round": Whole.of_round,
     "Clip": Whole.of_clip,
-    "Add": Whole.of_sum,
-    "Mul": Whole.of_sum,
+    "Add": Whole.with_constant,
+    "Mul": Whole.with_constant,
     "Div": Whole.of_quotient,
     "MatMul": Whole.of_product,
 }
