@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from conftest import Built
 
 RELEASED = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
-SMALL = ("eight classes", "four situations", "committee", "adapted committee")
+SMALL = ("four situations", "committee", "adapted committee")
 MODELS = (*SMALL, pytest.param("released", marks=pytest.mark.soak))
 """The released file's C form is built and tested by .ci/run."""
 KINDS = [*((name, "gcc") for name in SMALL), ("committee", "clang"), ("adapted committee", "clang")]
@@ -44,9 +44,7 @@ def everything() -> Any:
 
 
 @pytest.fixture(scope="session")
-def form(
-    tmp_path_factory: pytest.TempPathFactory, eight_classes: Built, four_situations: Built
-) -> Make:
+def form(tmp_path_factory: pytest.TempPathFactory, four_situations: Built) -> Make:
     """The C form of one of MODELS, made once a run."""
 
     def data(name: str) -> bytes:
@@ -55,8 +53,7 @@ def form(
             return seal(graph_of(made), model_card(made), made.spec)
         if name == "adapted committee":
             return file_of(base_of(committee=True))
-        files = {"eight classes": eight_classes.model, "four situations": four_situations.model}
-        return read_sealed(files.get(name, RELEASED))
+        return read_sealed(four_situations.model if name == "four situations" else RELEASED)
 
     def make(name: str) -> CForm:
         def write(folder: Path) -> None:

@@ -35,7 +35,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = [
         require_compiler(),
         *STRICT,
-        "-O1",
+        "-O0",
         "-fsanitize=address,undefined",
         "-I",
         "c",
