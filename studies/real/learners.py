@@ -219,21 +219,34 @@ def _macro_f1(truth: IntArray, found: IntArray) -> float | None:
 
 
 def main(out: Path, seed: int = 0) -> None:
-    """Study all cases; write learners.json."""
+    """Study all cases; write learners.json after each. A run goes on where an equal one stopped."""
     root = find("human_slip_uskin")
-    studied: list[Json] = []
+    plan: Json = json.loads(json.dumps(PLAN.to_json()))
+    kept = kept_cases(out, plan, seed)
     for channels, in_hand in CASES:
+        if (channels, in_hand) in kept:
+            continue
         sys.stderr.write(f"{channels} channels{', in the hand' if in_hand else ''}\n")
         data = load(root, channels=channels, in_hand=in_hand)
-        studied.append(study_learners(data, channels, in_hand, seed).to_json())
+        kept[channels, in_hand] = study_learners(data, channels, in_hand, seed).to_json()
         figures = {
             "kind": "public real data",
             "seed": seed,
-            "plan": PLAN.to_json(),
+            "plan": plan,
             "host": asdict(host()),
-            "studied": studied,
+            "studied": [kept[case] for case in CASES if case in kept],
         }
         write_whole(out, json.dumps(figures, indent=1, allow_nan=False) + "\n")
+
+
+def kept_cases(out: Path, plan: Json, seed: int) -> dict[tuple[int, bool], Json]:
+    """What a run of the same plan and seed has written: (channels, in_hand) -> figures."""
+    if not out.is_file():
+        return {}
+    written = json.loads(out.read_text("utf-8"))
+    if (written["plan"], written["seed"]) != (plan, seed):
+        return {}
+    return {(one["channels"], one["in_hand"]): one for one in written["studied"]}
 
 
 if __name__ == "__main__":

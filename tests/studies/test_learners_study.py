@@ -71,3 +71,16 @@ def test_every_learner_is_reported_with_what_was_chosen_for_it():
         assert set(fold) == {"situations", "predict_250ms"}
         assert all(network in candidates_of(NETWORK) for network in fold.values())
     json.dumps(figures.to_json(), allow_nan=False)
+
+
+def test_a_study_goes_on_only_where_one_of_the_same_plan_stopped(tmp_path):
+    out, plan, studied = (
+        tmp_path / "learners.json",
+        {"folds": 6},
+        [{"channels": 18, "in_hand": True}],
+    )
+    assert learners.kept_cases(out, plan, 0) == {}
+    out.write_text(json.dumps({"plan": plan, "seed": 0, "studied": studied}), encoding="utf-8")
+    assert learners.kept_cases(out, plan, 0) == {(18, True): studied[0]}
+    assert learners.kept_cases(out, {"folds": 3}, 0) == {}
+    assert learners.kept_cases(out, plan, 1) == {}
