@@ -27,7 +27,7 @@ def section(name: str, more: str = "") -> str:
     return f'[controller]\nname = "{name}"\nmodel = "{MODEL}"\n{more}'
 
 
-def scene(folder: Path, text: str, seed: int = 3) -> Scene:
+def scene(folder: Path, text: str, seed: int = 4) -> Scene:
     """The scene of a card's text, whose hand acts."""
     path = folder / "short.toml"
     path.write_text(text, encoding="utf-8")
