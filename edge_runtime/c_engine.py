@@ -55,9 +55,9 @@ class CompiledModel:
         _require_same_model(self._library, onnx.metadata[SEAL_KEY], self._out_type, where)
         self._require_golden(golden, where)
 
-    def stepper(self, outputs: Sequence[str]) -> CStep:
-        """One hand's step, from a fresh state. outputs: those to show; all are computed."""
-        return CStep(self._library, self._out_type, self.card.n_channels, outputs)
+    def stepper(self, outputs: Sequence[str], hands: int = 1) -> CStep:
+        """The step of B hands, from a fresh state. outputs: those to show; all are computed."""
+        return CStep(self._library, self._out_type, (hands, self.card.n_channels), outputs)
 
     def _require_golden(self, golden: Outputs, where: Path) -> None:
         """Raise LibraryRefused where the library does not give the file's golden answers."""
@@ -85,33 +85,44 @@ class CompiledModel:
 
 
 class CStep:
-    """The step of one hand in a compiled library; the same buffers at every step.
+    """The step of B hands in a compiled library, one after another; buffers are reused.
 
-    sample [1, C] and valid [1, S] are written into before a step. out: arrays [1, ..].
+    sample [B, C] and valid [B, S] are written into before a step. out: arrays [B, ..].
+    shape: (B, C).
     """
 
     def __init__(
-        self, library: ctypes.CDLL, out_type: np.dtype[Any], channels: int, outputs: Sequence[str]
+        self,
+        library: ctypes.CDLL,
+        out_type: np.dtype[Any],
+        shape: tuple[int, int],
+        outputs: Sequence[str],
     ) -> None:
         self._library, self._step = library, library.holdfast_step_valid
-        self.sample: FloatArray = np.zeros((1, channels))
-        self.valid: BoolArray = np.ones((1, channels // 3), dtype=np.bool_)
+        hands, channels = shape
+        self.sample: FloatArray = np.zeros(shape)
+        self.valid: BoolArray = np.ones((hands, channels // 3), dtype=np.bool_)
         self._size = library.holdfast_state_bytes()
-        self._state = np.zeros(-(-self._size // 8))
-        self._fields = np.zeros(1, out_type)
+        self._states = np.zeros((hands, -(-self._size // 8)))
+        self._fields = np.zeros(hands, out_type)
         self.out: Outputs = {name: self._fields[name] for name in outputs}
-        buffers = (self._state, self.sample, self.valid, self._fields)
-        self._arguments = tuple(ctypes.c_void_p(one.ctypes.data) for one in buffers)
+        buffers = (self._states, self.sample, self.valid, self._fields)
+        self._arguments = [
+            tuple(ctypes.c_void_p(one[hand:].ctypes.data) for one in buffers)
+            for hand in range(hands)
+        ]
         self.reset()
 
     def step(self) -> Outputs:
         """Advance by the sample in `sample` and `valid`; returns buffers that are reused."""
-        self._step(*self._arguments)
+        for of_one_hand in self._arguments:
+            self._step(*of_one_hand)
         return self.out
 
     def reset(self) -> None:
         """Start from a fresh state at the next sample."""
-        self._library.holdfast_init_sized(self._arguments[0], ctypes.c_size_t(self._size))
+        for state, *_ in self._arguments:
+            self._library.holdfast_init_sized(state, ctypes.c_size_t(self._size))
 
 
 def _loaded(path: Path) -> ctypes.CDLL:

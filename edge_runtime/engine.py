@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.errors import UsageError
 from edge_runtime.model_file import ModelCard
+
+ONNXRUNTIME, C = "onnxruntime", "c"
+ENGINES = (ONNXRUNTIME, C)
 
 
 class Stepper(Protocol):
-    """The step of one hand. sample [1, C] and valid [1, S] are written into before a step.
+    """The step of B hands. sample [B, C] and valid [B, S] are written into before a step.
 
-    out: arrays [1, ..] by the names of the outputs; the next step reuses them.
+    out: arrays [B, ..] by the names of the outputs; the next step reuses them.
     """
 
     sample: FloatArray
@@ -38,6 +43,27 @@ class OpenedModel(Protocol):
         """The card in the file."""
         ...
 
-    def stepper(self, outputs: Sequence[str]) -> Stepper:
-        """One hand's step, from a fresh state. outputs: those to compute."""
+    def stepper(self, outputs: Sequence[str], hands: int = 1) -> Stepper:
+        """The step of B hands, from a fresh state. outputs: those to compute."""
         ...
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """A model file and what steps it. library: of the C engine; None: in MODEL-c beside it."""
+
+    path: str
+    engine: str = ONNXRUNTIME
+    library: str | None = None
+
+    def open(self) -> OpenedModel:
+        """The model, checked. Raises a ModelError, or UsageError."""
+        if self.engine == C:
+            from edge_runtime.c_engine import CompiledModel
+
+            return CompiledModel(self.path, self.library)
+        if self.library:
+            raise UsageError("--library is for the C engine", next_step="add --engine c")
+        from edge_runtime.model import Model  # here, because a compiled library answers without it
+
+        return Model(self.path)

@@ -49,9 +49,9 @@ class Model:
         check_golden(golden, answers, str(path))
         give_back()
 
-    def stepper(self, outputs: Sequence[str]) -> StepGraph:
-        """One hand's step, from a fresh state. outputs: those to compute."""
-        return StepGraph(self.session, 1, outputs)
+    def stepper(self, outputs: Sequence[str], hands: int = 1) -> StepGraph:
+        """The step of B hands, from a fresh state. outputs: those to compute."""
+        return StepGraph(self.session, hands, outputs)
 
     def _golden_answers(self) -> Outputs:
         card = self.card

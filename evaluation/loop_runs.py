@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 
 from joblib import Parallel, delayed
 
+from edge_runtime.engine import ModelChoice, OpenedModel
 from edge_runtime.errors import UsageError
 from edge_runtime.fit import require_fit
 from edge_runtime.grip import CONTROLLERS, AnswerRules
-from edge_runtime.model import Model
 from edge_runtime.supervisor import Limits
 from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
 from simulation.card import read_card
@@ -66,7 +65,7 @@ def _fitting(row: object, one: LoopSet) -> dict[str, object]:
     return {} if nothing else dict(one.changes)
 
 
-def require_runnable(model: Model, card_name: str) -> None:
+def require_runnable(model: OpenedModel, card_name: str) -> None:
     """Raise what does not fit between a card and a model, and CardError."""
     card = read_card(card_name)
     contacts = 3 * card.hand.n_contacts
@@ -76,7 +75,11 @@ def require_runnable(model: Model, card_name: str) -> None:
 
 
 def run_part(
-    model: str, one: LoopSet, request: LoopRequest, batch: list[int], onset_s: Mapping[int, float]
+    model: ModelChoice,
+    one: LoopSet,
+    request: LoopRequest,
+    batch: list[int],
+    onset_s: Mapping[int, float],
 ) -> dict[int, LoopOutcome]:
     """Outcomes of some trials of a set, by their places in it."""
     scene, trials = scene_of(one)
@@ -104,11 +107,11 @@ class LoopRuns:
 
     def __init__(
         self,
-        model: Path,
+        model: ModelChoice,
         n_jobs: int,
         done: Callable[[float], None] = lambda share: None,
     ) -> None:
-        self.model, self.n_jobs, self.done = str(model), n_jobs, done
+        self.model, self.n_jobs, self.done = model, n_jobs, done
         self._kept: dict[tuple[LoopSet, LoopRequest], dict[int, LoopOutcome]] = {}
 
     def run(self, wanted: Sequence[tuple[LoopSet, LoopRequest]]) -> None:

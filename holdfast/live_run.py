@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 from edge_runtime.commands import command_port
 from edge_runtime.contract import FloatArray, Prediction, Sample
 from edge_runtime.engine import OpenedModel
-from edge_runtime.errors import OutputError, RateError, UsageError
+from edge_runtime.engine_options import chosen_model
+from edge_runtime.errors import OutputError, RateError
 from edge_runtime.fit import require_fit
 from edge_runtime.live import Command, Source, SourceReading, Summary, run_live
-from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.monitor import GripMonitor
 from edge_runtime.notify import service_watchdog
 from edge_runtime.sample_file import SampleFile, sample_file
 from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
@@ -47,23 +48,12 @@ def run_live_verb(args: argparse.Namespace) -> int:
     """Run until stopped; returns the exit code."""
     require_grip(args)
     clock = SceneClock() if is_virtual(args.grip) else RunClock()
-    model = _opened(args)
+    model = chosen_model(args).open()
     with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
         summary, failures = _run_until_stopped(args, clock, model, beside)
         say_summary(summary, beside)
     complete = all(_closed_by_reader(name, error) for name, error in failures.items())
     return 0 if complete else OutputError.exit_code
-
-
-def _opened(args: argparse.Namespace) -> OpenedModel:
-    """The model, with the engine that was asked for. Raises a ModelError, or UsageError."""
-    if args.engine == "c":
-        from edge_runtime.c_engine import CompiledModel
-
-        return CompiledModel(args.model, args.library)
-    if args.library:
-        raise UsageError("--library is for the C engine", next_step="add --engine c")
-    return Model(args.model)
 
 
 def _closed_by_reader(name: str, error: OSError) -> bool:

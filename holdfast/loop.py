@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, positive, seed, show
+from edge_runtime.engine_options import add_engine_options, chosen_model
 from edge_runtime.writing import require_writable, write_whole
 from holdfast.simulate import trial_count
 
@@ -23,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("cards", nargs="+", metavar="CARD", help="scene cards, by name or file")
     option("--model", type=path_argument, default=MODEL, metavar="FILE", help=f"default {MODEL}")
+    add_engine_options(parser)
     names = "grip controllers, vibration or oracle (default holdfast)"
     option("--controller", nargs="+", default=["holdfast"], metavar="NAME", help=names)
     setting = "the controllers' own setting (default: each its own)"
@@ -58,7 +60,7 @@ def _require_runnable(args: argparse.Namespace) -> None:
     if args.json is not None:
         require_writable(args.json.parent)
     require_known(args.controller, CHOICES)
-    model = model_of(str(args.model))
+    model = model_of(chosen_model(args))
     for card in args.cards:
         require_runnable(model, card)
 
@@ -70,7 +72,7 @@ def _figures(
 
     sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
     requests = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
-    runs = LoopRuns(args.model, args.jobs, done)
+    runs = LoopRuns(chosen_model(args), args.jobs, done)
     runs.run([(one, request) for one in sets.values() for request in requests.values()])
     return {
         Path(card).stem: {name: runs.figures(one, request) for name, request in requests.items()}
@@ -95,7 +97,8 @@ def _json(args: argparse.Namespace, sets: dict[str, dict[str, LoopFigures]]) -> 
 
     return {
         "kind": "simulated",
-        "model": model_of(str(args.model)).card.model_id,
+        "model": model_of(chosen_model(args)).card.model_id,
+        "engine": args.engine,
         "lag_ms": args.lag_ms,
         "seed": args.seed,
         "trials": args.trials,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 
 from edge_runtime.command import path_argument, positive
+from edge_runtime.engine_options import add_engine_options
 from holdfast.grip_options import add_grip_options
 from holdfast.live_options import add_live_options
 
@@ -20,10 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("model", metavar="MODEL", help="a sealed holdfast.onnx")
     add_live_options(parser)
-    engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
-    option("--engine", choices=("onnxruntime", "c"), default="onnxruntime", help=engine)
-    library = "the library of --engine c (default MODEL-c/libholdfast.so)"
-    option("--library", type=path_argument, metavar="FILE", help=library)
+    add_engine_options(parser)
     option("--out", type=path_argument, metavar="FILE", help="also write the JSON lines to FILE")
     option("--udp", metavar="HOST:PORT", help="also send the JSON lines as datagrams")
     commands = "receive the user's commands here: opening, and override of an alarm"

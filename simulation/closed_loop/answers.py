@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, FloatArray
-from edge_runtime.graph import StepGraph
+from edge_runtime.engine import OpenedModel
 from edge_runtime.grip import GripSense
-from edge_runtime.model import Model
 
 IntArray = npt.NDArray[np.int64]
 
@@ -23,15 +22,15 @@ class HandModels:
     samples [B]: how many samples each hand needs answers for; after them its answers stand still.
     """
 
-    def __init__(self, model: Model, samples: IntArray) -> None:
+    def __init__(self, model: OpenedModel, samples: IntArray) -> None:
         self.card = model.card
         starts = range(0, len(samples), TOGETHER)
         groups = [slice(start, min(start + TOGETHER, len(samples))) for start in starts]
         self._groups = [(one, int(samples[one].max())) for one in groups]
-        self._graphs = [StepGraph(model.session, g.stop - g.start, OUTPUTS) for g in groups]
-        shapes = {name: array.shape[1:] for name, array in self._graphs[0].out.items()}
+        self._steps = [model.stepper(OUTPUTS, g.stop - g.start) for g in groups]
+        shapes = {name: array.shape[1:] for name, array in self._steps[0].out.items()}
         self._out = {
-            name: np.zeros((len(samples), *shape), self._graphs[0].out[name].dtype)
+            name: np.zeros((len(samples), *shape), self._steps[0].out[name].dtype)
             for name, shape in shapes.items()
         }
         self._answered = 0
@@ -49,11 +48,11 @@ class HandModels:
         return self._sense(values, valid)
 
     def _step(self, values: FloatArray, valid: BoolArray) -> None:
-        """Step the graphs of the hands that are not done."""
-        for graph, (lanes, samples) in zip(self._graphs, self._groups, strict=True):
+        """Step the groups of hands that are not done."""
+        for steps, (lanes, samples) in zip(self._steps, self._groups, strict=True):
             if self._answered < samples:
-                graph.sample[:], graph.valid[:] = values[lanes], valid[lanes]
-                for name, array in graph.step().items():
+                steps.sample[:], steps.valid[:] = values[lanes], valid[lanes]
+                for name, array in steps.step().items():
                     self._out[name][lanes] = array
         self._answered += 1
 

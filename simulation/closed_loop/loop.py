@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.engine import OpenedModel
 from edge_runtime.grip import GripSense
-from edge_runtime.model import Model
 from edge_runtime.trial_layout import RISKY_ACTIONS
 from simulation.closed_loop.actuator import Actuator, Drive
 from simulation.closed_loop.answers import HandModels
@@ -33,7 +33,7 @@ from simulation.scene import Scene
 from simulation.script import SETTLE_S, Times, grid_of
 
 ROWS_TO_SPARE = 5
-LANES = 300
+LANES = 500
 """Trials in a loop together: fewer waste time on calls, more on memory."""
 FALL_S = 1.0
 """A fall is watched at least this long: in it the object is gone, or at rest."""
@@ -77,7 +77,7 @@ class LoopSettings:
 def run_loops(
     scene: Scene,
     trials: Sequence[PlannedTrial],
-    model: Model,
+    model: OpenedModel,
     make: Make,
     settings: LoopSettings | None = None,
     done: Done = lambda trials: None,
@@ -101,7 +101,7 @@ def run_batch(
     scene: Scene,
     trials: Sequence[PlannedTrial],
     batch: Sequence[int],
-    model: Model,
+    model: OpenedModel,
     make: Make,
     settings: LoopSettings | None = None,
 ) -> dict[int, LoopOutcome]:
@@ -132,7 +132,7 @@ class ClosedLoop:
         self,
         scene: Scene,
         trials: Sequence[PlannedTrial],
-        model: Model,
+        model: OpenedModel,
         make: Make,
         settings: LoopSettings | None = None,
     ) -> None:

@@ -13,11 +13,11 @@ from functools import lru_cache, partial
 import numpy as np
 
 from edge_runtime.contract import FloatArray
+from edge_runtime.engine import ModelChoice, OpenedModel
 from edge_runtime.errors import CardError
 from edge_runtime.fit import require_fit
 from edge_runtime.grip import GripSense
 from edge_runtime.grip_command import IDLE
-from edge_runtime.model import Model
 from edge_runtime.reading import Json
 from edge_runtime.supervisor import Limits
 from simulation.card import Card
@@ -41,9 +41,9 @@ REPORT_PERIODS = 50
 
 
 @lru_cache(maxsize=2)
-def model_of(path: str) -> Model:
-    """A model file, opened once a process. Raises NotAModel."""
-    return Model(path)
+def model_of(choice: ModelChoice) -> OpenedModel:
+    """A model file, opened once a process. Raises a ModelError, or UsageError."""
+    return choice.open()
 
 
 def scene_of(card: Card, seed: int) -> Scene:
@@ -61,7 +61,7 @@ def require_controller(scene: Scene, trials: Sequence[PlannedTrial]) -> None:
         return
     contacts = 3 * card.hand.n_contacts
     require_fit(
-        model_of(control.model).card,
+        model_of(ModelChoice(control.model)).card,
         n_channels=contacts,
         unit=card.unit,
         rate_hz=card.rate_hz,
@@ -118,7 +118,7 @@ class RecordedLoop:
         control = scene.card.controller
         assert control is not None
         self.count = len(trials)
-        self._model = model_of(control.model)
+        self._model = model_of(ModelChoice(control.model))
         self._commands: list[FloatArray] = []
         self._control, self._make = control, _maker(scene, control)
         lanes = trials if len(trials) > 1 else [*trials, *trials]
@@ -204,7 +204,7 @@ def _maker(
     return managed(scene, control.name, control.setting, limits=limits)
 
 
-def about(control: HandControl, model: Model) -> Json:
+def about(control: HandControl, model: OpenedModel) -> Json:
     """Controller, model and drive, for meta data."""
     return {
         "name": control.name,

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from edge_runtime.command import path_argument, run_script
+from edge_runtime.engine_options import add_engine_options, chosen_model
 from edge_runtime.errors import UsageError
 from edge_runtime.reading import Json
 from edge_runtime.writing import require_writable, write_whole
@@ -28,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this command."""
     option = parser.add_argument
     option("--model", type=path_argument, default=MODEL, metavar="FILE", help=f"default {MODEL}")
+    add_engine_options(parser)
     option("--trials", type=int, default=55, metavar="N", help="trials of a set (default 55)")
     option("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
     out = "folder of loop.json (default build/loop)"
@@ -43,11 +45,12 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     wanted = _chosen(rows(args.trials), args)
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
-        runs = LoopRuns(args.model, args.jobs, done)
+        runs = LoopRuns(chosen_model(args), args.jobs, done)
         runs.run([(row.one, row.request) for row in wanted])
     figures = {
         "kind": "simulated",
-        "model": model_of(str(args.model)).card.model_id,
+        "model": model_of(chosen_model(args)).card.model_id,
+        "engine": args.engine,
         "trials": args.trials,
         "host": asdict(host()),
         "rows": [_row(row, runs) for row in wanted],

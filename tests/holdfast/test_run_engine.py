@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from c_form import require_compiler
 from command_line import fails
+from loop_bench import card_text, row
 from made_once import made_once
 from small_model import for_the_hand, graph_of, sealed_bytes
 
@@ -122,3 +125,34 @@ def test_a_reset_forgets_all(model: Path):
     assert settled[0] == settled[1]
     assert settled[0][-1]
     assert not settled[0][0]
+
+
+def test_many_hands_are_each_answered_as_if_alone(model: Path):
+    compiled, rng = CompiledModel(model), np.random.default_rng(3)
+    names = ("p_situation", "situation", "unknown", "settled")
+    many, alone = compiled.stepper(names, 3), [compiled.stepper(names) for _ in range(3)]
+    for values in rng.normal(size=(120, *many.sample.shape)):
+        many.sample[:] = values
+        for one, own in zip(alone, values, strict=True):
+            one.sample[:] = own
+        together, each = many.step(), [one.step() for one in alone]
+        for name in names:
+            assert together[name].tobytes() == b"".join(one[name].tobytes() for one in each)
+    assert len(np.unique(together["p_situation"], axis=0)) == 3
+    assert together["settled"].all()
+    many.reset()
+    assert not many.step()["settled"].any()
+
+
+def test_a_closed_loop_ends_the_same_with_either_engine(run: Run, model: Path, tmp_path: Path):
+    card, figures = tmp_path / "two.toml", []
+    card.write_text(card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass")))
+    for engine in ("onnxruntime", "c"):
+        out = tmp_path / f"{engine}.json"
+        words = ("--controller", "pd-shear", "--jobs", 1, "--engine", engine, "--json", out)
+        code, _, err = run("loop", card, "--model", model, *words)
+        assert code == 0, err
+        figures.append(json.loads(out.read_text("utf-8")))
+        assert figures[-1].pop("engine") == engine
+    assert figures[0] == figures[1]
+    assert figures[0]["sets"]["two"]["pd-shear"]["trials"] == 2
