@@ -692,15 +692,15 @@ TARGETS = {
             b"i2c://1",
             b"usb://tiny-usb?number=2",
         ),
-        150,
+        100,
     ),
     "commands": Target(
         commands,
         (b'{"opening": true}\n{"override": true}', b'{"opening": false, "override": false}'),
     ),
     "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 40),
-    "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 50),
-    "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 50),
+    "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 40),
+    "mcp2221": Target(bridge(VirtualMcp2221, Mcp2221), spoilings(), 40),
     "mcp2221_reports": Target(
         mcp2221_reports, (b"".join(one.ljust(64, b"\0") for one in MCP2221_REPORTS),), 500
     ),
