@@ -11,6 +11,7 @@ import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -211,9 +212,35 @@ def live(
     return summary, answers, samples, messages
 
 
-def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on(model):
-    url = "virtual://ft232h?scene=pull-soft-ball&seed=1"
-    summary, answers, _, _ = live(model, url, 9.0)
+SHORT_PULL = """
+[record]
+rate_hz = 150
+[physics]
+step_s = 0.003
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+style = "author"
+close_at_s = 0.8
+hold_s = 2.0
+tail_s = 0.5
+[effects.brush]
+count = 5
+[effects.dipole]
+"""
+
+
+@pytest.fixture(scope="module")
+def pull(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A card of one pull, of four seconds."""
+    card = tmp_path_factory.mktemp("pull") / "pull.toml"
+    card.write_text(SHORT_PULL, encoding="utf-8")
+    return card
+
+
+def test_a_virtual_hand_is_pulled_at_and_asks_to_act_once_after_the_load_came_on(model, pull):
+    url = f"virtual://ft232h?scene={pull}&seed=2"
+    summary, answers, _, _ = live(model, url, 5.0)
     found = scene_of(url)
     assert found is not None
     truth = found[1].truth
@@ -241,28 +268,9 @@ def test_the_state_is_unknown_while_a_sensor_is_lost_and_comes_back_settled(mode
     assert messages
 
 
-SHORT_PULL = """
-[record]
-rate_hz = 150
-[physics]
-step_s = 0.003
-[[trials]]
-objects = ["soft-ball"]
-action = "pull"
-style = "author"
-close_at_s = 0.8
-hold_s = 2.0
-tail_s = 0.5
-[effects.brush]
-count = 5
-[effects.dipole]
-"""
-
-
-def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, tmp_path):
-    (tmp_path / "pull.toml").write_text(SHORT_PULL, encoding="utf-8")
+def test_what_a_live_run_kept_replays_to_the_same_decisions_bit_for_bit(model, pull, tmp_path):
     faults = "fault=nack:3@1.5%2B0.1&fault=unplug@2%2B0.1"
-    url = f"virtual://ft232h?scene={tmp_path / 'pull.toml'}&seed=2&{faults}"
+    url = f"virtual://ft232h?scene={pull}&seed=2&{faults}"
     _, answers, samples, _ = live(model, url, 5.0)
     with sample_file(tmp_path / "kept.csv", 18) as file:
         for sample in samples:

@@ -712,7 +712,8 @@ def test_training_and_export_run_as_scripts_from_any_folder(tmp_path: Path) -> N
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
 
-    trained = script("training/train.py", "--data", "set", "--out", "out", "--size", "tiny")
+    words = ("--data", "set", "--out", "out", "--size", "tiny", "--learner", "forest")
+    trained = script("training/train.py", *words)
     assert trained.returncode == 0, trained.stderr
     warnings = [line for line in trained.stderr.splitlines() if line.startswith("warning")]
     assert [line for line in warnings if "BandsLeftOut" not in line] == []

@@ -30,7 +30,21 @@ from holdfast.live_run import answer
 from holdfast.live_sources import open_live
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = "virtual://ft232h?scene=pull-soft-ball&seed=1&fault=nack:3@1%2B0.2"
+FAULT = "nack:3@1%2B0.2"
+PULL = """
+[record]
+rate_hz = 150
+[physics]
+step_s = 0.003
+[[trials]]
+objects = ["soft-ball"]
+action = "pull"
+style = "author"
+close_at_s = 0.8
+hold_s = 0.8
+tail_s = 0.5
+[effects.dipole]
+"""
 TIMES = ("t_acquired_ns", "t_decided_ns", "latency_us")
 Run = Callable[..., tuple[int, str, str]]
 
@@ -49,10 +63,11 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made_once(tmp_path_factory, "engine", write) / "small.onnx"
 
 
-def lines(model: OpenedModel, seconds: float) -> list[dict[str, Any]]:
+def lines(model: OpenedModel, scene: Path, seconds: float) -> list[dict[str, Any]]:
     """What a run on virtual time answers, without its times."""
     clock, given = VirtualClock(), list[Prediction]()
-    source = open_live(SOURCE, clock=clock, say=lambda line: None)
+    url = f"virtual://ft232h?scene={scene}&seed=1&fault={FAULT}"
+    source = open_live(url, clock=clock, say=lambda line: None)
     end_ns = clock.now_ns() + round(1e9 * seconds)
 
     def emit(prediction: Prediction, *more: object) -> int:
@@ -70,8 +85,10 @@ def near(one: Any, other: Any) -> bool:
     return one == other or (isinstance(one, float) and abs(one - other) <= 2e-6)
 
 
-def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(model):
-    compiled, reference = lines(CompiledModel(model), 1.8), lines(Model(model), 1.8)
+def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(model, tmp_path):
+    scene = tmp_path / "pull.toml"
+    scene.write_text(PULL, encoding="utf-8")
+    compiled, reference = (lines(one(model), scene, 1.8) for one in (CompiledModel, Model))
     assert len(compiled) == len(reference) > 200
     assert all(near(one, other) for one, other in zip(compiled, reference, strict=True))
     assert {line["why"] for line in reference} >= {"", "settling", "sensors"}

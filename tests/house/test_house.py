@@ -233,7 +233,7 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
         for key, value in os.environ.items()
         if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
     }
-    for first in ("edge_runtime.monitor", "benchmarks.latency", "export.forest"):
+    for first in ("edge_runtime.monitor", "benchmarks.calls", "export.builder"):
         load = f"from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
         code = f"import {first}; {load}"
         subprocess.run(

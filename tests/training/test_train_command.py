@@ -65,6 +65,7 @@ def test_label_weights_are_chosen_where_they_are_wanted_and_stand_in_the_artifac
     run: Run, fixture_set: Path, tmp_path: Path
 ) -> None:
     words = ("train", "--data", fixture_set, "--out", tmp_path / "out", "--size", "tiny")
+    words += ("--learner", "forest")
     code, _, err = run(*words, "--inner-folds", "2")
     assert code == 0, err
     made = artifact_of(tmp_path / "out")
