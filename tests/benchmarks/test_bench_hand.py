@@ -43,12 +43,12 @@ def test_every_bridge_has_its_row_and_only_serves_rates_that_leave_it_time(scans
 
 @pytest.fixture(scope="module")
 def faults():
-    """Runs of 2.4 s, with faults from 1 s to 1.5 s: the hand settles within 0.7 s."""
-    early = {fault.replace("@3", "@1"): what for fault, what in FAULTS.items()}
+    """Runs of 2 s, with faults from 0.75 s to 1.25 s: the hand settles within 0.7 s."""
+    early = {fault.replace("@3", "@0.75"): what for fault, what in FAULTS.items()}
     with pytest.MonkeyPatch.context() as patched:
-        for name, value in {"FAULTS": early, "FAULT_AT_S": 1.0, "FAULT_RUN_S": 2.4}.items():
+        for name, value in {"FAULTS": early, "FAULT_AT_S": 0.75, "FAULT_RUN_S": 2.0}.items():
             patched.setattr(hand, name, value)
-        patched.setattr(hand, "PHASES_FROM_S", 0.8)
+        patched.setattr(hand, "PHASES_FROM_S", 0.75)
         return fault_table(MODEL, compute_ms=0.5, phases=2)
 
 

@@ -64,8 +64,8 @@ def test_the_undersampled_set_of_a_few_trials_is_not_taken_without_a_word(
 def test_label_weights_are_chosen_where_they_are_wanted_and_stand_in_the_artifact(
     run: Run, fixture_set: Path, tmp_path: Path
 ) -> None:
-    words = ("train", "--data", fixture_set, "--out", tmp_path / "out", "--size", "tiny")
-    words += ("--learner", "forest")
+    size = ("--size", "tiny", "--learner", "forest")
+    words = ("train", "--data", fixture_set, "--out", tmp_path / "out", *size)
     code, _, err = run(*words, "--inner-folds", "2")
     assert code == 0, err
     made = artifact_of(tmp_path / "out")
