@@ -68,6 +68,9 @@ RULES = DecisionRules()
 CARD = """[record]
 rate_hz = 50
 
+[physics]
+step_s = 0.003
+
 [[trials]]
 objects = ["soft-ball", "hard-ball"]
 action = "pass"

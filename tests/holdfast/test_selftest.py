@@ -93,7 +93,9 @@ def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situat
     assert all(one["ok"] is True and one["figure"] for one in content)
 
 
-def test_a_step_that_keeps_something_every_time_is_found(monkeypatch, capsys):
+def test_a_step_that_keeps_something_every_time_is_found(
+    four_situations: Built, monkeypatch, capsys
+):
     kept, really = [], StepGraph.step
 
     def leaking(graph: StepGraph) -> Any:
@@ -102,7 +104,7 @@ def test_a_step_that_keeps_something_every_time_is_found(monkeypatch, capsys):
 
     monkeypatch.setattr(StepGraph, "step", leaking)
     monkeypatch.setattr(graph_checks, "SILENT_STEPS", FEWER_STEPS)
-    assert main(["selftest", str(DEFAULT)]) == 1
+    assert main(["selftest", str(four_situations.model)]) == 1
     failed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("failed")]
     assert [line[8:36].strip() for line in failed] == ["memory"]
 

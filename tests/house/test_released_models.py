@@ -6,6 +6,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -44,7 +45,8 @@ def test_a_released_file_is_the_one_its_card_describes(path):
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs(path, tmp_path):
     model = Model(path)
-    scene = Scene(read_card("apple", rate_hz=model.card.rate_hz), 7)
+    card = replace(read_card("apple", rate_hz=model.card.rate_hz), step_s=0.003)
+    scene = Scene(card, 7)
     acted = {"pass": 0, "pull": 0}
     chosen = [[one for one in scene.trials() if one.action == action][:6] for action in acted]
     for one in scene.run_together([*chosen[0], *chosen[1]]):
