@@ -22,6 +22,7 @@ from simulation.card import Card, read_card
 from simulation.effects import EFFECTS
 from simulation.folder import write_set
 from simulation.scene import Scene, SimulatedTrial
+from simulation.shipped import CARDS
 from training.datasets.thesis import load
 from training.timeline import read_truth
 
@@ -324,10 +325,18 @@ def test_simulate_refuses_what_cannot_be_in_one_line(tmp_path, capsys, wrong):
     assert not (tmp_path / "new").exists()
 
 
-def test_simulate_says_what_it_made(tmp_path, capsys):
+@pytest.fixture
+def apple(tmp_path) -> Path:
+    """The shipped card in long steps."""
+    card, text = tmp_path / "apple.toml", (CARDS / "apple.toml").read_text("utf-8")
+    card.write_text(f"{text}\n[physics]\nstep_s = 0.005\n", encoding="utf-8")
+    return card
+
+
+def test_simulate_says_what_it_made(apple, tmp_path, capsys):
     command = [
         "simulate",
-        "apple",
+        str(apple),
         "--trials",
         "3",
         "--rate",
@@ -342,8 +351,8 @@ def test_simulate_says_what_it_made(tmp_path, capsys):
     assert len(list((tmp_path / "new").rglob("trial_?.csv"))) == 3
 
 
-def test_a_scene_is_a_source_like_any_other():
-    source = open_source("sim://apple?seed=1&trial=2&rate_hz=50")
+def test_a_scene_is_a_source_like_any_other(apple):
+    source = open_source(f"sim://{apple}?seed=1&trial=2&rate_hz=50")
     assert isinstance(source, Replay)
     samples = list(source)
     assert [sample.sequence for sample in samples] == list(range(len(samples)))
@@ -351,7 +360,7 @@ def test_a_scene_is_a_source_like_any_other():
     assert samples[0].values.shape == (18,)
     assert samples[0].valid.shape == (6,)
     assert source.unit == "N"
-    again = open_source("sim://apple?seed=1&trial=2&rate_hz=50")
+    again = open_source(f"sim://{apple}?seed=1&trial=2&rate_hz=50")
     assert again.values.tobytes() == source.values.tobytes()
 
 
