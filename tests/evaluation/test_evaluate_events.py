@@ -373,8 +373,8 @@ def test_a_slip_begins_when_the_load_exceeds_static_friction() -> None:
 def test_a_hand_with_an_earlier_request_never_keeps_less(
     earlier_s: float, by_s: float, lag_s: float, grip_n: float
 ) -> None:
-    drop, hand = replace(FALL, grip_n=grip_n), ClosingHand(lag_s=lag_s)
-    assert kept(drop, earlier_s, hand) >= kept(drop, earlier_s + by_s, hand)
+    falls = Droppable.of([replace(FALL, grip_n=grip_n)], ClosingHand(lag_s=lag_s))
+    assert falls.kept([earlier_s]).kept >= falls.kept([earlier_s + by_s]).kept
 
 
 def test_closing_needs_a_truth_that_says_how_it_was_pulled(scenes: Path) -> None:
