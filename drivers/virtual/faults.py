@@ -89,10 +89,12 @@ class Faults:
     """The script, which the parts of the virtual hand query as time goes by."""
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
-        self._lasting = [fault for fault in faults if fault.kind not in AT_ONCE]
-        self._pending = sorted(
-            (f for f in faults if f.kind in AT_ONCE), key=lambda fault: fault.at_s
-        )
+        ordered = sorted(faults, key=lambda fault: fault.at_s)
+        self._pending = [fault for fault in ordered if fault.kind in AT_ONCE]
+        self._lasting: dict[tuple[str, int | None], list[Fault]] = {}
+        for fault in ordered:
+            if fault.kind not in AT_ONCE:
+                self._lasting.setdefault((fault.kind, fault.sensor), []).append(fault)
 
     def __bool__(self) -> bool:
         """Whether the script has any fault left."""
@@ -101,14 +103,14 @@ class Faults:
     def lasts(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
         """Whether a lasting fault is active."""
         return any(
-            fault.kind == kind
-            and fault.sensor == sensor
-            and fault.at_s <= now_s < fault.at_s + fault.lasts_s
-            for fault in self._lasting
+            fault.at_s <= now_s < fault.at_s + fault.lasts_s
+            for fault in self._lasting.get((kind, sensor), ())
         )
 
     def happened(self, kind: str, now_s: float, sensor: int | None = None) -> bool:
         """Whether a fault that happens once has happened since the last call."""
+        if not self._pending:
+            return False
         due = [
             f for f in self._pending if f.kind == kind and f.sensor == sensor and f.at_s <= now_s
         ]
