@@ -39,7 +39,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes arm peers lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -128,6 +128,7 @@ docs: setup  ## rewrite the tables of README and docs from build and the code; p
 	$(BIN)/python -m studies.tables.adapt build/adapt-study/adapt.json build/adapt-study/people.json docs/adapt.md
 	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
+	$(BIN)/python -m benchmarks.runtimes.page build/bench/runtimes.json build/bench/arm.json docs/any-runtime.md
 
 hard-cases: setup  ## run the hard cases and write their results into docs/hard-cases.md
 	$(BIN)/python -m pytest $(ACROSS) -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)
@@ -140,6 +141,15 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)
 	$(BIN)/python -m benchmarks.network_time build/bench/network.json
+
+runtimes: setup  ## the default model in every runtime of this machine: labels, bits, time; into build/bench
+	$(BIN)/python -m benchmarks.runtimes.here $(MODEL) build/bench/runtimes.json
+
+arm: setup models/holdfast-150hz-tiny.onnx  ## the default and the tiny model on emulated Arm processors, into build/bench
+	$(BIN)/python -m benchmarks.runtimes.arm build/bench/arm.json $(MODEL) models/holdfast-150hz-tiny.onnx
+
+models/holdfast-150hz-tiny.onnx:
+	$(MAKE) models SIZE=tiny
 
 peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in MuJoCo, the forest in treelite; an environment of its own, into build/bench
 	$(PEERS)/bin/python -m benchmarks.mujoco_peer --out build/bench/mujoco.json $(ARGS)

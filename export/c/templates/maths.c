@@ -50,6 +50,9 @@ static int32_t hf_within(int32_t index, int32_t last) {
 /*** hf_exp ***/
 /* exp(x) for x <= 0, from additions and products alone: the same bits on every processor.
    x = n ln 2 + r with |r| <= ln 2 / 2; the series of exp(r) is cut below 1e-16. */
+#ifdef HOLDFAST_SINGLE /* an experiment: every double is a float (benchmarks/runtimes/c/single.h) */
+static float hf_exp(float x) { return expf(x); }
+#else
 static double hf_exp(double x) {
     double n, r, y = 1.0;
     uint64_t bits;
@@ -61,6 +64,7 @@ static double hf_exp(double x) {
     memcpy(&n, &bits, sizeof n);
     return y * n;
 }
+#endif
 
 /*** hf_softmax ***/
 static void hf_softmax(const float *restrict x, float *restrict y, int n) {

@@ -1,0 +1,144 @@
+"""`make runtimes` and `make arm`: every runtime answers one stream; an image's report is read."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from c_form import require_compiler
+from page_tables import require_tables_fit, tables_of
+from small_model import for_the_hand, graph_of
+
+from benchmarks.runtimes import here as bench
+from benchmarks.runtimes.c_programs import GCC, SINGLE_GCC, StreamAnswers, answers_of, golden_of
+from benchmarks.runtimes.cortex_m7 import read_report
+from benchmarks.runtimes.page import arm, here
+from benchmarks.runtimes.programs import called, require
+from benchmarks.runtimes.stream import Stream
+from edge_runtime.errors import HoldfastError, LibraryMissing
+from edge_runtime.graph import run_recording
+from edge_runtime.model import Model
+from export.c.exporting import export_c
+from export.seal import model_card, seal
+
+PRINTED = """golden: 252 rows, 1 labels differ
+golden: 3 probabilities differ by more than 1e-6
+steps 252 instructions 244127 most 246880 stack 24272 state 17144 out 100
+"""
+
+
+def short_stream(model: Model) -> Stream:
+    rng = np.random.default_rng(5)
+    values = 0.2 * rng.normal(size=(160, 18)) + np.tile([0.1, 0.2, 1.0], 6)
+    valid = np.ones((160, 6), dtype=np.bool_)
+    valid[130:133, 2] = False
+    out = run_recording(model.session, values, valid, ["situation", "unknown"])
+    return Stream(values, valid, np.where(out["unknown"], -1, out["situation"]).astype(np.int64))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    require_compiler()
+    made = for_the_hand()
+    path = tmp_path_factory.mktemp("runtimes") / "small.onnx"
+    path.write_bytes(seal(graph_of(made), model_card(made), made.spec))
+    return path
+
+
+def test_every_runtime_gives_the_labels_of_onnxruntime_and_gcc_and_clang_the_same_bits(
+    model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench, "stream_of", short_stream)
+    monkeypatch.setattr(bench, "ROUNDS", 1)
+    figures = bench.measure(model)
+    rows = {row["runtime"]: row for row in figures["runtimes"]}
+    doubles = [row for name, row in rows.items() if "single" not in name]
+    assert [row["labels_differ"] for row in doubles] == [0] * len(doubles)
+    assert {row["same_bits"] for row in doubles} == {True, None}
+    assert ("C, clang" in rows) == (shutil.which("clang") is not None)
+    assert rows["C, gcc, single precision"]["same_bits"] is False
+    assert rows["onnxruntime, from Python"]["beside_python"] == 1.0
+    assert "| C, gcc |" in here(figures)["runtimes"]
+
+
+def test_a_label_that_differs_is_counted(model: Path, tmp_path: Path) -> None:
+    stream = short_stream(Model(model))
+    export_c(model, tmp_path / "c")
+    altered = tmp_path / "c/holdfast.c"
+    altered.write_text(altered.read_text().replace("best = ", "best = 3 - ", 1))
+    given = answers_of(GCC, tmp_path / "c", stream, tmp_path, passes=1)
+    assert bench.row("altered", [given], stream, given)["labels_differ"] > 40
+    with pytest.raises(HoldfastError, match="labels differ"):
+        golden_of(GCC, tmp_path / "c", tmp_path)
+
+
+def test_single_precision_has_numbers_of_its_own_and_no_broken_ones(
+    model: Path, tmp_path: Path
+) -> None:
+    stream = short_stream(Model(model))
+    export_c(model, tmp_path / "c")
+    double, single = (
+        answers_of(one, tmp_path / "c", stream, tmp_path, passes=1) for one in (GCC, SINGLE_GCC)
+    )
+    assert single.rows.shape[1] < 0.6 * double.rows.shape[1]
+    assert (single.labels == double.labels).mean() > 0.95
+
+
+def test_answers_of_another_size_are_other_bits() -> None:
+    labels = np.zeros(2, np.int32)
+    one, other = (StreamAnswers(labels, np.zeros((2, n), np.uint8), 1.0) for n in (4, 8))
+    assert bench.same_bits(one, one) is True
+    assert bench.same_bits(one, other) is False
+    assert bench.same_bits(StreamAnswers(labels, np.zeros((2, 0), np.uint8), 1.0), one) is None
+
+
+def test_the_report_of_an_image_is_read_and_one_without_it_is_an_error() -> None:
+    read = read_report(PRINTED, "double", 1000)
+    assert (read.rows, read.labels_differ, read.flash_bytes) == (252, 1, 1000)
+    assert read.ram_bytes == 24272 + 17144 + 100
+    assert read.projected_us == pytest.approx(246880 / 480)
+    with pytest.raises(HoldfastError, match="without its report"):
+        read_report("qemu: fatal: Lockup", "double", 1000)
+
+
+def test_a_program_that_is_missing_is_named_with_its_package(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(LibraryMissing, match="gcc-arm-none-eabi libnewlib"):
+        require("arm-none-eabi-gcc")
+
+
+def test_a_program_that_fails_says_its_last_line(tmp_path: Path) -> None:
+    with pytest.raises(HoldfastError, match="failed: no such thing"):
+        called(["sh", "-c", "echo first; echo no such thing >&2; exit 3"], tmp_path)
+
+
+def test_the_page_has_a_place_for_every_table(tmp_path: Path) -> None:
+    row = {"runtime": "C", "step_us": 1.0, "beside_python": 0.1, "labels_differ": 0}
+    board: dict[str, Any] = {
+        "precision": "double",
+        "rows": 252,
+        "labels_differ": 0,
+        "stream_labels_differ": 1,
+        "flash_bytes": 1_274_000,
+        "ram_bytes": 41_500,
+        "stack_bytes": 24_272,
+        "instructions": 244_127,
+        "most_instructions": 246_880,
+        "projected_us": 514.3,
+    }
+    one = {
+        "model": "m",
+        "rows": 9,
+        "aarch64_golden": "golden",
+        "aarch64_labels_differ": 0,
+        "aarch64_same_bits": True,
+        "boards": [board],
+    }
+    made = tables_of((here, arm), {"runtimes": [row | {"same_bits": None}]}, {"models": [one]})
+    page = require_tables_fit("docs/any-runtime.md", made, tmp_path)
+    assert "| m | double | 1274.0 | 41.5 | 24.3 | 244,127 | 246,880 | 514 |" in page
