@@ -19,12 +19,15 @@ import numpy as np
 import onnx
 
 from benchmarks.calls import golden
+from benchmarks.runtimes.c_programs import GCC, C, compiled
+from benchmarks.runtimes.stream import Stream
 from edge_runtime.errors import LibraryMissing
 from edge_runtime.graph import run_recording
 from edge_runtime.monitor import Model
+from export.c.exporting import export_c
 from export.verify import cut_learners
 
-FEW, MANY = 10, 410
+FEW, MANY, C_PASSES = 10, 410, 4
 CORTEX_A72_HZ = 1.5e9
 INSTRUCTIONS_A_CYCLE = 1.0
 """Assumed for a Cortex-A72 (Raspberry Pi 4): it decodes three at most; code of many small calls
@@ -63,32 +66,42 @@ def instructions(model: Path) -> list[CallInstructions]:
         alone, rows = Path(work) / "learner.onnx", Path(work) / "rows.npy"
         alone.write_bytes(cut_learners(onnx.load(model)))
         np.save(rows, run_recording(whole.session, *golden(whole), ["features"])["features"])
-        return [_row("whole step", str(model), ""), _row("learner alone", str(alone), str(rows))]
+        return [
+            _row("whole step", _called(model, "")),
+            _row("learner alone", _called(alone, rows)),
+            *_step_in_c(whole, Path(work)),
+        ]
 
 
-def _row(name: str, model: str, rows: str) -> CallInstructions:
-    few, many = (_counted(model, rows, calls) for calls in (FEW, MANY))
-    each = (many - few) / (MANY - FEW)
-    return CallInstructions(name, each, 1e6 * each / INSTRUCTIONS_A_CYCLE / CORTEX_A72_HZ)
+def _row(name: str, instructions: float) -> CallInstructions:
+    projected_us = 1e6 * instructions / INSTRUCTIONS_A_CYCLE / CORTEX_A72_HZ
+    return CallInstructions(name, instructions, projected_us)
 
 
-def _counted(model: str, rows: str, calls: int) -> int:
+def _called(model: Path, rows: Path | str) -> float:
+    """Instructions of one call from Python."""
+    words = [sys.executable, "-c", PROGRAM, str(model), str(rows)]
+    few, many = (_counted([*words, str(calls)]) for calls in (FEW, MANY))
+    return (many - few) / (MANY - FEW)
+
+
+def _step_in_c(model: Model, work: Path) -> list[CallInstructions]:
+    """The same step in C, called from C; nothing without gcc."""
+    if shutil.which(GCC.compiler) is None:
+        return []
+    export_c(model.path, work / "c")
+    program = compiled(GCC, work / "c", [C / "rows.c"], work / "rows")
+    stream = Stream(*golden(model), labels=np.zeros(0, np.int64))
+    words = [str(program), str(stream.written(work / "stream.bin"))]
+    few, many = (_counted([*words, str(passes)]) for passes in (1, 1 + C_PASSES))
+    return [_row("whole step in C", (many - few) / C_PASSES / len(stream.values))]
+
+
+def _counted(words: list[str]) -> int:
     with tempfile.TemporaryDirectory() as work:
+        valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={work}/out"]
         ran = subprocess.run(
-            [
-                "valgrind",
-                "--tool=callgrind",
-                f"--callgrind-out-file={work}/out",
-                sys.executable,
-                "-c",
-                PROGRAM,
-                model,
-                rows,
-                str(calls),
-            ],
-            capture_output=True,
-            text=True,
-            check=True,
+            [*valgrind, *words], capture_output=True, text=True, errors="replace", check=True
         )
     found = re.search(r"Collected : (\d+)", ran.stderr)
     if found is None:

@@ -35,6 +35,7 @@ from scipy.signal import butter
 from benchmarks.c_step import c_step_of
 from benchmarks.calls import (
     BARE,
+    C_STEP,
     FLOOR,
     GRIP,
     OWN,
@@ -72,6 +73,8 @@ from training.recording import DataSet
 BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
 PERCENTILES = (50, 99, 99.9)
 TRIALS, STREAMED = 400, 10
+C_OVER = "c_step_over_step"
+"""A budget that only a machine with a compiler can measure."""
 SLOW_TURNS, SLOW_CALLS = 5, 20
 """Calls of milliseconds are timed less often."""
 
@@ -154,7 +157,8 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     """What the budgets limit: each a ratio of two figures of one run."""
     of = {one.what: one for one in calls}
     step = of[STEP]
-    return {
+    in_c = {C_OVER: of[C_STEP].p50_us / step.p50_us} if C_STEP in of else {}
+    return in_c | {
         "step_over_bare_full_depth_forest": step.p50_us / of[BARE].p50_us,
         "step_over_own_learner": step.p50_us / of[OWN].p50_us,
         "grip_over_step": of[GRIP].p50_us / step.p50_us,
@@ -167,6 +171,7 @@ def broken(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[s
     """What exceeds the budgets of budget.toml, a line each. n_bytes: size of the model file."""
     budget = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
     found = ratios | {"model_mib": n_bytes / 2**20, "resident_mb": resident_mb}
+    budget["at_most"] = {k: v for k, v in budget["at_most"].items() if k in found or k != C_OVER}
     lines = [
         f"{name}: {found[name]:.3g}, at most {most:g}"
         for name, most in budget["at_most"].items()

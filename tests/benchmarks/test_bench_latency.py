@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import latency as bench
 from benchmarks.calls import BARE, C_STEP, FLOOR, GRIP, OWN, SKLEARN, STEP, THESIS, WALK
-from benchmarks.latency import BUDGET, CallTimes, broken, latency, ratios
+from benchmarks.latency import BUDGET, C_OVER, CallTimes, broken, latency, ratios
 from simulation.card import Card, read_card
 
 
@@ -33,7 +33,8 @@ def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch, eight_c
     assert timed - {WALK, C_STEP} == {STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR}
     budget = tomllib.loads(BUDGET.read_text("utf-8"))
     limited = set(budget["at_most"]) | set(budget["at_least"])
-    assert limited == {*figures.ratios, "model_mib", "resident_mb"}
+    assert limited - {C_OVER} == {*figures.ratios, "model_mib", "resident_mb"} - {C_OVER}
+    assert (C_OVER in figures.ratios) == (C_STEP in timed)
     assert figures.bytes == eight_classes.model.stat().st_size
 
 
@@ -57,7 +58,10 @@ def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
     calls = {name: timed(name, 10.0, 20.0) for name in (STEP, OWN, BARE, SKLEARN)}
     calls |= {GRIP: timed(GRIP, 2.0, 9.0)}
     calls |= {THESIS: timed(THESIS, 4000.0, 9000.0), FLOOR: timed(FLOOR, 10.0, 10.0)}
-    assert ratios(list(calls.values())) == {
+    without_a_compiler = ratios(list(calls.values()))
+    calls |= {C_STEP: timed(C_STEP, 1.0, 9.0)}
+    assert ratios(list(calls.values())) == {C_OVER: 0.1, **without_a_compiler}
+    assert without_a_compiler == {
         "step_over_bare_full_depth_forest": 1.0,
         "step_over_own_learner": 1.0,
         "grip_over_step": 0.2,
@@ -72,6 +76,8 @@ def test_ratios_are_of_medians_and_the_tail_of_the_floor_s_tail():
         ({}, ""),
         ({"step_over_own_learner": 99.0}, "step_over_own_learner: 99, at most"),
         ({"thesis_over_step": 1.0}, "thesis_over_step: 1, at least"),
+        ({C_OVER: 0.1}, ""),
+        ({C_OVER: 0.9}, "c_step_over_step: 0.9, at most"),
     ],
 )
 def test_a_broken_budget_is_named_with_its_limit(change, line):
