@@ -87,10 +87,10 @@ def _called(model: Path, rows: Path | str) -> float:
 
 def _step_in_c(model: Model, work: Path) -> list[CallInstructions]:
     """The same step in C, called from C; nothing without gcc."""
-    if shutil.which(GCC.compiler) is None:
+    if not GCC.is_installed:
         return []
     export_c(model.path, work / "c")
-    program = compiled(GCC, work / "c", [C / "rows.c"], work / "rows")
+    program = compiled(GCC, work / "c", C / GCC.main, work / "rows")
     stream = Stream(*golden(model), labels=np.zeros(0, np.int64))
     words = [str(program), str(stream.written(work / "stream.bin"))]
     few, many = (_counted([*words, str(passes)]) for passes in (1, 1 + C_PASSES))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,12 +20,28 @@ PASSES = 15
 
 @dataclass(frozen=True)
 class Compiled:
-    """A compiler with its flags, and the program that runs what it makes (empty: this machine)."""
+    """A compiler with its flags, what runs what it makes (empty: this machine), and a main.
+
+    also: more programs that it needs.
+    """
 
     name: str
     compiler: str
     flags: tuple[str, ...] = ()
     runner: tuple[str, ...] = ()
+    main: str = "rows.c"
+    linked: tuple[str, ...] = ("-lm",)
+    also: tuple[str, ...] = ()
+
+    @property
+    def programs(self) -> tuple[str, ...]:
+        """What must be installed."""
+        return (self.compiler, *self.runner[:1], *self.also)
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether this machine has all of it."""
+        return all(shutil.which(name) is not None for name in self.programs)
 
 
 GCC = Compiled("C, gcc", "gcc")
@@ -34,12 +49,24 @@ CLANG = Compiled("C, clang", "clang")
 AARCH64 = Compiled(
     "C, gcc, aarch64", "aarch64-linux-gnu-gcc", ("-static",), ("qemu-aarch64-static",)
 )
+WITHOUT_LIBRARIES = (
+    "-mbulk-memory",
+    "-msimd128",
+    "-nostdlib",
+    "-nostdlibinc",
+    "-isystem",
+    str(C / "wasm"),
+)
+WASM = Compiled(
+    "C, clang to WebAssembly, in Node",
+    "clang",
+    ("--target=wasm32", *WITHOUT_LIBRARIES, "-Wl,--no-entry"),
+    ("node", str(C / "rows.mjs")),
+    "wasm.c",
+    (),
+    ("wasm-ld",),
+)
 SINGLE_GCC = Compiled("C, gcc, single precision", "gcc", SINGLE)
-
-
-def installed(one: Compiled) -> bool:
-    """Whether this machine has its compiler; gcc's C is the reference, so gcc must be there."""
-    return one.compiler == GCC.compiler or shutil.which(one.compiler) is not None
 
 
 @dataclass(frozen=True)
@@ -58,10 +85,10 @@ def answers_of(
 
     Raises LibraryMissing without the programs, HoldfastError where one of them fails.
     """
-    require(one.compiler, *one.runner[:1])
+    require(*one.programs)
     real = np.float32 if one.flags == SINGLE else np.float64
     rows = stream.written(work / "stream.bin", real)
-    program = compiled(one, sources, [C / "rows.c"], work / "rows")
+    program = compiled(one, sources, C / one.main, work / "rows")
     done = called([*one.runner, program, rows, str(passes)], work)
     answers = np.frombuffer(done.stdout, np.uint8).reshape(len(stream.values), -1)
     labels = np.ascontiguousarray(answers[:, :4]).view(np.int32)[:, 0]
@@ -70,23 +97,13 @@ def answers_of(
 
 def golden_of(one: Compiled, sources: Path, work: Path) -> str:
     """What the self-test of a C form prints."""
-    program = compiled(one, sources, [sources / "holdfast_selftest.c"], work / "selftest")
+    program = compiled(one, sources, sources / "holdfast_selftest.c", work / "selftest")
     return called([*one.runner, program], work).stdout.decode().strip()
 
 
-def compiled(one: Compiled, sources: Path, mains: Sequence[Path], program: Path) -> Path:
+def compiled(one: Compiled, sources: Path, main: Path, program: Path) -> Path:
     """The program of a C form and a file with a main."""
-    files = [sources / "holdfast.c", *mains]
-    words: list[str | Path] = [
-        one.compiler,
-        *FLAGS,
-        *one.flags,
-        "-I",
-        sources,
-        "-o",
-        program,
-        *files,
-        "-lm",
-    ]
-    called(words, program.parent)
+    words = [one.compiler, *FLAGS, *one.flags, f"-I{sources}"]
+    files = [sources / "holdfast.c", main]
+    called([*words, "-o", program, *files, *one.linked], program.parent)
     return program

@@ -15,14 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.runtimes.c_programs import (
-    CLANG,
-    GCC,
-    SINGLE_GCC,
-    StreamAnswers,
-    answers_of,
-    installed,
-)
+from benchmarks.runtimes.c_programs import CLANG, GCC, SINGLE_GCC, WASM, StreamAnswers, answers_of
 from benchmarks.runtimes.stream import Stream, stream_of
 from edge_runtime.c_engine import LIBRARY, CompiledModel
 from edge_runtime.command import show
@@ -46,7 +39,7 @@ def measure(path: Path) -> Json:
         work = Path(name)
         export_c(path, work / "c", build=True)
         library = CompiledModel(path, work / "c" / LIBRARY)
-        programs = {one.name: one for one in (GCC, CLANG, SINGLE_GCC) if installed(one)}
+        programs = {one.name: one for one in (GCC, CLANG, WASM, SINGLE_GCC) if one.is_installed}
         runs: dict[str, Callable[[], StreamAnswers]] = {
             ONNX: lambda: from_python(model, stream),
             FROM_PYTHON: lambda: from_python(library, stream),

@@ -12,6 +12,8 @@ from edge_runtime.errors import HoldfastError, LibraryMissing
 PACKAGES = {
     "gcc": "gcc",
     "clang": "clang",
+    "wasm-ld": "lld",
+    "node": "nodejs",
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu libc6-dev-arm64-cross",
     "qemu-aarch64-static": "qemu-user-static",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",

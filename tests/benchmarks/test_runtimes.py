@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,15 @@ from page_tables import require_tables_fit, tables_of
 from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes import here as bench
-from benchmarks.runtimes.c_programs import GCC, SINGLE_GCC, StreamAnswers, answers_of, golden_of
+from benchmarks.runtimes.c_programs import (
+    CLANG,
+    GCC,
+    SINGLE_GCC,
+    WASM,
+    StreamAnswers,
+    answers_of,
+    golden_of,
+)
 from benchmarks.runtimes.cortex_m7 import read_report
 from benchmarks.runtimes.page import arm, here
 from benchmarks.runtimes.programs import called, require
@@ -58,7 +65,7 @@ def test_every_runtime_gives_the_labels_of_onnxruntime_and_gcc_and_clang_the_sam
     doubles = [row for name, row in rows.items() if "single" not in name]
     assert [row["labels_differ"] for row in doubles] == [0] * len(doubles)
     assert {row["same_bits"] for row in doubles} == {True, None}
-    assert ("C, clang" in rows) == (shutil.which("clang") is not None)
+    assert {one.name for one in (CLANG, WASM) if one.is_installed} <= set(rows)
     assert rows["C, gcc, single precision"]["same_bits"] is False
     assert rows["onnxruntime, from Python"]["beside_python"] == 1.0
     assert "| C, gcc |" in here(figures)["runtimes"]
