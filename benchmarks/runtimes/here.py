@@ -10,11 +10,13 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
+from benchmarks.runtimes import rust
 from benchmarks.runtimes.c_programs import CLANG, GCC, SINGLE_GCC, WASM, StreamAnswers, answers_of
 from benchmarks.runtimes.stream import Stream, stream_of
 from edge_runtime.c_engine import LIBRARY, CompiledModel
@@ -26,6 +28,7 @@ from edge_runtime.writing import write_whole
 from evaluation.provenance import host
 from export.c.exporting import export_c
 
+RUST = Path("build/rust")
 ROUNDS = 3
 """Each runtime answers the stream in turn: what slows this machine down meets all of them."""
 ONNX, FROM_PYTHON = "onnxruntime, from Python", "C, gcc, from Python"
@@ -39,14 +42,17 @@ def measure(path: Path) -> Json:
         work = Path(name)
         export_c(path, work / "c", build=True)
         library = CompiledModel(path, work / "c" / LIBRARY)
-        programs = {one.name: one for one in (GCC, CLANG, WASM, SINGLE_GCC) if one.is_installed}
         runs: dict[str, Callable[[], StreamAnswers]] = {
             ONNX: lambda: from_python(model, stream),
             FROM_PYTHON: lambda: from_python(library, stream),
-        } | {
-            key: lambda one=one: answers_of(one, work / "c", stream, work)
-            for key, one in programs.items()
         }
+        runs |= {
+            one.name: partial(answers_of, one, work / "c", stream, work)
+            for one in (GCC, CLANG, WASM, SINGLE_GCC)
+            if one.is_installed
+        }
+        if rust.has_cargo():
+            runs[rust.NAME] = partial(rust.from_rust, rust.built(RUST), path, stream)
         found: dict[str, list[StreamAnswers]] = {key: [] for key in runs}
         for _ in range(ROUNDS):
             for key, run in runs.items():
