@@ -24,7 +24,7 @@ def has_cargo() -> bool:
 
 def built(target: Path) -> Path:
     """The example's program, built in a folder. Raises HoldfastError."""
-    words = ["cargo", "build", "-q", "--release", "--target-dir", target.resolve()]
+    words: list[str | Path] = ["cargo", "build", "-q", "--release", "--target-dir", target.resolve()]
     called(words, EXAMPLE)
     return target / "release/hand"
 
