@@ -24,8 +24,8 @@ def has_cargo() -> bool:
 
 def built(target: Path) -> Path:
     """The example's program, built in a folder. Raises HoldfastError."""
-    words: list[str | Path] = ["cargo", "build", "-q", "--release", "--target-dir", target.resolve()]
-    called(words, EXAMPLE)
+    cargo: list[str | Path] = ["cargo", "build", "-q", "--release"]
+    called([*cargo, "--target-dir", target.resolve()], EXAMPLE)
     return target / "release/hand"
 
 
