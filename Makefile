@@ -39,7 +39,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes arm peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -144,6 +144,9 @@ bench: setup  ## what accuracy costs in time on this machine: one step, a hand, 
 
 runtimes: setup  ## the default model in every runtime of this machine: labels, bits, time; into build/bench
 	$(BIN)/python -m benchmarks.runtimes.here $(MODEL) build/bench/runtimes.json
+
+browser: setup  ## the default model as one static page that needs no server, into build/browser
+	$(BIN)/python examples/browser/build.py $(MODEL) build/browser/holdfast.html
 
 arm: setup models/holdfast-150hz-tiny.onnx  ## the default and the tiny model on emulated Arm processors, into build/bench
 	$(BIN)/python -m benchmarks.runtimes.arm build/bench/arm.json $(MODEL) models/holdfast-150hz-tiny.onnx

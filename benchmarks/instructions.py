@@ -19,7 +19,7 @@ import numpy as np
 import onnx
 
 from benchmarks.calls import golden
-from benchmarks.runtimes.c_programs import GCC, C, compiled
+from benchmarks.runtimes.c_programs import GCC, compiled
 from benchmarks.runtimes.stream import Stream
 from edge_runtime.errors import LibraryMissing
 from edge_runtime.graph import run_recording
@@ -90,7 +90,7 @@ def _step_in_c(model: Model, work: Path) -> list[CallInstructions]:
     if not GCC.is_installed:
         return []
     export_c(model.path, work / "c")
-    program = compiled(GCC, work / "c", C / GCC.main, work / "rows")
+    program = compiled(GCC, work / "c", GCC.main, work / "rows")
     stream = Stream(*golden(model), labels=np.zeros(0, np.int64))
     words = [str(program), str(stream.written(work / "stream.bin"))]
     few, many = (_counted([*words, str(passes)]) for passes in (1, 1 + C_PASSES))

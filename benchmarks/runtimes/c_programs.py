@@ -13,6 +13,7 @@ from benchmarks.runtimes.programs import called, require
 from benchmarks.runtimes.stream import Stream
 
 C = Path(__file__).parent / "c"
+BROWSER = Path(__file__).resolve().parents[2] / "examples/browser"
 FLAGS = ("-std=gnu99", "-O3", "-ffp-contract=off")
 SINGLE = ("-include", str(C / "single.h"), "-fsingle-precision-constant")
 PASSES = 15
@@ -29,7 +30,7 @@ class Compiled:
     compiler: str
     flags: tuple[str, ...] = ()
     runner: tuple[str, ...] = ()
-    main: str = "rows.c"
+    main: Path = C / "rows.c"
     linked: tuple[str, ...] = ("-lm",)
     also: tuple[str, ...] = ()
 
@@ -55,14 +56,14 @@ WITHOUT_LIBRARIES = (
     "-nostdlib",
     "-nostdlibinc",
     "-isystem",
-    str(C / "wasm"),
+    str(BROWSER / "include"),
 )
 WASM = Compiled(
     "C, clang to WebAssembly, in Node",
     "clang",
     ("--target=wasm32", *WITHOUT_LIBRARIES, "-Wl,--no-entry"),
     ("node", str(C / "rows.mjs")),
-    "wasm.c",
+    BROWSER / "hand.c",
     (),
     ("wasm-ld",),
 )
@@ -88,7 +89,7 @@ def answers_of(
     require(*one.programs)
     real = np.float32 if one.flags == SINGLE else np.float64
     rows = stream.written(work / "stream.bin", real)
-    program = compiled(one, sources, C / one.main, work / "rows")
+    program = compiled(one, sources, one.main, work / "rows")
     done = called([*one.runner, program, rows, str(passes)], work)
     answers = np.frombuffer(done.stdout, np.uint8).reshape(len(stream.values), -1)
     labels = np.ascontiguousarray(answers[:, :4]).view(np.int32)[:, 0]

@@ -1,9 +1,12 @@
-"""examples/c/live.c answers a recording line by line as the live path in Python does."""
+"""The examples in C and in the browser answer a recording as the live path in Python does."""
 
 from __future__ import annotations
 
 import json
+import re
+import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,17 +15,29 @@ import pytest
 from c_form import STRICT, require_compiler
 from small_model import for_the_hand, graph_of
 
+from benchmarks.runtimes.c_programs import WASM, compiled
 from drivers.replay import open_replay
 from edge_runtime.contract import Prediction, channel_names
 from edge_runtime.grip_command import GripCommand
 from edge_runtime.grip_control import GripControl
 from edge_runtime.model import Model
 from edge_runtime.monitor import GripMonitor
+from edge_runtime.reading import Json
 from edge_runtime.tare import Tare
 from export.c.exporting import export_c
 from export.seal import model_card, seal
 
-LIVE = Path(__file__).resolve().parents[2] / "examples" / "c" / "live.c"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+LIVE = EXAMPLES / "c" / "live.c"
+IN_NODE = """
+const { readFileSync } = require("node:fs");
+const { readTrial, runTrial } = require(process.argv[1]);
+WebAssembly.instantiate(readFileSync(process.argv[2]), {}).then(({ instance }) => {
+  const hand = instance.exports;
+  const trial = readTrial(readFileSync(process.argv[3], "utf8"), hand.channels());
+  for (const one of runTrial(hand, trial, null)) console.log(JSON.stringify(one));
+});
+"""
 ROWS = 600
 
 
@@ -84,12 +99,8 @@ def of_python(model: Path, trial: Path) -> list[tuple[Prediction, GripCommand]]:
     return answers
 
 
-def test_the_example_answers_a_recording_as_the_live_path_does(model: Path, tmp_path: Path):
-    trial = recording(tmp_path / "trial_1.csv")
-    with trial.open() as lines:
-        done = subprocess.run([model.parent / "live"], stdin=lines, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    got = {round(150 * one["t_s"]): one for one in map(json.loads, done.stdout.splitlines())}
+def require_same(got: dict[int, Json], model: Path, trial: Path) -> None:
+    """Raise AssertionError where an example's answers are not those of the live path."""
     wanted = {
         prediction.sequence: (prediction, command)
         for prediction, command in of_python(model, trial)
@@ -106,3 +117,50 @@ def test_the_example_answers_a_recording_as_the_live_path_does(model: Path, tmp_
         assert abs(one["target_n"] - (command.target_n or 0.0)) <= 1e-3
     assert {one["state"] for one in got.values()} >= {"unknown", "nothing", "grasp"}
     assert {one["mode"] for one in got.values()} > {"hold"}
+
+
+def test_the_example_answers_a_recording_as_the_live_path_does(model: Path, tmp_path: Path):
+    trial = recording(tmp_path / "trial_1.csv")
+    with trial.open() as lines:
+        done = subprocess.run([model.parent / "live"], stdin=lines, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    got = {round(150 * one["t_s"]): one for one in map(json.loads, done.stdout.splitlines())}
+    require_same(got, model, trial)
+
+
+@pytest.fixture(scope="module")
+def wasm(model: Path) -> Path:
+    if not WASM.is_installed:
+        pytest.skip(f"the browser's example needs {', '.join(WASM.programs)}")
+    return compiled(WASM, model.parent / "c", WASM.main, model.parent / "hand.wasm")
+
+
+def test_the_hand_in_the_browser_answers_as_the_live_path_does(
+    model: Path, wasm: Path, tmp_path: Path
+):
+    trial = recording(tmp_path / "trial_1.csv")
+    words = ["node", "-e", IN_NODE, str(EXAMPLES / "browser/trial.js"), str(wasm), str(trial)]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    got = {}
+    for one in map(json.loads, done.stdout.splitlines()):
+        names = {"state": one["situation"].replace(" ", "_"), "act": one["acts"]}
+        numbers = {"p_risky": one["risky"], "target_n": one["target"], "mode": one["mode"]}
+        got[round(150 * one["t"])] = names | numbers
+    require_same(got, model, trial)
+
+
+def test_the_page_opens_without_a_server_a_request_or_an_error(model: Path, wasm: Path):
+    if shutil.which("chromium") is None:
+        pytest.skip("the page is opened in chromium, which is not installed")
+    made = model.parent / "page.html"
+    build: list[str | Path] = [sys.executable, EXAMPLES / "browser/build.py", model, made]
+    assert subprocess.run(build, capture_output=True).returncode == 0
+    assert "http" not in re.sub(r'http-equiv|"WASM_BASE64"', "", made.read_text("utf-8")[:4000])
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000"]
+    words = ["chromium", *flags, "--enable-logging=stderr", "--dump-dom", made.as_uri()]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    assert "CONSOLE" not in done.stderr
+    (summary,) = re.findall(r'<p id="summary"[^>]*>([^<]*)<', done.stdout)
+    assert re.match(r"\d{4} samples, the hand is (not )?asked to act", summary)
+    assert re.findall(r'<p id="problem"[^>]*>([^<]*)<', done.stdout) == [""]
