@@ -12,6 +12,7 @@ from edge_runtime.engine import ModelChoice, OpenedModel
 from edge_runtime.errors import UsageError
 from edge_runtime.fit import require_fit
 from edge_runtime.grip import CONTROLLERS, AnswerRules
+from edge_runtime.reading import Json
 from edge_runtime.supervisor import Limits
 from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
 from simulation.card import read_card
@@ -27,16 +28,21 @@ from simulation.scene import Scene
 ORACLE, VIBRATION = "oracle", "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
 BARE = "none"
+DATA_SHEET_AVERAGES = 32.0
 
 
 @dataclass(frozen=True)
 class LoopSet:
-    """Trials of a card: all of it, or so many in its proportions. changes: values of every row."""
+    """Trials of a card: all of it, or so many in its proportions.
+
+    changes: values of every row. noise: times that of the card's chips; 1: the card as it is.
+    """
 
     card: str
     trials: int | None
     seed: int
     changes: tuple[tuple[str, object], ...] = ()
+    noise: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -56,8 +62,18 @@ def scene_of(one: LoopSet) -> tuple[Scene, tuple[PlannedTrial, ...]]:
     """The scene of a set and its trials with an object."""
     card = read_card(one.card)
     rows = tuple(replace(row, values={**row.values, **_fitting(row, one)}) for row in card.rows)
-    scene = Scene(replace(card, rows=rows, controller=None), one.seed)
+    card = replace(card, rows=rows, controller=None, effects=_noisier(card.effects, one.noise))
+    scene = Scene(card, one.seed)
     return scene, tuple(t for t in scene.trials(one.trials) if t.action != "nothing")
+
+
+def _noisier(effects: Mapping[str, Json], noise: float) -> dict[str, Json]:
+    """The effects of a card whose chips average fewer conversions: a quarter of them, twice it."""
+    if noise == 1.0:
+        return dict(effects)
+    chip = effects["hall_noise"]
+    averages = chip.get("averages", DATA_SHEET_AVERAGES) / noise**2
+    return {**effects, "hall_noise": {**chip, "averages": averages}}
 
 
 def _fitting(row: object, one: LoopSet) -> dict[str, object]:

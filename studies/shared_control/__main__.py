@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
     out = "folder of loop.json (default build/loop)"
     option("--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out)
-    option("--parts", nargs="+", metavar="PART", help="of table, curve, lag, delay, without")
+    option("--parts", nargs="+", metavar="PART", help="of table, curve, lag, delay, noise, without")
     option("--sets", nargs="+", metavar="SET", help="by their names in the tables")
     option("--controllers", nargs="+", metavar="NAME", help="of the tables' first column")
     option("--page", action="store_true", help=f"fill the tables of {PAGE} and draw {FIGURE}")
@@ -90,6 +90,7 @@ def _row(row: Row, runs: LoopRuns) -> Json:
         "setting": request.setting,
         "lag_ms": request.lag_ms,
         "delay_samples": request.delay_samples,
+        "noise": row.one.noise,
         **runs.figures(row.one, request).to_json(),
     }
 

@@ -47,6 +47,14 @@ TIME_HEADS = {
     "slip": "slip of the saved, mm",
     "blocked": "blocked (95 %)",
 }
+NOISE_HEADS = {
+    "set": "set",
+    "noise": "noise, times a chip's",
+    "preventable": "preventable",
+    "saved": "saved (95 %)",
+    "slip": "slip of the saved, mm",
+    "blocked": "blocked (95 %)",
+}
 TARGET_HEADS = ("target", "aim", "measured", "reached")
 Row = Json
 
@@ -60,9 +68,11 @@ def fill_page(figures: Json) -> None:
         "sets": ([r for r in _part(rows, "table") if r["controller"] == OURS], SET_HEADS),
         "parts": (_part(rows, "without"), PART_HEADS),
         "milliseconds": (_in_time(rows), TIME_HEADS),
+        "noise": (_part(rows, "noise"), NOISE_HEADS),
     }
-    made = {"targets": table(target_rows(rows), {h: h for h in TARGET_HEADS})}
-    made |= {n: table([shown(r) for r in of], heads) for n, (of, heads) in chosen.items() if of}
+    made = {n: table([shown(r) for r in of], heads) for n, (of, heads) in chosen.items() if of}
+    if _part(rows, "table"):
+        made |= {"targets": table(target_rows(rows), {h: h for h in TARGET_HEADS})}
     write_tables(PAGE, made)
 
 
@@ -99,6 +109,7 @@ def shown(row: Row) -> Row:
     return {
         **{key: row[key] for key in ("set", "controller", "drops", "preventable", "handovers")},
         "lag": f"{row['lag_ms']:g}",
+        "noise": f"{row['noise']:g}",
         "late": f"{1e3 * row['delay_samples'] / 150.0:.0f}",
         "saved": with_interval(row["saved_share"], row["saved_share_ci"]),
         "blocked": with_interval(row["blocked_share"], row["blocked_share_ci"]),

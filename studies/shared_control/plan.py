@@ -32,6 +32,8 @@ STYLES = ("author", *UNSEEN)
 LAGS_MS = (20.0, 100.0)
 DELAYS = (1, 3, 8)
 """Samples by which targets act later: 7, 20 and 53 ms at 150 Hz."""
+NOISES = (1.0, 2.0, 4.0)
+"""Times the noise of the cards' chips: averages of 32, 8 and 2 conversions."""
 WITHOUT = {
     "graded": AnswerRules(graded=False),
     "revocable": AnswerRules(revocable=False),
@@ -97,6 +99,10 @@ def rows(trials: int) -> list[Row]:
         made += [
             Row("delay", name, OURS, one, LoopRequest(OURS, OUR_LEAD_N, delay_samples=delay))
             for delay in DELAYS
+        ]
+        made += [
+            Row("noise", name, OURS, replace(one, noise=noise), LoopRequest(OURS, OUR_LEAD_N))
+            for noise in NOISES
         ]
         made += [
             Row("without", name, part, one, LoopRequest(OURS, OUR_LEAD_N, rules=rules))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from evaluation.loop_runs import CHOICES
+from evaluation.loop_runs import CHOICES, scene_of
+from studies.shared_control import page
 from studies.shared_control.__main__ import _chosen
-from studies.shared_control.page import shown
+from studies.shared_control.page import PAGE, shown
 from studies.shared_control.picture import curve, picture
 from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
 from studies.shared_control.targets import TARGETS, target_rows
@@ -17,7 +20,7 @@ from studies.shared_control.targets import TARGETS, target_rows
 def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:
     """A row of loop.json; figures: those that matter."""
     whole: dict[str, Any] = {"part": part, "set": name, "controller": controller}
-    whole |= {"setting": None, "lag_ms": 50.0, "delay_samples": 0, "grip_excess": 1.0}
+    whole |= {"setting": None, "lag_ms": 50.0, "delay_samples": 0, "noise": 1.0, "grip_excess": 1.0}
     for target in TARGETS:
         whole |= {target.key: target.bound, f"{target.key}_ci": [0.0, 1.0]}
     return whole | figures
@@ -39,6 +42,31 @@ def test_every_lag_of_the_figure_has_a_curve_of_every_controller() -> None:
         lagged = [one for one in rows(100) if one.part == "lag" and one.request.lag_ms == lag_ms]
         assert {one.label for one in lagged} == set(SETTINGS)
         assert {one.set_name for one in lagged} == set(CURVE_SETS)
+
+
+def test_the_noise_of_the_chips_is_that_of_the_card_twice_and_four_times() -> None:
+    noisy = [one for one in rows(100) if one.part == "noise" and one.set_name == "p1"]
+    as_it_is = scene_of(sets(100)["p1"])[0].card.effects["hall_noise"]
+    chips = [scene_of(one.one)[0].card.effects["hall_noise"] for one in noisy]
+    assert [chip.get("averages", 32.0) for chip in chips] == [32.0, 8.0, 2.0]
+    assert chips[0] == as_it_is
+
+
+def test_a_study_of_one_part_leaves_the_other_tables_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = tmp_path / "page.md"
+    copy.write_text(PAGE.read_text("utf-8"), encoding="utf-8")
+    monkeypatch.setattr(page, "PAGE", copy)
+    counts = dict.fromkeys(("drops", "preventable", "handovers"), 7)
+    figures = counts | dict.fromkeys(
+        ("disturbed_share", "disturbed_share_ci", "tightenings_per_min")
+    )
+    page.fill_page({"rows": [row("noise", "p1", OURS, noise=4.0, **figures)]})
+    written = copy.read_text("utf-8")
+    assert "| p1 | 4 | 7 |" in written
+    between = re.compile("<!-- noise:.*<!-- /noise -->", re.DOTALL)
+    assert between.sub("", written) == between.sub("", PAGE.read_text("utf-8"))
 
 
 def test_a_point_of_a_curve_counts_the_sets_together() -> None:
