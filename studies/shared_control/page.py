@@ -54,6 +54,8 @@ NOISE_HEADS = {
     "saved": "saved (95 %)",
     "slip": "slip of the saved, mm",
     "blocked": "blocked (95 %)",
+    "tightenings": "tightenings a minute",
+    "excess": "grip above need, N s a trial",
 }
 TARGET_HEADS = ("target", "aim", "measured", "reached")
 Row = Json
