@@ -22,13 +22,13 @@ from simulation.closed_loop.loop import LoopSettings, Make, batches, run_batch
 from simulation.closed_loop.outcome import LoopOutcome
 from simulation.closed_loop.people import Habits
 from simulation.closed_loop.recording import model_of
+from simulation.effects import EFFECTS
 from simulation.protocol import PlannedTrial
 from simulation.scene import Scene
 
 ORACLE, VIBRATION = "oracle", "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)
 BARE = "none"
-DATA_SHEET_AVERAGES = 32.0
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ def _noisier(effects: Mapping[str, Json], noise: float) -> dict[str, Json]:
     """The effects of a card whose chips average fewer conversions: a quarter of them, twice it."""
     if noise == 1.0:
         return dict(effects)
-    chip = effects["hall_noise"]
-    averages = chip.get("averages", DATA_SHEET_AVERAGES) / noise**2
+    chip, usual = effects["hall_noise"], EFFECTS["hall_noise"].parameters["averages"].default
+    averages = chip.get("averages", usual) / noise**2
     return {**effects, "hall_noise": {**chip, "averages": averages}}
 
 

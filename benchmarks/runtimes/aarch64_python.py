@@ -76,13 +76,7 @@ def _unpack(folder: Path, root: Path) -> None:
 
 def _wheels(site: Path) -> None:
     """What the live path needs, by the hashes of its lock."""
-    uv: list[str | Path] = [
-        ROOT / ".tools/bin/uv",
-        "pip",
-        "install",
-        "-q",
-        "--target",
-        site.resolve(),
-    ]
+    uv = ROOT / ".tools/bin/uv"
     only = ["--python", sys.executable, "--python-platform", PLATFORM, "--only-binary", ":all:"]
-    called([*uv, *only, "--require-hashes", "-r", ROOT / "requirements/live.lock"], ROOT)
+    lock = ["--require-hashes", "-r", str(ROOT / "requirements/live.lock")]
+    called([uv, "pip", "install", "-q", "--target", site.resolve(), *only, *lock], ROOT)

@@ -31,20 +31,6 @@ from holdfast.live_sources import open_live
 
 ROOT = Path(__file__).resolve().parents[2]
 FAULT = "nack:3@1%2B0.2"
-PULL = """
-[record]
-rate_hz = 150
-[physics]
-step_s = 0.003
-[[trials]]
-objects = ["soft-ball"]
-action = "pull"
-style = "author"
-close_at_s = 0.8
-hold_s = 0.8
-tail_s = 0.5
-[effects.dipole]
-"""
 TIMES = ("t_acquired_ns", "t_decided_ns", "latency_us")
 Run = Callable[..., tuple[int, str, str]]
 
@@ -87,7 +73,7 @@ def near(one: Any, other: Any) -> bool:
 
 def test_both_engines_give_the_same_lines_on_a_virtual_hand_that_loses_a_finger(model, tmp_path):
     scene = tmp_path / "pull.toml"
-    scene.write_text(PULL, encoding="utf-8")
+    scene.write_text(card_text(row("pull"), effects="[effects.dipole]\n"), encoding="utf-8")
     compiled, reference = (lines(one(model), scene, 1.8) for one in (CompiledModel, Model))
     assert len(compiled) == len(reference) > 200
     assert all(near(one, other) for one, other in zip(compiled, reference, strict=True))
