@@ -63,12 +63,16 @@ def step_matrix(rate_hz: float, bands_hz: tuple[float, ...]) -> Array:
 
 
 def noise_gain(rate_hz: float, bands_hz: tuple[float, ...], seconds: float = 3.0) -> float:
-    """RMS output of the loudest band for white noise of RMS 1 at the input, in 1/s."""
+    """RMS output of the loudest band for white noise of RMS 1 at the input, in 1/s.
+
+    The number goes into the model file. It is summed row by row, because a matrix product may sum
+    in another order on another processor.
+    """
     matrix = step_matrix(rate_hz, bands_hz)
     size = matrix.shape[0] - 1
     state, response = np.zeros(size), []
     for difference in [1.0, -1.0] + [0.0] * math.ceil(seconds * rate_hz):
-        out = np.concatenate([[difference], state]) @ matrix
+        out = (np.concatenate([[difference], state])[:, None] * matrix).sum(axis=0)
         state = out[:size]
         response.append(out[size:])
     return float(np.sqrt((np.array(response) ** 2).sum(axis=0)).max())
