@@ -9,7 +9,7 @@ from edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
-    """The options that `run`, `loop` and `make loop` share."""
+    """The options that `run`, `evaluate`, `loop` and `make loop` share."""
     option = parser.add_argument
     engine = "what computes a step: onnxruntime (default), or a library by holdfast export --to c"
     option("--engine", choices=ENGINES, default=ONNXRUNTIME, help=engine)

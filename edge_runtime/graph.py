@@ -7,7 +7,7 @@ file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from edge_runtime.contract import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     import onnxruntime as ort
+
+    from edge_runtime.engine import Stepper
 
 _DTYPES: dict[str, npt.DTypeLike] = {
     "tensor(double)": np.float64,
@@ -29,6 +31,8 @@ BATCH = 64
 """Recordings stepped together: enough to hide the call, few enough to keep the state in cache."""
 
 Outputs = dict[str, npt.NDArray[Any]]
+Steps = Callable[[int], "Stepper"]
+"""Number of hands B -> their step, from a fresh state, with the outputs that its maker chose."""
 
 
 def open_session(model: bytes) -> ort.InferenceSession:
@@ -125,9 +129,24 @@ def run_recordings(
     similar length share a batch. Shorter ones are padded at the end, and no output of the padding
     is kept.
     """
+    return step_recordings(steps_of(session, outputs), values, valid, rows)
+
+
+def steps_of(session: ort.InferenceSession, outputs: Sequence[str]) -> Steps:
+    """The step of any number of hands in onnxruntime. outputs: those to compute."""
+    return lambda hands: StepGraph(session, hands, outputs)
+
+
+def step_recordings(
+    steps: Steps,
+    values: Sequence[FloatArray],
+    valid: Sequence[BoolArray],
+    rows: Sequence[npt.NDArray[np.int64]],
+) -> list[Outputs]:
+    """As `run_recordings`, by a step of any engine."""
     results: list[Outputs] = [{} for _ in values]
     for batch in _batches(values):
-        graph = StepGraph(session, len(batch), outputs)
+        graph = steps(len(batch))
         kept = _KeptRows([rows[index] for index in batch], graph.out)
         stacked, stacked_valid = _pad(values, valid, batch)
         for t in range(kept.n_steps):

@@ -18,7 +18,7 @@ import numpy as np
 from edge_runtime.contact import NORMAL_FLOOR
 from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN, DecisionRules
-from edge_runtime.graph import open_session
+from edge_runtime.graph import open_session, steps_of
 from evaluation.alarms import Answers, act_requests
 from evaluation.detector_baselines import (
     band_pass_fires,
@@ -30,10 +30,11 @@ from evaluation.event_scores import CONFIDENCES, match_alarms
 from evaluation.labels import BAND, CONE, ORACLE, RAW, SHEAR_RATE
 from evaluation.model_outputs import everywhere, risky_permille
 from evaluation.simple_baselines import shear_change
+from export.builder import GraphBuilder
 from export.detectors import detector_names
-from export.exporting import whole_graph
-from export.heads import Head
+from export.heads import Head, add_heads
 from export.spec import StepSpec
+from export.step_graph import add_features_alone
 from training.crossval import fit_learner, main_task, uncalibrated
 from training.featurise import features_of, spec_for
 from training.plan import RAW_BASELINE
@@ -44,6 +45,7 @@ Requests = Callable[[float], list[BoolArray]]
 
 BAND_RATIOS = tuple(np.geomspace(1.05, 100.0, 32).tolist())
 FRICTIONS = tuple(np.geomspace(0.1, 5.0, 32).tolist())
+RAW_OUTPUTS = ("situation", "votes", "unknown")
 JUMPS_N = tuple(np.geomspace(0.05, 20.0, 64).tolist())
 
 
@@ -93,10 +95,10 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
     fitted = fit_learner(data, features, RAW_BASELINE, task, np.arange(len(features)), seed)
     classes = data.tasks[task].classes
     head = Head("situation", classes, fitted, uncalibrated(len(classes)))
-    session = open_session(whole_graph(narrow, [head]).SerializeToString())
+    steps = steps_of(open_session(_forest_graph(narrow, head)), RAW_OUTPUTS)
 
     def on(recordings: Sequence[Recording]) -> Requests:
-        answers, outputs = [], everywhere(session, recordings, ["situation", "votes", "unknown"])
+        answers, outputs = [], everywhere(steps, recordings)
         for one, out in zip(recordings, outputs, strict=True):
             situation = np.where(out["unknown"], UNKNOWN, out["situation"])
             answers.append(Answers(one, situation, risky_permille(out["votes"].astype(np.int64))))
@@ -105,6 +107,12 @@ def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -
         ]
 
     return Baseline(RAW, tuple(float(one) for one in CONFIDENCES), _kept(on))
+
+
+def _forest_graph(spec: StepSpec, head: Head) -> bytes:
+    graph = GraphBuilder(spec.n_sensors)
+    add_heads(graph, add_features_alone(graph, spec), [head])
+    return bytes(graph.model().SerializeToString())
 
 
 def _detectors(spec: StepSpec, rules: DecisionRules) -> list[Baseline]:

@@ -14,7 +14,7 @@ import numpy as np
 from onnx import TensorProto
 
 from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from edge_runtime.graph import BATCH, open_session
+from edge_runtime.graph import BATCH, open_session, steps_of
 from evaluation.model_outputs import everywhere
 from export.bank import noise_gain
 from export.builder import GraphBuilder
@@ -45,10 +45,9 @@ class DetectorSignals:
 
 def detector_signals(spec: StepSpec, recordings: Sequence[Recording]) -> list[DetectorSignals]:
     """Step guard and bank over every recording, each from a fresh state."""
-    session = open_session(_signals_graph(spec))
+    steps = steps_of(open_session(_signals_graph(spec)), OUTPUTS)
     return [
-        _signals(*(out[name][:, 0] for name in OUTPUTS))
-        for out in everywhere(session, recordings, OUTPUTS)
+        _signals(*(out[name][:, 0] for name in OUTPUTS)) for out in everywhere(steps, recordings)
     ]
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from edge_runtime.engine import OpenedModel
 from edge_runtime.errors import UsageError
 from edge_runtime.graph import Outputs
-from edge_runtime.monitor import Model
 from evaluation.baselines import Baseline, baselines, raw_forest
 from evaluation.evaluation_figures import Evaluation, all_sets
 from evaluation.event_scores import choose_confidence
-from evaluation.model_outputs import OUTPUTS, everywhere, read_outputs
+from evaluation.model_outputs import OUTPUTS, everywhere, read_outputs, steps_with
 from evaluation.request import EvaluationRequest
 from evaluation.scored_set import ScoredSet, score_set
 from evaluation.thresholds import Chosen, MatchingStreams, Thresholds, find_thresholds
@@ -33,7 +33,7 @@ from training.say import Part, Say, ignored
 
 
 def evaluate_events(
-    model: Model, request: EvaluationRequest, say: Say = ignored, part: Part = ignored
+    model: OpenedModel, request: EvaluationRequest, say: Say = ignored, part: Part = ignored
 ) -> Evaluation:
     """Evaluate a file on sets.
 
@@ -76,7 +76,7 @@ def _require_apart(request: EvaluationRequest) -> None:
 class _Run:
     """One evaluation under way."""
 
-    model: Model
+    model: OpenedModel
     request: EvaluationRequest
     say: Say
     part: Part
@@ -102,7 +102,7 @@ class _Run:
         sets = [self._load(name) for name in names]
         recordings = [one for data in sets for one in data.recordings]
         self.say(f"running the model on {len(recordings)} recordings to choose on")
-        computed = everywhere(self.model.session, recordings, OUTPUTS, self.part)
+        computed = everywhere(steps_with(self.model, OUTPUTS), recordings, self.part)
         outputs = read_outputs(self.model, recordings, computed)
         most = self.request.most_false_per_min
         permille = choose_confidence([one.answers for one in outputs], card.decision, most)
@@ -117,7 +117,7 @@ class _Run:
         data, card, seed = self._load(name), self.model.card, self.request.seed
         self.say(f"{data.name}: running the model on {len(data.recordings)} recordings")
         wanted = [*OUTPUTS, *heads_with_task(self.model, with_situations(data))]
-        computed = everywhere(self.model.session, data.recordings, wanted, self.part)
+        computed = everywhere(steps_with(self.model, wanted), data.recordings, self.part)
         outputs = read_outputs(self.model, data.recordings, computed)
         windows = _window_figures(self.model, data, computed, seed)
         del computed
@@ -149,7 +149,7 @@ def _named(name: str, data: DataSet) -> str:
 
 
 def _window_figures(
-    model: Model, data: DataSet, computed: Sequence[Outputs], seed: int
+    model: OpenedModel, data: DataSet, computed: Sequence[Outputs], seed: int
 ) -> WindowFigures:
     whole = with_situations(data)
     names = ["situation", "unknown", *heads_with_task(model, whole)]

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 
 from edge_runtime.contract import RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN
-from edge_runtime.graph import Outputs
-from edge_runtime.monitor import Model
+from edge_runtime.engine import OpenedModel
+from edge_runtime.graph import Outputs, Steps
 from evaluation.alarms import Answers
 from evaluation.scores import answers_at
 from evaluation.window_scores import require_model_fits
@@ -48,30 +47,30 @@ class ModelOutputs:
         return Answers(self.recording, self.situation, self.risky_permille)
 
 
-def run_model(model: Model, data: DataSet) -> list[ModelOutputs]:
+def run_model(model: OpenedModel, data: DataSet) -> list[ModelOutputs]:
     """The outputs of a model file on a set, each recording from a fresh state.
 
     Raises ChannelError, UnitError or RateError where the set does not fit the model.
     """
     require_model_fits(model, data)
-    computed = everywhere(model.session, data.recordings, OUTPUTS)
+    computed = everywhere(steps_with(model, OUTPUTS), data.recordings)
     return read_outputs(model, data.recordings, computed)
 
 
+def steps_with(model: OpenedModel, outputs: Sequence[str]) -> Steps:
+    """The step of any number of hands by the model's engine. outputs: those to compute."""
+    return lambda hands: model.stepper(outputs, hands)
+
+
 def everywhere(
-    session: ort.InferenceSession,
-    recordings: Sequence[Recording],
-    outputs: Sequence[str],
-    part: Part = ignored,
+    steps: Steps, recordings: Sequence[Recording], part: Part = ignored
 ) -> list[Outputs]:
-    """Outputs [T, ..] of a step graph at every sample of every recording, in their order."""
-    return stepped(
-        session, recordings, outputs, [np.arange(len(one.samples)) for one in recordings], part
-    )
+    """Outputs [T, ..] of a step at every sample of every recording, in their order."""
+    return stepped(steps, recordings, [np.arange(len(one.samples)) for one in recordings], part)
 
 
 def read_outputs(
-    model: Model, recordings: Sequence[Recording], computed: Sequence[Outputs]
+    model: OpenedModel, recordings: Sequence[Recording], computed: Sequence[Outputs]
 ) -> list[ModelOutputs]:
     """The outputs of `everywhere`, read as the monitor on the hand reads them."""
     return [

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import SITUATIONS, FloatArray
+from edge_runtime.engine import OpenedModel
 from edge_runtime.fit import require_fit
 from edge_runtime.graph import Outputs, run_recordings
 from edge_runtime.monitor import Model
@@ -58,7 +59,7 @@ def evaluate(model: Model, data: DataSet, *, seed: int = 0) -> WindowFigures:
     return window_figures(model, data, answers, seed=seed)
 
 
-def require_model_fits(model: Model, data: DataSet) -> None:
+def require_model_fits(model: OpenedModel, data: DataSet) -> None:
     """Raise ChannelError, UnitError or RateError where the set does not fit the model."""
     require_fit(
         model.card,
@@ -69,13 +70,13 @@ def require_model_fits(model: Model, data: DataSet) -> None:
     )
 
 
-def heads_with_task(model: Model, data: DataSet) -> list[str]:
+def heads_with_task(model: OpenedModel, data: DataSet) -> list[str]:
     """The model's further heads that the set has a task for."""
     return [TASK_HEADS[task] for task in data.tasks if TASK_HEADS[task] in model.card.heads]
 
 
 def window_figures(
-    model: Model, data: DataSet, answers: dict[str, Outputs], *, seed: int = 0
+    model: OpenedModel, data: DataSet, answers: dict[str, Outputs], *, seed: int = 0
 ) -> WindowFigures:
     """The same from computed answers at the windows of a set with the task "situations"."""
     heads = heads_with_task(model, data)

@@ -7,6 +7,7 @@ import json
 from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, positive, seed, show
+from edge_runtime.engine_options import add_engine_options, chosen_model
 from edge_runtime.writing import require_writable, write_whole
 from evaluation import MOST_FALSE_PER_MIN
 
@@ -24,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("model", metavar="MODEL", help="a sealed holdfast.onnx")
+    add_engine_options(parser)
     sets = "labelled sets, by name or path"
     option("--data", required=True, nargs="+", metavar="SET|FOLDER", help=sets)
     choose = "other sets, to choose the threshold of p(risky) on (default: the deployed one)"
@@ -73,11 +75,10 @@ def _request(args: argparse.Namespace) -> EvaluationRequest:
 
 def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages) -> Evaluation:
     """The figures, once they are written where the options want them."""
-    from edge_runtime.monitor import Model
     from evaluation.evaluate import evaluate_events
     from evaluation.real_sets import real_figures
 
-    evaluation = evaluate_events(Model(args.model), request, say, say.part)
+    evaluation = evaluate_events(chosen_model(args).open(), request, say, say.part)
     figures, real = evaluation.to_json(), None
     if args.real is not None:
         say("real recordings")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.graph import open_session
+from edge_runtime.graph import open_session, steps_of
 from export.spec import StepSpec
-from export.step_graph import feature_graph
+from export.step_graph import features_alone
 from training.recording import DataSet
 from training.say import Part, ignored
 from training.stepping import stepped
@@ -60,11 +60,8 @@ def cpu_cost(data: DataSet, spec: StepSpec) -> FeatureCost:
 def _compute(
     data: DataSet, spec: StepSpec, rows: list[npt.NDArray[np.int64]], part: Part = ignored
 ) -> list[FloatRows]:
-    session = open_session(feature_graph(spec).SerializeToString())
-    return [
-        computed["features"]
-        for computed in stepped(session, data.recordings, ["features"], rows, part)
-    ]
+    steps = steps_of(open_session(features_alone(spec).SerializeToString()), ["features"])
+    return [computed["features"] for computed in stepped(steps, data.recordings, rows, part)]
 
 
 def rows_wanted(data: DataSet) -> list[npt.NDArray[np.int64]]:

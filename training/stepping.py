@@ -1,4 +1,4 @@
-"""A step graph on many recordings at once, on two threads.
+"""A model's step on many recordings at once, on two threads.
 
 Which recordings run together changes no bit of the outputs.
 """
@@ -10,9 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 
-from edge_runtime.graph import Outputs, run_recordings
+from edge_runtime.graph import Outputs, Steps, step_recordings
 from training.recording import Recording
 from training.say import Part, ignored
 
@@ -24,13 +23,12 @@ Rows = npt.NDArray[np.int64]
 
 
 def stepped(
-    session: ort.InferenceSession,
+    steps: Steps,
     recordings: Sequence[Recording],
-    outputs: Sequence[str],
     rows: Sequence[Rows],
     part: Part = ignored,
 ) -> list[Outputs]:
-    """Outputs [M, ..] of a step graph at the wanted rows [M] of every recording.
+    """Outputs [M, ..] of a step at the wanted rows [M] of every recording.
 
     part: called after every batch with the share of all samples that is done.
     """
@@ -41,7 +39,7 @@ def stepped(
     def run(batch: list[int]) -> list[Outputs]:
         chosen = [recordings[k] for k in batch]
         values, valid = [one.samples for one in chosen], [one.valid for one in chosen]
-        return run_recordings(session, values, valid, outputs, [rows[k] for k in batch])
+        return step_recordings(steps, values, valid, [rows[k] for k in batch])
 
     found: list[Outputs] = [{} for _ in recordings]
     total, done = sum(len(one.samples) for one in recordings), 0

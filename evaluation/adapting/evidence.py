@@ -18,7 +18,7 @@ from edge_runtime.model import Model
 from evaluation.alarms import Answers
 from evaluation.event_scores import COLLAR_S
 from evaluation.methods import without_samples
-from evaluation.model_outputs import everywhere, risky_permille
+from evaluation.model_outputs import everywhere, risky_permille, steps_with
 from evaluation.truths import voluntary_actions
 from evaluation.window_scores import require_model_fits
 from export.correction import Correction, corrected_votes
@@ -71,7 +71,7 @@ def streams_of(model: Model, data: DataSet, part: Part = ignored) -> list[Stream
     weights, recordings = label_weights(model), data.recordings
     for first in range(0, len(recordings), AT_ONCE):
         some = recordings[first : first + AT_ONCE]
-        computed = everywhere(model.session, some, OUTPUTS)
+        computed = everywhere(steps_with(model, OUTPUTS), some)
         streams += [stream_of(one, out, weights) for one, out in zip(some, computed, strict=True)]
         part(len(streams) / len(recordings))
     return streams

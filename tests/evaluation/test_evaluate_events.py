@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
 from edge_runtime.decision import UNKNOWN, DecisionRules
 from edge_runtime.errors import LabelError, UsageError
-from edge_runtime.graph import open_session
+from edge_runtime.graph import open_session, steps_of
 from edge_runtime.monitor import GripMonitor, Model
 from evaluation.baselines import (
     Baseline,
@@ -40,7 +40,14 @@ from evaluation.methods import (
     method_result,
     specificity,
 )
-from evaluation.model_outputs import NO_CLASS, OUTPUTS, ModelOutputs, everywhere, read_outputs
+from evaluation.model_outputs import (
+    NO_CLASS,
+    OUTPUTS,
+    ModelOutputs,
+    everywhere,
+    read_outputs,
+    steps_with,
+)
 from evaluation.outcomes import JudgedTrial, outcome_table, recognised
 from evaluation.real_sets import RealSetsMissing, real_figures
 from evaluation.request import EvaluationRequest
@@ -138,7 +145,7 @@ def test_the_outputs_of_a_whole_set_are_those_of_the_monitor_at_each_sample(
 ) -> None:
     model = Model(eight_classes.model)
     some = eight_classes.data.recordings[:3]
-    outputs = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
+    outputs = read_outputs(model, some, everywhere(steps_with(model, OUTPUTS), some))
     for one, of in zip(outputs, some, strict=True):
         monitor = GripMonitor(model, None)
         for t, (values, valid) in enumerate(zip(of.samples, of.valid, strict=True)):
@@ -154,7 +161,7 @@ def test_the_outputs_of_a_whole_set_are_those_of_the_monitor_at_each_sample(
 
 def test_a_model_of_four_situations_votes_for_no_weight(four_situations: Built) -> None:
     model, some = Model(four_situations.model), four_situations.data.recordings[:1]
-    (outputs,) = read_outputs(model, some, everywhere(model.session, some, OUTPUTS))
+    (outputs,) = read_outputs(model, some, everywhere(steps_with(model, OUTPUTS), some))
     assert (outputs.eight == NO_CLASS).all()
     labels = [labels_everywhere(some[0].phases, len(outputs.situation))]
     assert set(confusions([outputs], labels, [True], 0)) == {"four"}
@@ -258,7 +265,7 @@ def test_detectors_fire_where_those_of_a_step_graph_with_their_thresholds_do() -
     for ratio, fires in zip(ratios, band_pass_fires(signals, _spec(), ratios), strict=True):
         rules = replace(_spec().detectors, band_ratio=ratio, friction=ratio / 4.0)
         graph = feature_graph(replace(_spec(), detectors=rules)).SerializeToString()
-        expected = everywhere(open_session(graph), streams, ["detectors"])
+        expected = everywhere(steps_of(open_session(graph), ["detectors"]), streams)
         for one, fired, of_graph in zip(signals, fires, expected, strict=True):
             cone = cone_fires(one, _spec(), ratio / 4.0)
             assert fired.any()

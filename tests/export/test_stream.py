@@ -33,7 +33,7 @@ from export.bank import sections
 from export.features import GROUPS, SPANS_S, feature_count
 from export.history import LAGS_S
 from export.spec import StepSpec
-from export.step_graph import feature_graph
+from export.step_graph import feature_graph, features_alone
 from training.plan import CLOCK_FREE_GROUPS
 
 if TYPE_CHECKING:
@@ -323,6 +323,17 @@ def test_an_unknown_group_is_refused_by_name() -> None:
     for groups in (("now", "gut_feeling"), ()):
         with pytest.raises(UsageError, match="gut_feeling" if groups else "none given"):
             feature_graph(StepSpec(2, 100.0, "N", groups))
+
+
+@pytest.mark.parametrize("groups", [("window", "now"), ("now", "bands")])
+def test_features_alone_have_the_bits_of_the_whole_step(groups: tuple[str, ...]) -> None:
+    spec, stream = StepSpec(2, 100.0, "N", groups), stream_of(120, 2)
+    whole, alone = (
+        run_recording(open_session(made(spec).SerializeToString()), *stream, ["features"])
+        for made in (feature_graph, features_alone)
+    )
+    assert whole["features"].tobytes() == alone["features"].tobytes()
+    assert whole["features"].any()
 
 
 class Past:

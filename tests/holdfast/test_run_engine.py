@@ -159,3 +159,22 @@ def test_a_closed_loop_ends_the_same_with_either_engine(run: Run, model: Path, t
         assert figures[-1].pop("engine") == engine
     assert figures[0] == figures[1]
     assert figures[0]["sets"]["two"]["pd-shear"]["trials"] == 2
+
+
+def to_five_places(number: str) -> float:
+    return round(float(number), 5)
+
+
+def test_an_evaluation_gives_the_same_figures_with_either_engine(
+    run: Run, model: Path, tmp_path: Path
+):
+    card, made, figures = tmp_path / "two.toml", tmp_path / "two", []
+    card.write_text(card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass")))
+    assert run("simulate", card, "--out", made)[0] == 0
+    for engine in ("onnxruntime", "c"):
+        out = tmp_path / f"{engine}.json"
+        code, _, err = run("evaluate", model, "--engine", engine, "--data", made, "--json", out)
+        assert code == 0, err
+        figures.append(json.loads(out.read_text("utf-8"), parse_float=to_five_places))
+    assert figures[0] == figures[1]
+    assert figures[0]["sets"]["two"]["data"]["recordings"] == 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from small_model import spec
 
-from edge_runtime.graph import open_session, run_recordings
+from edge_runtime.graph import open_session, run_recordings, steps_of
 from export.step_graph import feature_graph
 from training.recording import Recording
 from training.stepping import stepped
@@ -26,7 +26,7 @@ def test_threads_change_no_bit_and_every_share_done_is_reported() -> None:
     rows = [np.arange(len(one.samples)) for one in recordings]
     session = open_session(feature_graph(spec(rate_hz=100.0)).SerializeToString())
     shares: list[float] = []
-    found = stepped(session, recordings, ["features"], rows, shares.append)
+    found = stepped(steps_of(session, ["features"]), recordings, rows, shares.append)
     values, valid = [one.samples for one in recordings], [one.valid for one in recordings]
     alone = run_recordings(session, values, valid, ["features"], rows)
     assert all(
