@@ -39,7 +39,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -55,6 +55,8 @@ test: setup  ## run the tests
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m studies.real --out build/real $(ARGS)
 	$(BIN)/python -m studies.real.truer_label build/real/truer.json
+
+learners: setup  ## forest, network and committee on the public recordings, settings chosen in inner folds; over an hour, into build/real
 	$(BIN)/python -m studies.real.learners build/real/learners.json
 
 scenes: setup  ## simulate and study thesis, apple, p1, p2 at 50, 100 and 150 Hz, into build/scenes

@@ -1,4 +1,4 @@
-"""Forest, network and committee side by side on people held out: `make real`, learners.json.
+"""Forest, network and committee side by side on people held out: `make learners`, learners.json.
 
 Nested: a person's windows are answered by learners that never saw that person, with a network and
 label weights chosen on the other people alone (their own people held out in turn).
