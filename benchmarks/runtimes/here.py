@@ -16,7 +16,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.runtimes import rust
+from benchmarks.runtimes import onnx_programs
 from benchmarks.runtimes.c_programs import CLANG, GCC, SINGLE_GCC, WASM, StreamAnswers, answers_of
 from benchmarks.runtimes.stream import Stream, stream_of
 from edge_runtime.c_engine import LIBRARY, CompiledModel
@@ -28,7 +28,8 @@ from edge_runtime.writing import write_whole
 from evaluation.provenance import host
 from export.c.exporting import export_c
 
-RUST = Path("build/rust")
+BUILT = Path("build/runtimes")
+"""Examples that were built, for the next time."""
 ROUNDS = 3
 """Each runtime answers the stream in turn: what slows this machine down meets all of them."""
 ONNX, FROM_PYTHON = "onnxruntime, from Python", "C, gcc, from Python"
@@ -51,8 +52,11 @@ def measure(path: Path) -> Json:
             for one in (GCC, CLANG, WASM, SINGLE_GCC)
             if one.is_installed
         }
-        if rust.has_cargo():
-            runs[rust.NAME] = partial(rust.from_rust, rust.built(RUST), path, stream)
+        runs |= {
+            one.name: partial(onnx_programs.answers_of, one.build(BUILT), path, stream)
+            for one in onnx_programs.PROGRAMS
+            if one.is_installed()
+        }
         found: dict[str, list[StreamAnswers]] = {key: [] for key in runs}
         for _ in range(ROUNDS):
             for key, run in runs.items():

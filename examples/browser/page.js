@@ -96,8 +96,9 @@ function drawOn(canvas, range) {
 
 function drawForces(pen, x, ink, bottom) {
   const { answers } = shown;
-  const most = Math.max(1, ...answers.flatMap((one) => [one.load, one.grip, one.target]).filter(Number.isFinite));
-  const y = (n) => bottom - (n / most) * (bottom - 16);
+  // a command may be many times the grip: it is cut off at the top, and its number stands there
+  const most = 1.4 * Math.max(0.5, ...answers.flatMap((one) => [one.load, one.grip]).filter(Number.isFinite));
+  const y = (n) => bottom - Math.min(1, n / most) * (bottom - 24);
   for (const [name, colour] of Object.entries(LINES)) {
     pen.strokeStyle = colour;
     pen.lineWidth = name === "target" ? 2.5 : 1.5;
@@ -115,7 +116,7 @@ function drawForces(pen, x, ink, bottom) {
   pen.fillStyle = ink;
   for (const one of answers.filter((each, k) => each.acts && !answers[k - 1]?.acts)) {
     pen.fillRect(x(one.t), 8, 1.5, bottom - 8);
-    pen.fillText("act", x(one.t) + 4, 18);
+    pen.fillText(`act, ${Math.round(one.target)} N`, x(one.t) + 4, 16);
   }
   return most;
 }
@@ -129,7 +130,7 @@ function drawStrip(pen, x, top, phases) {
 
 function drawScales(pen, x, ink, [from, to], bottom, most) {
   pen.fillStyle = ink;
-  for (const part of [0, 0.5, 1]) pen.fillText(`${(part * most).toPrecision(2)} N`, 2, bottom - part * (bottom - 16) + 4);
+  for (const part of [0, 0.5, 1]) pen.fillText(`${(part * most).toPrecision(2)} N`, 2, bottom - part * (bottom - 24) + 4);
   pen.fillText("model", 2, bottom + 25);
   pen.fillText(shown.truth.length ? "truth" : "no truth file", 2, bottom + 47);
   const apart = [0.1, 0.2, 0.5, 1, 2, 5, 10].find((s) => (to - from) / s <= 11) ?? 60;
@@ -170,7 +171,7 @@ function draggable(canvas, range) {
     shown.harder = { from: start.from, times: 2 ** ((start.y - event.clientY) / DRAG_PX) };
     update();
   });
-  canvas.addEventListener("pointerup", () => { start = null; });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { start = null; });
 }
 
 function listen() {

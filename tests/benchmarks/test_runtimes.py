@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from c_form import require_compiler
+from chromium import page, served
 from page_tables import require_tables_fit, tables_of
 from small_model import for_the_hand, graph_of
 
@@ -22,6 +24,8 @@ from benchmarks.runtimes.c_programs import (
     golden_of,
 )
 from benchmarks.runtimes.cortex_m7 import read_report
+from benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
+from benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
 from benchmarks.runtimes.page import arm, here
 from benchmarks.runtimes.programs import called, require
 from benchmarks.runtimes.stream import Stream
@@ -31,6 +35,8 @@ from edge_runtime.model import Model
 from export.c.exporting import export_c
 from export.seal import model_card, seal
 
+RELEASED = Path(__file__).resolve().parents[2] / "models/holdfast-150hz.onnx"
+AT = "document.getElementById"
 PRINTED = """golden: 252 rows, 1 labels differ
 golden: 3 probabilities differ by more than 1e-6
 steps 252 instructions 244127 most 246880 stack 24272 state 17144 out 100
@@ -60,7 +66,7 @@ def test_every_runtime_gives_the_labels_of_onnxruntime_and_gcc_and_clang_the_sam
 ) -> None:
     monkeypatch.setattr(bench, "stream_of", short_stream)
     monkeypatch.setattr(bench, "ROUNDS", 1)
-    monkeypatch.setattr(bench.rust, "has_cargo", lambda: False)  # it fetches and compiles for long
+    monkeypatch.setattr(bench.onnx_programs, "PROGRAMS", ())  # cargo fetches and compiles for long
     figures = bench.measure(model)
     rows = {row["runtime"]: row for row in figures["runtimes"]}
     doubles = [row for name, row in rows.items() if "single" not in name]
@@ -70,6 +76,40 @@ def test_every_runtime_gives_the_labels_of_onnxruntime_and_gcc_and_clang_the_sam
     assert rows["C, gcc, single precision"]["same_bits"] is False
     assert rows["onnxruntime, from Python"]["beside_python"] == 1.0
     assert "| C, gcc |" in here(figures)["runtimes"]
+
+
+@pytest.mark.parametrize("one", [C_API, WEB], ids=lambda one: one.name)
+def test_an_example_answers_as_onnxruntime_does_from_python(
+    one: OnnxProgram, tmp_path: Path
+) -> None:
+    if not one.is_installed():
+        pytest.skip(f"{one.name}: not installed, see docs/any-runtime.md")
+    stream = short_stream(Model(RELEASED))
+    given = onnx_answers_of(one.build(tmp_path), RELEASED, stream)
+    assert given.labels.tolist() == stream.labels.tolist()
+    assert len(set(given.labels)) > 2
+    assert given.step_us > 1.0
+
+
+def test_the_onnx_file_answers_in_a_worker_of_a_browser_as_in_python(tmp_path: Path) -> None:
+    if not WEB.is_installed():
+        pytest.skip(f"{WEB.name}: not installed, see docs/any-runtime.md")
+    stream = short_stream(Model(RELEASED))
+    samples = tmp_path / "samples.txt"
+    samples.write_text(text_of(stream))
+    with served(IN_WEB) as address, page() as shown:
+        shown.open(address)
+        shown.choose("#model", RELEASED)
+        shown.wait_for(f"{AT}('said').textContent.startsWith('The model was opened in ')")
+        shown.choose("#samples", samples)
+        shown.wait_for(f"{AT}('phases').childElementCount")
+        lines = shown.value(f"[...{AT}('phases').children].map((one) => one.textContent)")
+        assert shown.complaints == []
+    names = ["unknown", "nothing", "grasp", "safe slip", "risky slip"]
+    labels: list[int] = []
+    for first, last, name in re.findall(r"(\d+) to (\d+): (.*)", "\n".join(lines)):
+        labels += [names.index(name) - 1] * (1 + int(last) - int(first))
+    assert labels == stream.labels.tolist()
 
 
 def test_a_label_that_differs_is_counted(model: Path, tmp_path: Path) -> None:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from c_form import STRICT, require_compiler
+from chromium import Page, page
 from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes.c_programs import WASM, compiled
@@ -39,6 +40,7 @@ WebAssembly.instantiate(readFileSync(process.argv[2]), {}).then(({ instance }) =
 });
 """
 ROWS = 600
+Rows = npt.NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -150,17 +152,54 @@ def test_the_hand_in_the_browser_answers_as_the_live_path_does(
     require_same(got, model, trial)
 
 
-def test_the_page_opens_without_a_server_a_request_or_an_error(model: Path, wasm: Path):
-    if shutil.which("chromium") is None:
-        pytest.skip("the page is opened in chromium, which is not installed")
+@pytest.fixture(scope="module")
+def made_page(model: Path, wasm: Path) -> Path:
     made = model.parent / "page.html"
     build: list[str | Path] = [sys.executable, EXAMPLES / "browser/build.py", model, made]
     assert subprocess.run(build, capture_output=True).returncode == 0
-    assert "http" not in re.sub(r'http-equiv|"WASM_BASE64"', "", made.read_text("utf-8")[:4000])
-    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000"]
-    words = ["chromium", *flags, "--enable-logging=stderr", "--dump-dom", made.as_uri()]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
-    assert "CONSOLE" not in done.stderr
-    (summary,) = re.findall(r'<p id="summary"[^>]*>([^<]*)<', done.stdout)
-    assert re.match(r"\d{4} samples, the hand is (not )?asked to act", summary)
-    assert re.findall(r'<p id="problem"[^>]*>([^<]*)<', done.stdout) == [""]
+    return made
+
+
+ANSWERS = "shown.answers.map((one) => [one.t, one.load, one.grip, one.risky])"
+
+
+def answers_of(page: Page) -> Rows:
+    """[T, 4]: time, load, grip and p(risky) that the page shows; zeros until the bias is known."""
+    return np.array(page.value(ANSWERS), dtype=np.float64)
+
+
+def test_the_page_opens_without_a_server_a_request_or_an_error(made_page: Path):
+    assert "http" not in re.sub(
+        r'http-equiv|"WASM_BASE64"', "", made_page.read_text("utf-8")[:4000]
+    )
+    with page() as shown:
+        shown.open(made_page.as_uri())
+        summary = shown.wait_for("shown.answers.length && at('summary').textContent")
+        assert re.match(r"\d{4} samples, the hand is (not )?asked to act", summary)
+        assert shown.value("at('problem').textContent") == ""
+        assert shown.value("performance.getEntriesByType('resource').length") == 0
+        assert shown.complaints == []
+
+
+def test_dragging_up_answers_what_a_harder_pull_would_do(made_page: Path):
+    with page() as shown:
+        shown.open(made_page.as_uri())
+        shown.wait_for("shown.answers.length")
+        before = answers_of(shown)
+        left, top, width = shown.value(
+            "(({ left, top, width }) => [left, top, width])(at('plot').getBoundingClientRect())"
+        )
+        at = left + width / 2, top + 150
+        shown.drag(at, (at[0], at[1] - 120))
+        (since_s,) = re.findall(
+            r"2\.00 times the pull from ([\d.]+) s on", shown.value("at('summary').textContent")
+        )
+        after, dragged = answers_of(shown), before[:, 0] >= float(since_s) + 0.01
+        assert 0.2 < dragged.mean() < 0.8
+        assert np.array_equal(after[~dragged][:-2], before[~dragged][:-2], equal_nan=True)
+        assert np.allclose(after[dragged, 1], 2.0 * before[dragged, 1])
+        assert np.array_equal(after[dragged, 2], before[dragged, 2])
+        assert (after[dragged, 3] != before[dragged, 3]).any()
+        shown.value("at('undo').click()")
+        assert np.array_equal(answers_of(shown), before, equal_nan=True)
+        assert shown.complaints == []
