@@ -4,35 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
-import numpy.typing as npt
-
-from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import UsageError
-from edge_runtime.model_file import ModelCard
+
+if TYPE_CHECKING:
+    from edge_runtime.model_file import ModelCard
+    from edge_runtime.stepper import Stepper
 
 ONNXRUNTIME, C = "onnxruntime", "c"
 ENGINES = (ONNXRUNTIME, C)
-
-
-class Stepper(Protocol):
-    """The step of B hands. sample [B, C] and valid [B, S] are written into before a step.
-
-    out: arrays [B, ..] by the names of the outputs; the next step reuses them.
-    """
-
-    sample: FloatArray
-    valid: BoolArray
-    out: dict[str, npt.NDArray[Any]]
-
-    def step(self) -> dict[str, npt.NDArray[Any]]:
-        """Advance by one sample; returns `out`."""
-        ...
-
-    def reset(self) -> None:
-        """Start from a fresh state at the next sample."""
-        ...
 
 
 class OpenedModel(Protocol):

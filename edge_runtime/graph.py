@@ -7,18 +7,17 @@ file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from edge_runtime.contract import BoolArray, FloatArray
+from edge_runtime.stepper import Steps
 
 if TYPE_CHECKING:
     import onnxruntime as ort
-
-    from edge_runtime.engine import Stepper
 
 _DTYPES: dict[str, npt.DTypeLike] = {
     "tensor(double)": np.float64,
@@ -31,8 +30,6 @@ BATCH = 64
 """Recordings stepped together: enough to hide the call, few enough to keep the state in cache."""
 
 Outputs = dict[str, npt.NDArray[Any]]
-Steps = Callable[[int], "Stepper"]
-"""Number of hands B -> their step, from a fresh state, with the outputs that its maker chose."""
 
 
 def open_session(model: bytes) -> ort.InferenceSession:

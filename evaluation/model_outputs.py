@@ -11,7 +11,8 @@ import numpy.typing as npt
 from edge_runtime.contract import RISKY_SLIP, BoolArray
 from edge_runtime.decision import UNKNOWN
 from edge_runtime.engine import OpenedModel
-from edge_runtime.graph import Outputs, Steps
+from edge_runtime.graph import Outputs
+from edge_runtime.stepper import Steps
 from evaluation.alarms import Answers
 from evaluation.scores import answers_at
 from evaluation.window_scores import require_model_fits

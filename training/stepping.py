@@ -11,7 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.graph import Outputs, Steps, step_recordings
+from edge_runtime.graph import Outputs, step_recordings
+from edge_runtime.stepper import Steps
 from training.recording import Recording
 from training.say import Part, ignored
 

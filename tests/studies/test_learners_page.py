@@ -16,7 +16,7 @@ def row(macro_f1: float) -> dict[str, Any]:
 
 
 def figures() -> dict[str, Any]:
-    """As `make real` writes them."""
+    """As `make learners` writes them."""
     names = {"forest": 0.61, "network": 0.62, "committee": 0.63}
     people = {f"p{k}": {name: value - 0.1 * k for name, value in names.items()} for k in range(3)}
     rows = {name: row(value) for name, value in names.items()}
