@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,9 @@ from edge_runtime.trial_file import read_trial
 from edge_runtime.trial_layout import TACTILE
 
 META = "meta.json"
+BIAS_REMOVED = "bias_removed"
+"""In a trial's meta.json: true where its values were prepared when they were read, as in what the
+live page saves; such a stream may begin in a grasp."""
 DEFAULT_UNIT: Unit = "N"
 META_LEVELS = 3
 """A meta.json is in the trial's folder, or this many folders up (<set>/<object>/<action>/)."""
@@ -23,19 +26,23 @@ META_LEVELS = 3
 
 @dataclass(frozen=True)
 class Replay:
-    """A recorded stream: t_ns [T] from zero, values [T, C], valid [T, C/3], one rate, one unit."""
+    """A recorded stream: t_ns [T] from zero, values [T, C], valid [T, C/3], one rate, one unit.
+
+    bias_removed: its values are prepared already.
+    """
 
     t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]
     values: FloatArray
     valid: BoolArray
     rate_hz: float
     unit: Unit
+    bias_removed: bool = False
 
     def prepared(self, preparation: Preparation) -> Replay:
         """The same stream with its bias removed, as the model's card says."""
-        return Replay(
-            self.t_ns, preparation.apply(self.values), self.valid, self.rate_hz, self.unit
-        )
+        if self.bias_removed:
+            return self
+        return replace(self, values=preparation.apply(self.values), bias_removed=True)
 
     def __iter__(self) -> Iterator[Sample]:
         """Every sample in turn, without waiting."""
@@ -54,7 +61,16 @@ def open_replay(path: str | Path) -> Replay:
         )
     trial = read_trial(file)
     t_ns = np.round(trial.t_s * 1e9).astype(np.int64)
-    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, _unit(file))
+    removed = _is_prepared(file.with_name(META))
+    return Replay(t_ns, trial.raw, trial.valid, trial.rate_hz, _unit(file), removed)
+
+
+def _is_prepared(meta: Path) -> bool:
+    """Whether the meta.json beside a trial says so; `_unit` refuses one that cannot be read."""
+    try:
+        return meta.is_file() and json_of(text_of(meta)).get(BIAS_REMOVED) is True
+    except (ValueError, AttributeError):
+        return False
 
 
 def _unit(file: Path) -> Unit:

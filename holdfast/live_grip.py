@@ -73,7 +73,10 @@ class Cue:
 
 
 class GripOutput:
-    """Controller, wire and cue of a run. field: what a virtual hand's chips measure, or None."""
+    """Controller, wire and cue of a run. field: what a virtual hand's chips measure, or None.
+
+    newest: the command of the last sample, None before the first.
+    """
 
     def __init__(
         self,
@@ -87,6 +90,7 @@ class GripOutput:
     ) -> None:
         self._controller, self._clock = controller, clock
         self._say, self._wire, self.field, self._cue = say, wire, scene, cue
+        self.newest: GripCommand | None = None
         self._sinks = [sink for sink in (wire, None if cue is None else cue.sink) if sink]
 
     def before(self, emit: Emit) -> Emit:
@@ -101,6 +105,7 @@ class GripOutput:
     def act(self, prediction: Prediction, sample: Sample) -> None:
         """Send the command of one sample."""
         command = self._controller.step(prediction, sample.values, sample.valid)
+        self.newest = command
         if self._wire is not None:
             self._wire(to_line(command), command.sequence)
         if self._cue is not None:

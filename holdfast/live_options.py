@@ -23,6 +23,12 @@ def add_live_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--calibration", type=path_argument, metavar="FILE", help=made)
 
 
+def add_web_option(parser: argparse.ArgumentParser) -> None:
+    """--web."""
+    web = "show it on a page in the browser (default host: 127.0.0.1; docs/live-page.md)"
+    parser.add_argument("--web", metavar="[HOST:]PORT", help=web)
+
+
 def force_of(path: Path | None) -> Callable[[FloatArray], FloatArray] | None:
     """The map from field to force in a calibration file, or None. Raises a DataError."""
     if path is None:

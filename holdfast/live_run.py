@@ -33,6 +33,7 @@ from holdfast.stopping import output_from_the_background, stop_signals, until
 
 if TYPE_CHECKING:
     from holdfast.live_grip import GripOutput
+    from holdfast.live_page.run_page import RunPage
     from holdfast.view import View
 
 PACE_READS = 30
@@ -73,6 +74,7 @@ class _Outputs:
         at_end: Callable[[Callable[[], None]], object],
     ) -> None:
         self._beside = beside
+        self.page: RunPage | None = None
         self._view: View | None = enter(_view(model)) if args.view else None
         sinks = _sinks(args, enter)
         n_channels = model.card.n_channels
@@ -82,6 +84,7 @@ class _Outputs:
         others = [self._samples.sink] if self._samples else []
         self.outlets = Outlets(sinks, self.tell, others=others, watched=[beside])
         at_end(self.outlets.close)
+        self.page = enter(_page(args, model, self.tell)) if args.web else None
         self._alive: Callable[[int], None] = enter(service_watchdog())
 
     def tell(self, text: str) -> None:
@@ -91,6 +94,8 @@ class _Outputs:
             self._view.tell(line)
         else:
             self._beside(line)
+        if self.page:
+            self.page.said(line)
 
     def emit(self, prediction: Prediction, sample: Sample, measured: SourceReading) -> int:
         """Pass on one answer; returns how many lines were dropped."""
@@ -99,6 +104,8 @@ class _Outputs:
             dropped += not self._samples.write(sample)
         if self._view:
             self._view.show(prediction, sample, measured)
+        if self.page:
+            self.page.show(prediction, sample, measured)
         self._alive(prediction.t_decided_ns)
         return dropped
 
@@ -114,6 +121,8 @@ def _run_until_stopped(
         port = command_port(args.commands, tell, clock.now_ns) if args.commands else None
         command = Command if port is None else stack.enter_context(port)
         grip = stack.enter_context(_grip(args, model, clock, tell))
+        if grip is not None and outputs.page is not None:
+            outputs.page.newest_command = lambda: grip.newest
         field = None if grip is None else grip.field
         to_force = force_of(args.calibration)
         source = open_live(args.source, clock=clock, say=tell, to_force=to_force, field=field)
@@ -197,6 +206,14 @@ def _view(model: OpenedModel) -> AbstractContextManager[View]:
     from holdfast.view import viewed
 
     return viewed(model.card.unit)
+
+
+def _page(
+    args: argparse.Namespace, model: OpenedModel, say: Callable[[str], None]
+) -> AbstractContextManager[RunPage]:
+    from holdfast.live_page.run_page import run_page
+
+    return run_page(args, model.card, say)
 
 
 def say_summary(summary: Summary, tell: Callable[[str], object]) -> None:

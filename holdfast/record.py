@@ -18,7 +18,7 @@ from contextlib import ExitStack
 
 from edge_runtime.command import path_argument, positive, seed
 from holdfast.camera_options import add_camera_options
-from holdfast.live_options import add_live_options
+from holdfast.live_options import add_live_options, add_web_option
 from holdfast.recorder.card import ACTIONS
 
 RATE_HZ = 150.0
@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--seconds", type=positive, metavar="S", help="end and keep a trial after S seconds")
     option("--trials", type=int, metavar="N", help="stop after N trials")
     option("--at-once", action="store_true", help="begin every trial without waiting for a key")
+    add_web_option(parser)
     option("--camera", metavar="oak|scene|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
 
@@ -51,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
     from edge_runtime.sinks import stream_sink
+    from holdfast.live_page.record_page import record_page
     from holdfast.real_time import RunClock
     from holdfast.recorder.keys import listening
     from holdfast.recorder.recording import record
@@ -63,4 +65,7 @@ def run(args: argparse.Namespace) -> int:
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
         keys = stack.enter_context(listening(sys.stdin.fileno()))
-        return record(args, RunClock(), keys, status.say, stopped, show)
+        if not args.web:
+            return record(args, RunClock(), keys, status.say, stopped, show)
+        page = stack.enter_context(record_page(args, keys, status.say, show))
+        return record(args, RunClock(), keys, page.say, stopped, page.show, announce=page.announce)

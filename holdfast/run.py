@@ -4,6 +4,7 @@ holdfast run models/holdfast-150hz.onnx --source usb://ft232h
 holdfast run models/holdfast-150hz.onnx --source "virtual://ft232h?scene=pull-soft-ball&seed=1"
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h --grip udp://127.0.0.1:9000
 holdfast run models/holdfast-150hz.onnx --source usb://ft232h --engine c
+holdfast run models/holdfast-150hz.onnx --source usb://ft232h --quiet --web 8000
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import argparse
 from edge_runtime.command import path_argument, positive
 from edge_runtime.engine_options import add_engine_options
 from holdfast.grip_options import add_grip_options
-from holdfast.live_options import add_live_options
+from holdfast.live_options import add_live_options, add_web_option
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--quiet", action="store_true", help="no JSON lines on stdout")
     view = "show the stream in the terminal (needs rich)"
     option("--view", action="store_true", help=view)
+    add_web_option(parser)
     bias = "file written by holdfast bias (default: from the first samples)"
     option("--bias", type=path_argument, metavar="FILE", help=bias)
     option("--seconds", type=positive, metavar="S", help="stop after S seconds (default: Ctrl-C)")

@@ -24,7 +24,15 @@ from holdfast.recorder.folder import RECORDING, opened, require_ours, trials_of
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.plan import Plan, planned
 from holdfast.recorder.scene_truth import truth_of
-from holdfast.recorder.session import HostClock, Session, SessionOptions, Show, show_nothing
+from holdfast.recorder.session import (
+    Announce,
+    HostClock,
+    Session,
+    SessionOptions,
+    Show,
+    announce_nothing,
+    show_nothing,
+)
 
 CHECK_S = 1.0
 KINDS = {"usb": "recorded", "i2c": "recorded", "virtual": "simulated", "sim": "simulated"}
@@ -39,13 +47,14 @@ def record(
     stopped: Any,
     show: Show = show_nothing,
     *,
+    announce: Announce = announce_nothing,
     host_ns: HostClock = time.monotonic_ns,
     camera: CameraOf = Beside,
 ) -> int:
     """The verb on any clock and keys. Raises a HoldfastError.
 
-    host_ns: the clock of a camera's time stamps, to which the samples' are converted. camera: what
-    films, from its options.
+    announce: gets each trial before it begins. host_ns: clock of a camera's time stamps, to which
+    the samples' are converted. camera: what films, from its options.
     """
     person = word(args.person, "pseudonym")
     require_ours(args.out)
@@ -54,8 +63,8 @@ def record(
     require_keys(args, plan, keys)
     say(f"opening {args.source}")
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
-    kind = _kind(args.source)
-    with closing(source), opened(args.out, source.unit, kind), first_in_line(say) as real_time:
+    folder = opened(args.out, source.unit, _kind(args.source))
+    with closing(source), folder, first_in_line(say) as real_time:
         _report_before(args.out, person, plan, say)
         measured = _checked_bias(source, clock, say, anyway=args.anyway)
         rate_hz = source.rate_hz or args.rate
@@ -71,10 +80,9 @@ def record(
             host_ns=host_ns,
             truth=truth_of(args.source, source),
             show=show,
+            announce=announce,
         )
-        kept = session.run(plan.tasks, stopped)
-    next_step = f"holdfast evaluate MODEL --data {args.out}"
-    print(visible(f"{kept} trials kept in {args.out / person}; next: {next_step}"))
+        _report_after(args.out, person, session.run(plan.tasks, stopped))
     return 0
 
 
@@ -153,6 +161,11 @@ def _report_before(root: Path, person: str, plan: Plan, say: Callable[[str], Non
             _report_mass(root / person / thing, say)
     if not plan.tasks:
         say("every trial of the card is recorded")
+
+
+def _report_after(root: Path, person: str, kept: int) -> None:
+    next_step = f"holdfast evaluate MODEL --data {root}"
+    print(visible(f"{kept} trials kept in {root / person}; next: {next_step}"))
 
 
 def _report_mass(folder: Path, say: Callable[[str], None]) -> None:

@@ -63,16 +63,23 @@ def show_nothing(trial: TrialRecorder, measured: SourceReading, now_ns: int) -> 
     """For sessions without a terminal."""
 
 
+def announce_nothing(task: str, left: int) -> None:
+    """For sessions without a live page."""
+
+
 HostClock = Callable[[], int]
 """CLOCK_MONOTONIC, ns, which also stamps a camera's frames."""
 Show = Callable[[TrialRecorder, SourceReading, int], None]
+Announce = Callable[[str, int], None]
+"""Gets the next trial in words, and how many are left with it."""
 
 
 class Session:
     """Records the trials of one run.
 
     about: content of every trial's meta.json. truth: events of a scene between two times. show:
-    gets every sample of a trial when it is written, and must return at once.
+    gets every sample of a trial when it is written, and must return at once. announce: gets each
+    trial before it begins.
     """
 
     def __init__(
@@ -88,12 +95,13 @@ class Session:
         camera: Beside | None = None,
         truth: Callable[[int, int], list[Json]] | None = None,
         show: Show = show_nothing,
+        announce: Announce = announce_nothing,
         host_ns: HostClock = time.monotonic_ns,
     ) -> None:
         self.options, self.source, self.clock = options, source, clock
         self.keys, self.say = keys, say
         self.bias, self.about, self.camera, self.truth, self.show = bias, about, camera, truth, show
-        self.host_ns = host_ns
+        self.host_ns, self.announce = host_ns, announce
         self.period_ns = 1e9 / options.rate_hz
         self.kept = 0
         self._last: tuple[Path, Task] | None = None
@@ -105,7 +113,8 @@ class Session:
         """
         still = list(tasks)
         while still and not stopped():
-            self.say(f"next: {_words(still[0])} ({len(still)} left); {HELP_READY}")
+            self.say(f"next: {in_words_of(still[0])} ({len(still)} left); {HELP_READY}")
+            self.announce(in_words_of(still[0]), len(still))
             begins = "begin" if self.options.at_once else self._ready(stopped)
             if begins == "stop":
                 break
@@ -285,6 +294,7 @@ def _require_one_clock(trial: TrialRecorder, trouble: str, t_ns: int) -> None:
         )
 
 
-def _words(task: Task) -> str:
+def in_words_of(task: Task) -> str:
+    """A trial for people."""
     style = f" ({task.style})" if task.style else ""
     return "the empty hand" if task.action == "nothing" else f"{task.thing}, {task.action}{style}"

@@ -60,6 +60,9 @@ from edge_runtime.tactile_file import mend
 from edge_runtime.tare import Tare
 from edge_runtime.trial_file import read_trial
 from holdfast.calibration.reading import read_studies
+from holdfast.live_page.address import read_address
+from holdfast.live_page.server import Access, PageHandler, PageServer
+from holdfast.live_page.stream import LiveStream
 from holdfast.live_sources import open_live
 from holdfast.mistakes import require_meant
 from holdfast.recorder.card import read_protocol
@@ -399,6 +402,33 @@ def commands(data: bytes) -> None:
     assert all(line.isprintable() for line in messages)
 
 
+def web_address(data: bytes) -> None:
+    """Where the live page is to listen."""
+    host, port = read_address(text_of(data))
+    assert host
+    assert 0 <= port < 65536
+
+
+def web_request(data: bytes) -> None:
+    """What a browser sends to the live page: every answer is one of HTTP, and what is served is
+    the page's own."""
+    stream = LiveStream({"actions": [], "unit": "N"})
+    stream.take({"end": "the run has ended"}, 0.0)
+    stream.publish(0.0)
+    ours, theirs = socket.socketpair()
+    with ours, theirs, socket.create_server(("127.0.0.1", 0)) as listener:
+        access = Access("token", ()) if data[:1] == b"t" else Access("", ("localhost",))
+        server = PageServer(listener, stream, access, lambda action: True)
+        ours.sendall(data[1:8192])
+        ours.shutdown(socket.SHUT_WR)
+        theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        PageHandler(theirs, ("127.0.0.1", 0), server)
+        theirs.close()
+        answer = b"".join(iter(lambda: ours.recv(1 << 16), b""))
+    if b"Holdfast live" in answer:
+        assert b"/token/" in data if access.token else b"localhost" in data.lower()
+
+
 # -- replies of a bridge
 
 
@@ -697,6 +727,18 @@ TARGETS = {
     "commands": Target(
         commands,
         (b'{"opening": true}\n{"override": true}', b'{"opening": false, "override": false}'),
+    ),
+    "web_address": Target(web_address, (b"8000", b"[::1]:0", b"0.0.0.0:8000", b"a:b")),
+    "web_request": Target(
+        web_request,
+        (
+            b"hGET / HTTP/1.1\r\nHost: localhost:8000\r\n\r\n",
+            b"tGET /token/events HTTP/1.0\r\n\r\n",
+            b"tPOST /token/do/mark HTTP/1.1\r\nOrigin: http://a\r\nHost: a\r\n\r\n",
+            b"hGET /save HTTP/1.0\r\nHost: localhost\r\n\r\n",
+            b"hGET /\r\n",
+        ),
+        100,
     ),
     "ft232h": Target(bridge(VirtualFt232h, Ft232h), spoilings(), 40),
     "tiny_usb": Target(bridge(VirtualTinyUsb, TinyUsb), spoilings(), 40),

@@ -1,0 +1,4 @@
+"""One page that shows a live run: a process of its own serves it, and the loop never waits for it.
+
+loop --(non-blocking socket pair)--> process.py --(HTTP, server-sent events)--> browsers
+"""

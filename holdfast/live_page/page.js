@@ -1,0 +1,262 @@
+// The page of a live run: takes frames from the server, and shows them; never a frozen answer.
+
+import { build, nameOf, show as showHand } from "./hand.js";
+import { draw, inWords, legend } from "./plot.js";
+
+const SILENT_S = 0.5, LOST_MS = 1500, SPEAK_MS = 1000, RETRY_MS = 2000, RISK_ECHO_S = 3, MOST_SAID = 40;
+const SENSORS = {
+  nack: "does not answer", missing: "was not read", mux: "its multiplexer did not switch", stale: "has stopped measuring",
+  garbage: "sends no measurement", crc: "its checksum is wrong", reset: "has lost its power", diagnosis: "reports a fault of its own",
+  saturated: "field too strong (saturated)", settling: "is starting", lost: "the bridge is gone", bridge: "the bridge fails", stuck: "the bus is held low",
+};
+const REASONS = {
+  settling: "the history is not whole yet", sensors: "too few sensors can be used", repeats: "the whole hand repeats itself",
+  rate: "the sampling rate is not the model's", started_loaded: "the hand was loaded at the start; open it once",
+  late: "the answer is late", clock: "the sample's time lies in the future",
+};
+const RANKS = ["nothing", "grasp", "safe_slip", "unknown", "risky_slip"];
+
+const at = (id) => document.getElementById(id);
+const number = (value, places = 2) => (value === null || value === undefined ? "–" : value.toFixed(places).replace(/^-(0\.?0*)$/, "$1"));
+
+const page = { about: null, sample: null, rows: [], marks: [], ready: null, ended: "", silent: null, heardMs: 0, paused: null, spokenMs: 0, riskyAt: null };
+
+// -- what the server sends
+
+function connect() {
+  const source = new EventSource("events");
+  source.addEventListener("whole", (event) => { begin(JSON.parse(event.data)); });
+  source.addEventListener("frame", (event) => { if (page.about) take(JSON.parse(event.data)); });
+  source.onerror = () => { if (source.readyState === EventSource.CLOSED) setTimeout(connect, RETRY_MS); };
+}
+
+function begin(whole) {
+  Object.assign(page, { rows: [], marks: [], ready: null, sample: null, riskyAt: null });
+  at("said").replaceChildren();
+  introduce(whole.about);
+  take(whole);
+}
+
+function introduce(about) {
+  page.about = { ...page.about, ...about };
+  const { verb, model, source, unit } = page.about;
+  at("about").textContent = [verb, model, source, unit].filter(Boolean).join(" · ");
+  at("risk").hidden = !page.about.answers;
+  document.body.classList.toggle("records", !page.about.answers);
+  legend(at("legend"), page.about.answers, page.about.grip);
+  buildButtons();
+}
+
+function take(frame) {
+  page.heardMs = performance.now();
+  if (frame.about) introduce(frame.about);
+  const fresh = frame.rows.map((cells) => Object.fromEntries(page.about.rows.map((name, k) => [name, cells[k]])));
+  page.rows.push(...fresh);
+  page.marks.push(...(frame.marks ?? []));
+  for (const line of frame.said ?? []) say(line);
+  for (const mark of frame.marks ?? []) say(`mark ${mark.number} at ${number(mark.t_s)} s`);
+  if (fresh.length) page.ready = null;
+  if (frame.ready) page.ready = frame.ready;
+  Object.assign(page, { sample: frame.sample, ended: frame.ended, silent: frame.silent_s });
+  const newest = page.rows.at(-1);
+  while (page.rows.length && page.rows[0].t_s < newest.t_s - page.about.shown_s) page.rows.shift();
+  const risky = fresh.findLast((row) => row.state === "risky_slip");
+  if (risky) page.riskyAt = risky.t_s;
+  showState(riskiest(fresh));
+  if (page.paused === null) showPicture();
+  showNumbers();
+}
+
+const riskiest = (rows) => rows.reduce((most, row) => (RANKS.indexOf(row.state) > RANKS.indexOf(most) ? row.state : most), rows[0]?.state ?? null);
+
+// -- the state, in words
+
+/** What is wrong with the connection or the loop, as [headline, detail]; null where nothing is. */
+function trouble() {
+  if (page.ended) return [page.ended, "what is shown below is its last picture"];
+  const silentMs = performance.now() - page.heardMs;
+  if (!page.heardMs || silentMs > LOST_MS) return ["no connection", "this page hears nothing from the program: the state is not known"];
+  if (page.silent === null) return ["waiting", at("said").firstChild?.textContent ?? "no sample has come yet"];
+  if (page.silent > SILENT_S) return ["no answers", `the loop has sent nothing for ${number(page.silent, 1)} s: the state is not known`];
+  return null;
+}
+
+function showState(newest) {
+  const wrong = page.ready && !page.ended && performance.now() - page.heardMs < LOST_MS ? null : trouble();
+  document.body.classList.toggle("gone", wrong !== null || page.ready !== null);
+  allowButtons(wrong);
+  if (wrong) { headline("unknown", ...wrong); return; }
+  if (page.ready) { headline("ready", "ready", `next: ${page.ready.task} (${page.ready.left} left). Nothing is read between trials.`); return; }
+  if (!page.sample) return;
+  if (!page.about.answers) { showTrial(page.sample); return; }
+  const state = newest ?? page.sample.answer.state;
+  headline(state, inWords(state), details(page.sample.answer, state).join("; "));
+  const p = state === "unknown" ? null : page.rows.at(-1).p_risky;
+  at("risk-bar").value = p ?? 0;
+  at("risk-value").textContent = number(p);
+}
+
+function showTrial(sample) {
+  const missing = sample.v.filter((good) => !good).length;
+  headline("recording", "recording", `${sample.task}, ${number(sample.trial_s, 1)} s${missing ? `; ${missing} fingers are not read` : ""}`);
+}
+
+function details(answer, state) {
+  const since = page.riskyAt === null || state === "risky_slip" ? null : page.sample.t_s - page.riskyAt;
+  return [
+    state === "unknown" && (REASONS[answer.why] ?? answer.why),
+    answer.act && "the hand is asked to act",
+    answer.weight && state !== "unknown" && `${answer.weight} object`,
+    since !== null && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,
+    answer.degraded && "some sensors are missing",
+    answer.opening && "the user opens the hand",
+    answer.overridden && "the user overrides",
+    answer.commands === "expired" && "the user's commands have stopped",
+    answer.started_loaded && "the hand was loaded at the start",
+  ].filter(Boolean);
+}
+
+function headline(state, text, detail) {
+  at("now").dataset.state = state;
+  at("state").textContent = text;
+  at("detail").textContent = detail;
+  const now = performance.now();
+  if (at("spoken").textContent !== text && now - page.spokenMs > SPEAK_MS) {
+    at("spoken").textContent = text;
+    page.spokenMs = now;
+  }
+}
+
+// -- pictures and numbers
+
+function showPicture() {
+  const { sample, about } = page;
+  if (!sample) return;
+  if (at("fingers").tBodies[0].rows.length !== sample.v.length) buildFingers(sample.v.length);
+  at("hand-scale").textContent = showHand(sample.forces, sample.v, about.unit);
+  showFingers(sample);
+  drawPlot();
+}
+
+function drawPlot() {
+  const rows = page.paused?.rows ?? page.rows;
+  const end = Math.max(page.about?.shown_s ?? 0, rows.at(-1)?.t_s ?? 0);
+  if (page.about) draw(at("plot"), rows, page.marks, end, page.about.shown_s, page.about.unit, page.about.answers);
+}
+
+function buildFingers(count) {
+  build(at("hand"), count);
+  const body = at("fingers").tBodies[0];
+  body.replaceChildren();
+  for (let k = 0; k < count; k += 1) {
+    const row = body.insertRow();
+    const head = document.createElement("th");
+    head.scope = "row";
+    head.textContent = nameOf(k, count);
+    row.append(head);
+    for (let cell = 0; cell < 3; cell += 1) row.insertCell();
+  }
+}
+
+function showFingers({ forces, v, why }) {
+  const { unit } = page.about;
+  const places = unit === "N" ? 2 : 0;
+  [...at("fingers").tBodies[0].rows].forEach((row, k) => {
+    const [x, y, z] = forces[k];
+    const along = x === null || y === null ? null : Math.hypot(x, y);
+    row.className = v[k] ? "" : "lost";
+    row.cells[1].textContent = v[k] ? `${number(z, places)} ${unit}` : "–";
+    row.cells[2].textContent = v[k] ? `${number(along, places)} ${unit}` : "–";
+    row.cells[3].textContent = v[k] ? "good" : SENSORS[why[k]] ?? (why[k] || "no new reading, or its bias is not known");
+  });
+}
+
+function showNumbers() {
+  const { sample, about } = page;
+  if (!sample) return;
+  const last = page.rows.at(-1);
+  const force = (value) => (value === null || value === undefined ? "–" : `${number(value)} ${about.unit}`);
+  const figures = { "grip of either side": force(last?.grip), "load along the skin": force(last?.load) };
+  if (about.answers) {
+    const { grip, answer } = sample;
+    figures["target"] = about.grip ? `${grip.target_n === null ? "none" : force(grip.target_n)} (${grip.mode}: ${grip.reason})` : "no controller runs (--grip)";
+    figures["friction margin"] = grip.margin === null ? "not known before a slip" : `${number(grip.margin)} (friction ${number(grip.mu_hat)})`;
+    figures["latency"] = `${number(sample.latency_ms)} ms (largest of the last second: ${number(sample.latency_worst_ms)} ms)`;
+    figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
+  }
+  figures["rate"] = sample.rate_hz === null ? "–" : `${number(sample.rate_hz, 1)} Hz`;
+  figures["lost samples"] = sample.lost === 0 ? "none" : about.answers ? `${sample.lost} (in the last 30 s: ${sample.lost_30s})` : `${sample.lost} in this trial`;
+  if (sample.unsent) figures["not shown here"] = `${sample.unsent} messages that this page missed`;
+  const list = at("numbers");
+  list.replaceChildren(...Object.entries(figures).flatMap(([name, text]) => {
+    const [term, value] = [document.createElement("dt"), document.createElement("dd")];
+    term.textContent = name;
+    value.textContent = text;
+    return [term, value];
+  }));
+}
+
+function say(line) {
+  const item = document.createElement("li");
+  item.textContent = line;
+  at("said").prepend(item);
+  while (at("said").children.length > MOST_SAID) at("said").lastChild.remove();
+}
+
+// -- controls
+
+function buildButtons() {
+  const bar = at("buttons");
+  bar.replaceChildren();
+  for (const action of page.about.actions) {
+    const made = button(action.label, () => perform(action));
+    made.dataset.when = action.when;
+    bar.append(made);
+  }
+  const pause = button("Pause", () => togglePause(pause));
+  pause.setAttribute("aria-pressed", String(page.paused !== null));
+  bar.append(pause);
+  if (!page.about.saves) return;
+  const link = document.createElement("a");
+  Object.assign(link, { href: "save", className: "button", textContent: "Save the last 30 s", download: "" });
+  bar.append(link);
+}
+
+/** Only what can be done now can be pressed. */
+function allowButtons(wrong) {
+  const stage = page.ready ? "ready" : "trial";
+  for (const one of document.querySelectorAll("#buttons [data-when]")) {
+    one.disabled = wrong !== null || !["always", stage].includes(one.dataset.when);
+  }
+}
+
+function button(label, press) {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.textContent = label;
+  made.addEventListener("click", press);
+  return made;
+}
+
+async function perform(action) {
+  try {
+    const answer = await fetch(`do/${action.do}`, { method: "POST" });
+    at("note").textContent = answer.ok ? `${action.label}: passed on` : `${action.label}: ${(await answer.text()).trim()}`;
+  } catch {
+    at("note").textContent = `${action.label}: not passed on, there is no connection`;
+  }
+}
+
+/** The pictures stand still; the state, the numbers and the connection go on. */
+function togglePause(pause) {
+  page.paused = page.paused === null ? { rows: [...page.rows] } : null;
+  pause.setAttribute("aria-pressed", String(page.paused !== null));
+  pause.textContent = page.paused ? "Go on" : "Pause";
+  at("note").textContent = page.paused ? "The pictures and the table of fingers stand still; the state and the numbers go on." : "";
+  if (!page.paused) showPicture();
+}
+
+connect();
+setInterval(() => { if (trouble()) showState(null); }, 250);
+window.addEventListener("resize", drawPlot);
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawPlot);

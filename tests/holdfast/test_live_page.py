@@ -1,0 +1,260 @@
+"""The live page's server: what it shows, to whom, and that no browser delays another."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import socket
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from page_bench import ABOUT, PERIOD_NS, next_event, sample, served
+
+from drivers.replay import open_replay
+from edge_runtime.errors import UsageError
+from edge_runtime.preparation import Preparation
+from holdfast.live_page.address import listen, read_address
+from holdfast.live_page.server import FILES, MOST_CONNECTIONS, Access
+from holdfast.live_page.stream import KEPT_FRAMES, KEPT_S, ROW_FIELDS, LiveStream
+
+ROOT = Path(__file__).resolve().parents[2]
+TOKEN = "a-token-of-the-test"
+SECRET = Access(TOKEN, ())
+
+
+# -- what is shown
+
+
+def test_a_browser_gets_the_whole_picture_and_then_every_sample_once():
+    with served() as page:
+        page.frame({"said": "begun"}, *map(sample, range(3)))
+        with page.begin("/events") as answer:
+            name, whole = next_event(answer)
+            page.frame(
+                sample(3), sample(4, "risky_slip"), {"mark": {"number": 1, "t_ns": 5 * 10**9}}
+            )
+            _, frame = next_event(answer)
+    rows = [dict(zip(ROW_FIELDS, row, strict=True)) for row in whole["rows"] + frame["rows"]]
+    assert name == "whole"
+    assert whole["said"] == ["begun"]
+    assert [row["t_s"] for row in rows] == [round(1e-9 * k * PERIOD_NS, 4) for k in range(5)]
+    assert [row["state"] for row in rows[3:]] == ["grasp", "risky_slip"]
+    assert (rows[0]["grip"], rows[0]["load"]) == (2.0, 0.6)
+    assert frame["marks"][0]["t_s"] == 0.0
+    assert frame["sample"]["answer"]["state"] == "risky_slip"
+    assert frame["sample"]["rate_hz"] == 150.0
+
+
+def test_a_lost_finger_is_named_and_counts_for_no_force_and_an_unknown_state_has_no_p_risky():
+    nan = float("nan")
+    lost = sample(0, "unknown", x=[nan] * 3 + [0.0, 0.0, 1.0] * 5, v=[0, 1, 1, 1, 1, 1])
+    lost["sample"]["why"] = ["nack", "", "", "", "", ""]
+    with served() as page, page.begin("/events") as answer:
+        next_event(answer)
+        page.frame(lost)
+        _, frame = next_event(answer)
+    row = dict(zip(ROW_FIELDS, frame["rows"][0], strict=True))
+    assert frame["sample"]["forces"][0] == [None, None, None]
+    assert frame["sample"]["why"][0] == "nack"
+    assert (row["grip"], row["state"], row["p_risky"]) == (2.5, "unknown", None)
+
+
+def test_a_loop_that_sends_nothing_is_silent_and_one_that_has_ended_says_so():
+    with served() as page, page.begin("/events") as answer:
+        assert next_event(answer)[1]["silent_s"] is None
+        page.frame(sample(0), now_s=100.0)
+        assert next_event(answer)[1]["silent_s"] == 0.0
+        page.frame(now_s=103.5)
+        assert next_event(answer)[1]["silent_s"] == 3.5
+        page.frame({"end": "the run has ended"})
+        assert next_event(answer)[1]["ended"] == "the run has ended"
+        with pytest.raises(EOFError):
+            next_event(answer)
+
+
+def test_a_browser_that_was_stalled_begins_anew_with_the_whole_picture():
+    stream = LiveStream(ABOUT)
+    frames = stream.frames()
+    next(frames)
+    for k in range(KEPT_FRAMES + 1):
+        stream.take(sample(k), 0.0)
+        stream.publish(0.0)
+    assert next(frames).startswith(b"event: whole\n")
+    stream.publish(0.0)
+    assert next(frames).startswith(b"event: frame\n")
+
+
+def test_browsers_that_read_nothing_hold_up_no_other():
+    with served() as page:
+        stalled = [page.begin("/events") for _ in range(20)]
+        with page.begin("/events") as answer:
+            next_event(answer)
+            for k in range(300):
+                page.frame(sample(k), {"said": "x" * 20_000})
+                assert next_event(answer)[1]["rows"][0][0] == round(1e-9 * k * PERIOD_NS, 4)
+        for one in stalled:
+            one.close()
+
+
+def test_more_connections_than_there_is_room_for_are_closed_at_once():
+    with served() as page:
+        open_ones = [page.begin("/events") for _ in range(MOST_CONNECTIONS)]
+        with pytest.raises(ConnectionError):
+            page.ask("/")
+        for one in open_ones:
+            one.close()
+
+
+# -- who may ask
+
+
+@pytest.mark.parametrize("path", ["/", *(f"/{name}" for name in FILES if name)])
+def test_the_page_and_its_parts_come_with_a_policy_that_lets_nothing_else_in(path):
+    with served() as page:
+        status, content, headers = page.ask(path)
+    assert status == 200
+    assert content
+    policy = headers["Content-Security-Policy"]
+    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self'")
+    assert "unsafe" not in policy
+    assert headers["X-Content-Type-Options"] == "nosniff"
+
+
+def test_the_page_names_nothing_outside_itself():
+    for name, _ in FILES.values():
+        text = (ROOT / "holdfast/live_page" / name).read_text("utf-8")
+        assert set(re.findall(r"https?://[^\s\"']+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+@pytest.mark.parametrize("path", ["", "page.js", "events", "save", "do/mark"])
+@pytest.mark.parametrize("prefix", ["", "wrong/", TOKEN[:-1] + "/", TOKEN.upper() + "/", "%00/"])
+def test_without_the_token_every_path_is_refused_alike(path, prefix):
+    with served(SECRET) as page:
+        method = "POST" if path.startswith("do/") else "GET"
+        status, content, _ = page.ask(f"/{prefix}{path}", method)
+        assert (status, page.acted) == (403, [])
+    assert b"not allowed" in content
+
+
+def test_with_the_token_the_page_its_parts_and_its_actions_are_there():
+    with served(SECRET) as page:
+        statuses = [page.ask(f"/{TOKEN}/{path}")[0] for path in ("", "page.js", "nothing")]
+        marked = page.ask(f"/{TOKEN}/do/mark", "POST")[0]
+    assert (statuses, marked, page.acted) == ([200, 200, 404], 202, [b"m"])
+
+
+@pytest.mark.parametrize(
+    "host", ["attacker.example:80", "127.0.0.1.attacker.example", "", "[", "@"]
+)
+def test_a_name_that_another_site_points_here_is_refused(host):
+    with served() as page:
+        assert page.ask("/", Host=host)[0] == 403
+        assert page.ask("/", Host="localhost:8000")[0] == 200
+
+
+def test_another_site_s_page_presses_no_button():
+    with served() as page:
+        assert page.ask("/do/mark", "POST", Origin="http://attacker.example")[0] == 403
+        own = f"http://127.0.0.1:{page.port}"
+        assert page.ask("/do/mark", "POST", Origin=own)[0] == 202
+        assert page.ask("/do/format", "POST", Origin=own)[0] == 404
+        assert page.acted == [b"m"]
+
+
+@pytest.mark.parametrize("path", ["/../page.js", "/..%2f..%2fREADME.md", "//etc/passwd", "/a/b"])
+def test_no_other_file_is_served(path):
+    with served() as page:
+        assert page.ask(path)[0] == 404
+
+
+# -- saving
+
+
+def test_what_is_saved_is_a_trial_that_replays_without_another_bias(tmp_path):
+    nan = float("nan")
+    messages = [sample(k) for k in range(400) if k != 200]
+    messages[7]["sample"] |= {
+        "x": [nan] * 3 + messages[7]["sample"]["x"][3:],
+        "v": [0, 1, 1, 1, 1, 1],
+    }
+    mark = {"mark": {"number": 1, "t_ns": messages[100]["sample"]["t_ns"]}}
+    with served() as page:
+        page.frame(*messages[:101], mark, *messages[101:])
+        _, content, headers = page.ask("/save")
+    assert headers["Content-Disposition"].startswith('attachment; filename="holdfast-')
+    zipfile.ZipFile(io.BytesIO(content)).extractall(tmp_path)
+    (folder,) = tmp_path.iterdir()
+    source = open_replay(folder)
+    assert source.unit == "N"
+    assert source.rate_hz == pytest.approx(150.0, rel=1e-4)
+    kept = [one["sample"]["x"] for one in messages]
+    np.testing.assert_array_equal(np.delete(source.values, 200, axis=0), kept)
+    assert not source.valid[200].any()
+    assert not source.valid[7, 0]
+    tared = source.prepared(Preparation(bias_rows=5))
+    np.testing.assert_array_equal(tared.values, source.values)
+    (event,) = map(json.loads, (folder / "events.jsonl").read_text().splitlines())
+    assert (event["mark"], event["t_s"]) == ("mark 1", pytest.approx(100 * PERIOD_NS * 1e-9))
+
+
+def test_only_the_last_30_s_are_kept_and_before_the_first_sample_there_is_nothing_to_save():
+    with served() as page:
+        assert page.ask("/save")[0] == 404
+        page.frame(*(sample(k) for k in range(0, 9000, 5)))
+        samples, _ = page.stream.last()
+    spent_s = 1e-9 * (samples[-1]["t_ns"] - samples[0]["t_ns"])
+    assert KEPT_S - 0.1 < spent_s <= KEPT_S
+
+
+# -- the address
+
+
+def test_an_address_is_a_port_or_a_host_and_a_port():
+    assert read_address("8000") == ("127.0.0.1", 8000)
+    assert read_address("0.0.0.0:0") == ("0.0.0.0", 0)
+    assert read_address("[fe80::1]:80") == ("fe80::1", 80)
+
+
+@pytest.mark.parametrize(
+    "text", ["", ":", ":80", "x", "65536", "-1", "1e3", "٣", "::1:80", "a:b", "h:80:x", "a\x1b:80"]
+)
+def test_what_is_no_address_is_refused_with_examples(text):
+    with pytest.raises(UsageError, match=r"is not \[HOST:\]PORT.*--web 8000"):
+        read_address(text)
+
+
+def test_a_port_that_is_taken_and_a_host_that_is_not_ours_are_refused():
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(UsageError, match=r"in use.*another run or program"):
+            listen(str(port))
+    with pytest.raises(UsageError, match="this machine does not have that address"):
+        listen("192.0.2.1:0")
+    with pytest.raises(UsageError, match="no host"):
+        listen("no..host:80")
+
+
+def test_only_a_loopback_host_has_no_token():
+    local, network = listen("0"), listen("0.0.0.0:0")
+    with local.listener, network.listener:
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", local.url)
+        assert (local.token, "localhost" in local.hosts) == ("", True)
+        assert len(network.token) >= 22
+        assert network.url.endswith(f"/{network.token}/")
+        assert "0.0.0.0" not in network.url
+        assert network.hosts == ()
+
+
+def test_the_process_that_serves_the_page_loads_the_standard_library_only():
+    program = (
+        "import sys; before = set(sys.modules); import holdfast.live_page.process; "
+        "print(*{n.split('.')[0] for n in set(sys.modules) - before} - sys.stdlib_module_names)"
+    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {"holdfast", "edge_runtime"}

@@ -1,0 +1,133 @@
+"""The live page in a browser, on a phone and on a desk: what a person reads there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from headless_browser import Tab, browser, needs_chromium
+from page_bench import Served, sample, served
+
+from holdfast.live_page.record_page import ACTIONS
+
+pytestmark = needs_chromium
+STATE, DETAIL = "document.getElementById('state').textContent", "document.getElementById('detail')"
+PRESS = """(() => {{ const all = [...document.querySelectorAll('#buttons button')];
+    const one = all.find((each) => each.textContent === '{}');
+    if (!one || one.disabled) return false; one.click(); return true; }})()"""
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    with browser(tmp_path_factory.mktemp("profile")) as one:
+        yield one
+
+
+def opened(tab: Tab, page: Served, width: int = 1280, **how: Any) -> None:
+    tab.problems.clear()
+    tab.open(f"http://127.0.0.1:{page.port}/", width, 844, **how)
+    tab.wait_until(f"{STATE} !== 'no connection'")
+
+
+def text_of(tab: Tab, name: str) -> str:
+    return str(tab.value(f"document.getElementById('{name}').innerText"))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, dark):
+    with served() as page:
+        page.frame(*map(sample, range(300)))
+        opened(tab, page, width, dark=dark)
+        page.frame(sample(300))
+        tab.wait_until(f"{STATE} === 'grasp'")
+        lost = sample(301, "unknown", v=[1, 1, 0, 1, 1, 1])
+        lost["sample"]["why"] = ["", "", "nack", "", "", ""]
+        lost["sample"]["answer"]["why"] = "sensors"
+        page.frame(lost)
+        tab.wait_until(f"{STATE} === 'unknown'")
+        assert tab.value(f"{DETAIL}.textContent") == "too few sensors can be used"
+        fingers, numbers = text_of(tab, "fingers"), text_of(tab, "numbers")
+        assert tab.value("document.documentElement.scrollWidth <= window.innerWidth")
+        assert tab.value("document.querySelectorAll('#hand .lost').length") == 1
+        assert tab.value("document.querySelector('#hand .arrow').getAttribute('x2') > 3")
+        background = "getComputedStyle(document.body).backgroundColor"
+        assert (tab.value(background) == "rgb(255, 255, 255)") is not dark
+        assert tab.problems == []
+    assert "0.67 N\t0.10 N\tgood" in fingers
+    assert "does not answer" in fingers
+    assert "grip of either side\n1.67 N" in numbers
+    assert "lost samples\nnone" in numbers
+
+
+def test_a_page_that_hears_nothing_never_shows_an_old_state(tab):
+    with served() as page:
+        opened(tab, page)
+        page.frame(sample(0, "safe_slip"))
+        tab.wait_until(f"{STATE} === 'safe slip'")
+        page.frame(now_s=1.0)
+        tab.wait_until(f"{STATE} === 'no answers'")
+        page.frame(sample(1, "safe_slip"), now_s=1.1)
+        tab.wait_until(f"{STATE} === 'safe slip'")
+        tab.wait_until(f"{STATE} === 'no connection'")  # no frame comes
+        page.frame(sample(2, "safe_slip"), now_s=1.2)
+        tab.wait_until(f"{STATE} === 'safe slip'")
+        assert text_of(tab, "spoken") != ""
+    tab.wait_until(f"{STATE} === 'the test has ended'")
+
+
+def test_a_risky_slip_of_one_sample_is_seen_and_remembered(tab):
+    with served() as page:
+        opened(tab, page)
+        page.frame(sample(0), sample(1, "risky_slip"), sample(2))
+        tab.wait_until(f"{STATE} === 'risky slip'")
+        page.frame(sample(60))
+        tab.wait_until(f"{STATE} === 'grasp'")
+        assert "risky slip 0.4 s ago" in tab.value(f"{DETAIL}.textContent")
+
+
+def test_marks_pause_and_saving_are_buttons(tab):
+    with served() as page:
+        opened(tab, page)
+        page.frame(sample(0))
+        tab.wait_until(PRESS.format("Mark"))
+        tab.wait_until("document.getElementById('note').textContent === 'Mark: passed on'")
+        assert page.acted == [b"m"]
+        tab.wait_until(PRESS.format("Pause"))
+        page.frame(sample(1, x=[9.0] * 18))
+        tab.wait_until("document.getElementById('numbers').innerText.includes('27.00 N')")
+        assert "0.67 N" in text_of(tab, "fingers")
+        tab.wait_until(PRESS.format("Go on"))
+        assert "9.00 N" in text_of(tab, "fingers")
+        assert tab.value("document.querySelector('a.button').getAttribute('href')") == "save"
+
+
+def test_while_recording_only_what_can_be_done_can_be_pressed(tab):
+    enabled = "[...document.querySelectorAll('#buttons button:enabled')].map((b) => b.textContent)"
+    with served(answers=False, saves=False, actions=ACTIONS, unit="") as page:
+        opened(tab, page, 390)
+        page.frame({"ready": {"task": "cup, pull", "left": 2}})
+        tab.wait_until(f"{STATE} === 'ready'")
+        assert tab.value(enabled) == ["Start", "Redo", "Stop recording", "Pause"]
+        assert "cup, pull (2 left)" in tab.value(f"{DETAIL}.textContent")
+        trial = sample(0, task="cup, pull", trial_s=0.5)
+        del trial["sample"]["answer"], trial["sample"]["grip"]
+        page.frame({"about": {"unit": "N"}}, trial)
+        tab.wait_until(f"{STATE} === 'recording'")
+        assert "Keep" in tab.value(enabled)
+        assert "Start" not in tab.value(enabled)
+        tab.wait_until(PRESS.format("Keep"))
+        tab.wait_until("document.getElementById('note').textContent === 'Keep: passed on'")
+        assert page.acted == [b"k"]
+        assert tab.problems == []
+
+
+def test_what_a_message_says_is_text_and_never_markup(tab, tmp_path: Path):
+    with served(source="<img src=x onerror=alert(1)>") as page:
+        opened(tab, page)
+        page.frame({"said": "<script>alert(1)</script>"}, sample(0))
+        tab.wait_until("document.getElementById('said').textContent.includes('<script>')")
+        assert tab.value("document.querySelectorAll('#said script, #about img').length") == 0
+        assert tab.problems == []

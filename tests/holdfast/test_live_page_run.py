@@ -1,0 +1,264 @@
+"""The live page beside the loop: it can never delay it, and each verb shows itself on it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator
+from http.client import HTTPConnection
+from typing import Any
+
+import numpy as np
+import pytest
+from live_bench import DEFAULT, ROOT, RUN, Steady
+from page_bench import next_event
+from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, wait_for
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.contract import Sample
+from edge_runtime.live import SourceReading, run_live
+from edge_runtime.monitor import GripMonitor, Model
+from edge_runtime.tare import Tare
+from holdfast.live_page.link import PageLink, live_page
+from holdfast.live_page.run_page import MARK, RunPage
+from holdfast.recorder.keys import Keys
+
+VALID = np.ones(6, dtype=np.bool_)
+READING = SourceReading(0, np.zeros(18), VALID, ("",) * 6)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(DEFAULT)
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[socket.socket, socket.socket]]:
+    """The loop's end of a link, and the page's."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        yield ours, theirs
+
+
+@pytest.fixture
+def not_for_ever() -> Iterator[None]:
+    """A call that waits ends the test, after a time that no machine needs."""
+    before = signal.signal(signal.SIGALRM, _too_long)
+    signal.alarm(120)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def _too_long(number: int, frame: object) -> None:
+    raise AssertionError("a call waited")
+
+
+def received(end: socket.socket) -> list[dict[str, Any]]:
+    """Every message that waits."""
+    end.setblocking(False)
+    messages = []
+    while True:
+        try:
+            messages.append(json.loads(end.recv(1 << 20)))
+        except BlockingIOError:
+            return messages
+
+
+# -- the link
+
+
+def test_a_page_that_takes_nothing_costs_its_messages_and_delays_none(ends, not_for_ever):
+    ours, theirs = ends
+    link = PageLink(ours, print)
+    taken = [link.send({"said": "x" * 500, "k": k}) for k in range(5000)]
+    came = received(theirs)
+    assert [one["k"] for one in came] == [k for k in range(5000) if taken[k]]
+    assert 0 < len(came) < 5000
+    assert link.unsent == 5000 - len(came)
+    assert link.send({"k": "again"})
+    assert received(theirs) == [{"k": "again"}]
+
+
+def test_a_page_whose_process_is_gone_is_reported_once(ends):
+    ours, theirs = ends
+    messages: list[str] = []
+    link = PageLink(ours, messages.append)
+    theirs.close()
+    assert [link.send({"k": k}) for k in range(3)] == [False] * 3
+    assert link.action() == b""
+    assert len(messages) == 1
+    assert "the run goes on" in messages[0]
+
+
+def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_for_ever):
+    clock, link = VirtualClock(), PageLink(ends[0], print)
+    page = RunPage(link, model.card, print)
+    monitor, tare = GripMonitor(model, clock.now_ns), Tare(model.card.preparation, 18)
+    source = Steady(clock, 1500)
+    summary = run_live(source, monitor, tare, clock, page.show, stopped=lambda: False)
+    assert (summary.samples, summary.overruns) == (1500, 0)
+    assert 0 < link.unsent < 1500
+
+
+def test_the_page_gets_every_sample_its_answer_the_margin_and_what_was_lost(model, ends):
+    ours, theirs = ends
+    page = RunPage(PageLink(ours, print), model.card, print)
+    monitor = GripMonitor(model, None)
+    for k in (0, 1, 5):
+        sample = Sample(k * 6_666_667, np.full(18, 0.1 * k), VALID, k)
+        page.show(monitor.feed(sample), sample, READING)
+    samples = [one["sample"] for one in received(theirs)]
+    assert [(one["n"], one["lost"]) for one in samples] == [(0, 0), (1, 0), (5, 3)]
+    assert samples[2]["x"] == [0.5] * 18
+    assert samples[0]["answer"]["state"] == "unknown"
+    assert samples[0]["grip"] == {"mu_hat": None, "margin": None, "needed_n": None}
+
+
+def test_a_mark_of_the_page_is_the_sample_at_which_the_loop_saw_it(model, ends):
+    ours, theirs = ends
+    said: list[str] = []
+    page = RunPage(PageLink(ours, print), model.card, said.append)
+    monitor = GripMonitor(model, None)
+    theirs.send(MARK)
+    theirs.send(b"?")
+    for k in range(3):
+        sample = Sample(k * 6_666_667, np.zeros(18), VALID, k)
+        page.show(monitor.feed(sample), sample, READING)
+    marks = [one["mark"] for one in received(theirs) if "mark" in one]
+    assert marks == [{"number": 1, "t_ns": 0}]
+    assert len(said) == 1
+
+
+# -- a process of its own
+
+
+def ask(port: int, path: str, method: str = "GET") -> bytes:
+    connection = HTTPConnection("127.0.0.1", port, timeout=300)
+    connection.request(method, path)
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    return content
+
+
+def port_in(line: str) -> int:
+    assert "live page: http://127.0.0.1:" in line
+    return int(line.rsplit(":", 1)[1].strip().strip("/"))
+
+
+def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
+    lines: list[str] = []
+    about = {"verb": "run", "actions": []}
+    for address in ("0", None):
+        address = address or str(port_in(lines[0]))
+        with live_page(address, about, lines.append, "the run") as link:
+            assert b"Holdfast live" in ask(port_in(lines[-1]), "/")
+            assert link.send({"said": "begun"})
+        with pytest.raises(ConnectionRefusedError):
+            ask(port_in(lines[-1]), "/")
+    assert len(lines) == 2
+
+
+def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
+    command = [*RUN, "--quiet", "--web", "0"]
+    with subprocess.Popen(
+        command, cwd=ROOT, text=True, stderr=subprocess.PIPE, env=dict(os.environ)
+    ) as run:
+        try:
+            assert run.stderr is not None
+            port = port_in(next(line for line in run.stderr if "live page" in line))
+            events = HTTPConnection("127.0.0.1", port, timeout=300)
+            events.request("GET", "/events")
+            answer = events.getresponse()
+            while (shown := next_event(answer)[1]["sample"]) is None:
+                pass
+            ask(port, "/do/mark", "POST")
+            while "marks" not in (frame := next_event(answer)[1]):
+                pass
+            run.send_signal(signal.SIGTERM)
+            while not (last := next_event(answer)[1])["ended"]:
+                pass
+            events.close()
+            _, err = run.communicate(timeout=300)
+        finally:
+            run.kill()
+    assert shown["v"] == [1] * 6
+    assert frame["marks"][0]["number"] == 1
+    assert last["ended"] == "the run has ended"
+    assert run.returncode == 0, err
+    assert "mark 1: sample " in err
+
+
+def test_a_run_that_is_killed_ends_its_page():
+    command = [*RUN, "--quiet", "--web", "0"]
+    with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:
+        assert run.stderr is not None
+        port = port_in(next(line for line in run.stderr if "live page" in line))
+        events = HTTPConnection("127.0.0.1", port, timeout=300)
+        events.request("GET", "/events")
+        answer = events.getresponse()
+        next_event(answer)
+        run.kill()
+        while not (last := next_event(answer)[1])["ended"]:
+            pass
+        events.close()
+    assert last["ended"] == "the program that ran the loop died"
+
+
+def test_a_port_that_is_taken_is_an_error_before_a_source_is_opened():
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        words = [*RUN[:-1], "usb://ft232h", "--web", str(port)]
+        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"error: UsageError: --web '{port}': address already in use")
+
+
+# -- recording
+
+
+def test_keys_of_the_page_count_beside_those_of_the_terminal_and_after_its_end(tmp_path):
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    keys = Keys(None)
+    assert keys.closed
+    keys.listen_to(ours.fileno())
+    press = theirs.send
+    hand = Hand(VirtualClock(), 120, says={60: lambda: press(b"l"), 110: lambda: press(b"k")})
+    press(b" ")
+    kept, messages = session(tmp_path, hand, keys, [PULL], at_once=False)
+    assert kept == 1
+    assert any("load onset at 0.600 s" in line for line in messages)
+    assert not keys.ended()
+    theirs.close()
+    assert keys.ended()
+    ours.close()
+
+
+def test_a_trial_is_started_marked_and_kept_from_the_page_alone(tmp_path):
+    words = cup_pull(tmp_path / "out")
+    assert words[1] == REST
+    with start(*words, "--web", "0", "--trials", "1") as run:
+        port = port_in(wait_for(run, "live page"))
+        events = HTTPConnection("127.0.0.1", port, timeout=300)
+        events.request("GET", "/events")
+        answer = events.getresponse()
+        while (ready := next_event(answer)[1].get("ready")) is None:
+            pass
+        ask(port, "/do/start", "POST")
+        while not ((sample := next_event(answer)[1]["sample"]) and sample["trial_s"] > 0.3):
+            pass
+        ask(port, "/do/load", "POST")
+        ask(port, "/do/keep", "POST")
+        _, err = run.communicate(timeout=300)
+        events.close()
+    assert run.returncode == 0, err
+    assert ready == {"task": "cup, pull", "left": 1}
+    assert sample["task"] == "cup, pull"
+    folder = tmp_path / "out/p01/cup/pull/trial_1"
+    assert meta_of(folder)["state"] == "kept"
+    assert '"mark": "load_onset"' in (folder / "events.jsonl").read_text()

@@ -1,0 +1,98 @@
+"""The live page's server within the test, and its browsers of the standard library."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.client import HTTPConnection, HTTPResponse
+from threading import Thread
+from typing import Any
+
+from holdfast.live_page.run_page import ACTIONS
+from holdfast.live_page.server import Access, PageServer
+from holdfast.live_page.stream import LiveStream
+
+LOCAL = Access("", ("localhost", "127.0.0.1", "::1"))
+ABOUT = {
+    "verb": "run",
+    "unit": "N",
+    "model": "m.onnx",
+    "source": "virtual://ft232h",
+    "answers": True,
+    "grip": False,
+    "saves": True,
+    "actions": ACTIONS,
+}
+PERIOD_NS = 6_666_667
+
+
+def sample(k: int, state: str = "grasp", **more: Any) -> dict[str, Any]:
+    """The message of the k-th sample of a hand that holds 2 N a side with 0.6 N of load."""
+    answer = {"state": state, "why": "", "p_risky": 0.25, "weight": "light", "latency_us": 900.0}
+    answer |= {"arm": False, "act": False, "opening": False, "overridden": False}
+    answer |= {"commands": "none", "late": False, "started_loaded": None, "degraded": False}
+    forces = [0.1 + 1e-9 * k, 0.0, 2.0 / 3.0] * 6
+    grip = {"mu_hat": None, "margin": None, "needed_n": None}
+    message = {"n": k, "t_ns": 5_000_000_000 + k * PERIOD_NS, "x": forces, "v": [1] * 6}
+    message |= {"why": [""] * 6, "lost": 0, "unsent": 0, "answer": answer, "grip": grip}
+    return {"sample": message | more}
+
+
+class Served:
+    """A stream of samples behind a server. acted: the actions that came."""
+
+    def __init__(self, access: Access = LOCAL, **about: Any) -> None:
+        self.stream, self.acted = LiveStream(ABOUT | about), list[bytes]()
+        listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = listener.getsockname()[1]
+        self.server = PageServer(listener, self.stream, access, self._act)
+        Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.02}).start()
+
+    def _act(self, action: bytes) -> bool:
+        self.acted.append(action)
+        return True
+
+    def frame(self, *messages: dict[str, Any], now_s: float = 0.0) -> None:
+        """Take these messages and publish them."""
+        for message in messages:
+            self.stream.take(message, now_s)
+        self.stream.publish(now_s)
+
+    def ask(self, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes, Any]:
+        """(status, content, headers) of a request; header names with _ for -."""
+        answer = self.begin(path, method, **headers)
+        with answer:
+            return answer.status, answer.read(), answer.headers
+
+    def begin(self, path: str, method: str = "GET", **headers: str) -> HTTPResponse:
+        """A request whose answer has begun."""
+        connection = HTTPConnection("127.0.0.1", self.port, timeout=300)
+        named = {name.replace("_", "-"): value for name, value in headers.items()}
+        connection.request(method, path, headers=named)
+        answer = connection.getresponse()
+        connection.close()  # the answer keeps the socket
+        return answer
+
+
+@contextmanager
+def served(access: Access = LOCAL, **about: Any) -> Iterator[Served]:
+    one = Served(access, **about)
+    try:
+        yield one
+    finally:
+        one.frame({"end": "the test has ended"})
+        one.server.shutdown()
+        one.server.server_close()
+
+
+def next_event(answer: HTTPResponse) -> tuple[str, dict[str, Any]]:
+    """The next server-sent event: its name and content; b"" at the end of the stream."""
+    name = ""
+    for line in answer:
+        if line.startswith(b"event: "):
+            name = line[7:].decode().strip()
+        if line.startswith(b"data: "):
+            return name, dict(json.loads(line[6:]))
+    raise EOFError
