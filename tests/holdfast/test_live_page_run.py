@@ -174,7 +174,7 @@ def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
             events = HTTPConnection("127.0.0.1", port, timeout=300)
             events.request("GET", "/events")
             answer = events.getresponse()
-            while (shown := next_event(answer)[1]["sample"]) is None:
+            while not ((shown := next_event(answer)[1]["sample"]) and all(shown["v"])):
                 pass
             ask(port, "/do/mark", "POST")
             while "marks" not in (frame := next_event(answer)[1]):
@@ -186,7 +186,7 @@ def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
             _, err = run.communicate(timeout=300)
         finally:
             run.kill()
-    assert shown["v"] == [1] * 6
+    assert shown["answer"]["latency_us"] > 0.0
     assert frame["marks"][0]["number"] == 1
     assert last["ended"] == "the run has ended"
     assert run.returncode == 0, err
