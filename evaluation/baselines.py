@@ -58,16 +58,14 @@ class Baseline:
     on: Callable[[Sequence[Recording]], Requests]
 
 
-def baselines(
-    spec: StepSpec, rules: DecisionRules, forest: Baseline | None = None
-) -> list[Baseline]:
+def baselines(spec: StepSpec, rules: DecisionRules, forest: bytes | None = None) -> list[Baseline]:
     """The baselines of a model of this step. forest: None without a set to train it on."""
     found = _detectors(spec, rules)
     if spec.unit == "N":
         on = partial(_shear_rate, rules=rules)
         found.append(Baseline(SHEAR_RATE, JUMPS_N, on))
     oracle = Baseline(ORACLE, (0.0,), lambda of: lambda _: [oracle_requests(one) for one in of])
-    return [*found, *([forest] if forest else []), oracle]
+    return [*found, *([_raw(forest, rules)] if forest else []), oracle]
 
 
 Computed = TypeVar("Computed")
@@ -87,15 +85,19 @@ def _kept(
     return on
 
 
-def raw_forest(data: DataSet, spec: StepSpec, rules: DecisionRules, seed: int) -> Baseline:
-    """The thesis' forest, trained on a set and run as a step graph of its own."""
+def raw_forest(data: DataSet, spec: StepSpec, seed: int) -> bytes:
+    """The thesis' forest, trained on a set, as a step graph of its own."""
     narrow, task = spec_for(data, RAW_BASELINE.groups), main_task(data)
     narrow = replace(narrow, rate_hz=spec.rate_hz)
     features = features_of(replace(data, tasks={task: data.tasks[task]}), narrow)[task]
     fitted = fit_learner(data, features, RAW_BASELINE, task, np.arange(len(features)), seed)
     classes = data.tasks[task].classes
     head = Head("situation", classes, fitted, uncalibrated(len(classes)))
-    steps = steps_of(open_session(_forest_graph(narrow, head)), RAW_OUTPUTS)
+    return _forest_graph(narrow, head)
+
+
+def _raw(forest: bytes, rules: DecisionRules) -> Baseline:
+    steps = steps_of(open_session(forest), RAW_OUTPUTS)
 
     def on(recordings: Sequence[Recording]) -> Requests:
         answers, outputs = [], everywhere(steps, recordings)
@@ -181,7 +183,7 @@ class MatchedBaseline:
     fits: the rate is no higher than allowed.
     """
 
-    baseline: Baseline
+    name: str
     setting: float
     false_per_min: float
     fits: bool
@@ -206,4 +208,4 @@ def matched(
         middle = (low + high) // 2
         low, high = (low, middle) if fits(middle) else (middle + 1, high)
     fit = fits(low)
-    return MatchedBaseline(baseline, baseline.settings[low], rates[low], fit)
+    return MatchedBaseline(baseline.name, baseline.settings[low], rates[low], fit)

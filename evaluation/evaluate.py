@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from edge_runtime.engine import OpenedModel
+from edge_runtime.engine import ModelChoice, OpenedModel
 from edge_runtime.errors import UsageError
 from edge_runtime.graph import Outputs
 from evaluation.baselines import Baseline, baselines, raw_forest
 from evaluation.evaluation_figures import Evaluation, all_sets
 from evaluation.event_scores import choose_confidence
+from evaluation.jobs import Workers
 from evaluation.model_outputs import OUTPUTS, everywhere, read_outputs, steps_with
 from evaluation.request import EvaluationRequest
 from evaluation.scored_set import ScoredSet, score_set
@@ -31,31 +33,62 @@ from training.objects import read_json
 from training.recording import DataSet
 from training.say import Part, Say, ignored
 
+ALONE = Workers()
+
 
 def evaluate_events(
-    model: OpenedModel, request: EvaluationRequest, say: Say = ignored, part: Part = ignored
+    model: ModelChoice,
+    request: EvaluationRequest,
+    say: Say = ignored,
+    part: Part = ignored,
+    workers: Workers = ALONE,
 ) -> Evaluation:
     """Evaluate a file on sets.
 
-    say: receives what begins. part: receives the share of it that is done.
+    say: receives what begins. part: receives the share of it that is done. workers: where the sets
+    are scored; each is a job.
 
     Raises what reading the sets raises, and ChannelError, UnitError or RateError where one does not
     fit the model.
     """
     _require_apart(request)
-    run = _Run(model, request, say, part)
-    others = run.baselines()
+    run = _Run(model.open(), request, say, part)
+    forest = run.forest()
+    others = run.baselines(forest)
     chosen = run.chosen(others) if request.choose else None
+    if workers.here:
+        sets = [run.scored(name, others, chosen) for name in request.data]
+    else:
+        say(f"scoring {len(request.data)} sets")
+        sets = list(
+            workers.run(
+                [partial(_scored, model, request, forest, chosen, name) for name in request.data]
+            )
+        )
+    say("figures of all sets together")
+    thresholds = chosen or sets[0].figures.thresholds
+    assert thresholds is not None
+    return all_sets(run.model.card, _by_label(sets), thresholds, request.seed)
+
+
+def _scored(
+    model: ModelChoice,
+    request: EvaluationRequest,
+    forest: bytes | None,
+    chosen: Thresholds | None,
+    name: str,
+) -> ScoredSet:
+    """One set, scored by any process."""
+    run = _Run(model.open(), request, ignored, ignored)
+    return run.scored(name, run.baselines(forest), chosen)
+
+
+def _by_label(sets: Sequence[ScoredSet]) -> dict[str, ScoredSet]:
     scored: dict[str, ScoredSet] = {}
-    for name in request.data:
-        one = run.scored(name, others, chosen)
+    for one in sets:
         label = one.figures.card.name
         scored[label if label not in scored else f"{label} ({len(scored) + 1})"] = one
-    say("figures of all sets together")
-    first = next(iter(scored.values())).figures.thresholds
-    thresholds = chosen or first
-    assert thresholds is not None
-    return all_sets(model.card, scored, thresholds, request.seed)
+    return scored
 
 
 def _require_apart(request: EvaluationRequest) -> None:
@@ -81,19 +114,25 @@ class _Run:
     say: Say
     part: Part
 
-    def baselines(self) -> list[Baseline]:
-        """The baselines of this model; the thesis' forest only with a set to train it on."""
-        spec = StepSpec.from_json(self.model.card.raw["spec"])
-        rules, seed, forest = self.model.card.decision, self.request.seed, None
-        if self.request.train:
-            self.say(f"training the raw-window forest on {self.request.train}")
-            channels = self.model.card.n_channels
-            data = load(
-                self.request.train, channels=channels, seed=seed, windows="thesis", part=self.part
-            )
-            require_model_fits(self.model, data)
-            forest = raw_forest(data, spec, rules, seed)
-        return baselines(spec, rules, forest)
+    @property
+    def spec(self) -> StepSpec:
+        return StepSpec.from_json(self.model.card.raw["spec"])
+
+    def forest(self) -> bytes | None:
+        """The thesis' forest as a step graph; None without a set to train it on."""
+        if self.request.train is None:
+            return None
+        self.say(f"training the raw-window forest on {self.request.train}")
+        channels, seed = self.model.card.n_channels, self.request.seed
+        data = load(
+            self.request.train, channels=channels, seed=seed, windows="thesis", part=self.part
+        )
+        require_model_fits(self.model, data)
+        return raw_forest(data, self.spec, seed)
+
+    def baselines(self, forest: bytes | None) -> list[Baseline]:
+        """The baselines of this model."""
+        return baselines(self.spec, self.model.card.decision, forest)
 
     def chosen(self, others: Sequence[Baseline]) -> Thresholds:
         """Thresholds from streams that are not scored."""
@@ -127,7 +166,7 @@ class _Run:
             streams = MatchingStreams(data.recordings, outputs, [_named(name, data)])
             thresholds = find_thresholds(card, streams, others, part=self.part)
         self.say(f"{data.name}: scoring the model and {len(others)} baselines")
-        return score_set(find(name), data, outputs, thresholds, windows, seed, self.part)
+        return score_set(find(name), data, outputs, thresholds, others, windows, seed, self.part)
 
     def _load(self, name: str) -> DataSet:
         data = load(

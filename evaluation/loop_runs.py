@@ -1,12 +1,10 @@
-"""Runs of whole sets in a closed loop, in as many processes as there are cores."""
+"""Runs of whole sets in a closed loop, many batches at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-
-from joblib import Parallel, delayed
+from functools import lru_cache, partial
 
 from edge_runtime.engine import ModelChoice, OpenedModel
 from edge_runtime.errors import UsageError
@@ -14,6 +12,7 @@ from edge_runtime.fit import require_fit
 from edge_runtime.grip import CONTROLLERS, AnswerRules
 from edge_runtime.reading import Json
 from edge_runtime.supervisor import Limits
+from evaluation.jobs import Workers
 from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
 from simulation.card import read_card
 from simulation.closed_loop.actuator import Drive
@@ -124,10 +123,10 @@ class LoopRuns:
     def __init__(
         self,
         model: ModelChoice,
-        n_jobs: int,
+        workers: Workers,
         done: Callable[[float], None] = lambda share: None,
     ) -> None:
-        self.model, self.n_jobs, self.done = model, n_jobs, done
+        self.model, self.workers, self.done = model, workers, done
         self._kept: dict[tuple[LoopSet, LoopRequest], dict[int, LoopOutcome]] = {}
 
     def run(self, wanted: Sequence[tuple[LoopSet, LoopRequest]]) -> None:
@@ -147,11 +146,11 @@ class LoopRuns:
         parts = [
             (one, request, batch) for one, request in new for batch in batches(scene_of(one)[1])
         ]
-        jobs = (
-            delayed(run_part)(self.model, one, request, batch, self._onsets(one, request))
+        jobs = [
+            partial(run_part, self.model, one, request, batch, self._onsets(one, request))
             for one, request, batch in parts
-        )
-        results = Parallel(n_jobs=self.n_jobs, return_as="generator")(jobs)
+        ]
+        results = self.workers.run(jobs)
         for number, ((one, request, _), outcomes) in enumerate(zip(parts, results, strict=True), 1):
             self._kept[one, request] |= outcomes
             self.done(from_share + (to_share - from_share) * number / len(parts))

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from edge_runtime.engine import ModelChoice
 from edge_runtime.errors import DataNotFound, NotAModel
-from edge_runtime.monitor import Model
 from edge_runtime.reading import Json, json_of, text_of
 from evaluation.eflesh_figures import EfleshFigures
 from evaluation.evaluate import evaluate_events
@@ -67,7 +67,8 @@ def real_figures(folder: Path, seed: int = 0) -> RealFigures | RealSetsMissing:
     try:
         written = json_of(text_of(metrics))
         eflesh = EfleshFigures.from_json(written[EFLESH]) if EFLESH in written else None
-        data, model = load(HUMAN), Model(file)
+        data, model = load(HUMAN), ModelChoice(str(file))
+        model.open()
     except (OSError, ValueError, KeyError, TypeError, DataNotFound, NotAModel) as error:
         return RealSetsMissing(why=str(error))
     people = held_out_people(data, int(written["seed"]))

@@ -108,8 +108,8 @@ def _consequences(row: MethodFigures, against: McNemar | None) -> list[str]:
 
 def _settings(of: Evaluation) -> str:
     return "; ".join(
-        f"<b>{html.escape(shown(one.baseline.name))}</b>: "
-        f"{html.escape(BASELINES[one.baseline.name])}, here {one.setting:.3g}"
+        f"<b>{html.escape(shown(one.name))}</b>: "
+        f"{html.escape(BASELINES[one.name])}, here {one.setting:.3g}"
         + ("" if one.fits else ", which still has too many false alarms")
         for one in of.thresholds.baselines
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from edge_runtime.contract import BoolArray
 from edge_runtime.reading import Json
+from evaluation.baselines import Baseline
 from evaluation.camera import onsets_by, seen_beside
 from evaluation.closing_hand import ClosingModel, Drop, closing_model, drop_of, droppable
 from evaluation.methods import (
@@ -106,13 +107,14 @@ def score_set(
     data: DataSet,
     outputs: list[ModelOutputs],
     thresholds: Thresholds,
+    baselines: Sequence[Baseline],
     windows: WindowFigures,
     seed: int,
     part: Part = ignored,
 ) -> ScoredSet:
     """Score every method on a set. outputs: of the model, for each of the set's recordings."""
     trials = _labelled(root, data)
-    requests = _requests(data, outputs, thresholds)
+    requests = _requests(data, outputs, thresholds, baselines)
     methods = {name: method_result(trials, on) for name, on in requests.items()}
     drops = [
         drop_of(event, grasp_of(event, one.grasps))
@@ -156,16 +158,19 @@ def _labelled(root: Path, data: DataSet) -> list[LabelledTrial]:
 
 
 def _requests(
-    data: DataSet, outputs: list[ModelOutputs], thresholds: Thresholds
+    data: DataSet,
+    outputs: list[ModelOutputs],
+    thresholds: Thresholds,
+    baselines: Sequence[Baseline],
 ) -> dict[str, list[BoolArray]]:
     """Method -> [T] a recording, whether an act is requested."""
     requests = {
         name: requests_of(outputs, thresholds.rules, permille)
         for name, permille in thresholds.confidences.items()
     }
+    by_name = {one.name: one for one in baselines}
     return requests | {
-        one.baseline.name: one.baseline.on(data.recordings)(one.setting)
-        for one in thresholds.baselines
+        one.name: by_name[one.name].on(data.recordings)(one.setting) for one in thresholds.baselines
     }
 
 
@@ -182,7 +187,7 @@ def _rows(
 def compared(methods: dict[str, MethodResult], thresholds: Thresholds) -> dict[str, McNemar]:
     """McNemar's test of the headline against every baseline, event by event."""
     ours = methods[thresholds.headline].detected()
-    names = [one.baseline.name for one in thresholds.baselines]
+    names = [one.name for one in thresholds.baselines]
     return {name: mcnemar(ours, methods[name].detected()) for name in names}
 
 

@@ -71,13 +71,13 @@ class Thresholds:
             "false_per_min_there": self.false_per_min_there,
             "matched_on": self.matched_on,
             "how": self.how(),
-            "rivals": {one.baseline.name: _baseline_json(one) for one in self.baselines},
+            "rivals": {one.name: _baseline_json(one) for one in self.baselines},
         }
 
 
 def _baseline_json(one: MatchedBaseline) -> Json:
     return {
-        "law": BASELINES[one.baseline.name],
+        "law": BASELINES[one.name],
         "setting": one.setting,
         "false_per_min_there": one.false_per_min,
         "fits": one.fits,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
@@ -14,9 +13,12 @@ from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument
 from edge_runtime.reading import Json
+from evaluation.job_options import CORES, add_job_options, chosen_workers
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
+    from evaluation.jobs import Workers
 
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
@@ -25,12 +27,20 @@ SEED = 0
 
 
 @dataclass(frozen=True)
+class BenchRequest:
+    """Folder of the results, and where the points of `cost` are measured."""
+
+    out: Path
+    workers: Workers
+
+
+@dataclass(frozen=True)
 class Measure:
     """One WHAT: what it measures, the kind of its data, and the function that measures it."""
 
     about: str
     kind: str
-    measure: Callable[[Path], Json]
+    measure: Callable[[BenchRequest], Json]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     default = Path("build/bench")
     out = "folder for the results (default build/bench); cost continues there where it stopped"
     option("--out", type=path_argument, default=default, metavar="DIR", help=out)
+    add_job_options(parser, CORES)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,13 +62,14 @@ def run(args: argparse.Namespace) -> int:
     from training.progress import stages
 
     require_writable(args.out)
+    request = BenchRequest(args.out, chosen_workers(args))
     chosen = list(MEASURES) if args.what == "all" else [args.what]
     with stages(len(chosen)) as begin:
         for what in chosen:
             begin(f"{what}: {MEASURES[what].about}")
             from benchmarks.pictures import PICTURES
 
-            figures = MEASURES[what].measure(args.out)
+            figures = MEASURES[what].measure(request)
             text = json.dumps(figures | _host(what), indent=2) + "\n"
             path = write_whole(args.out / f"{what}.json", text)
             picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
@@ -85,23 +97,23 @@ def _rows(rows: Iterable[DataclassInstance]) -> list[Json]:
     return [asdict(row) for row in rows]
 
 
-def _effects(out: Path) -> Json:
+def _effects(request: BenchRequest) -> Json:
     from benchmarks.effects import empty_list_over_core, prices
 
     return {"prices": _rows(prices()), "empty_list_over_core": empty_list_over_core()}
 
 
-def _simulator(out: Path) -> Json:
+def _simulator(request: BenchRequest) -> Json:
     from benchmarks.friction_peers import table
     from benchmarks.hold_and_pull import rows
     from benchmarks.simulator import plausibility, size_curve, step_curve
 
     step, sizes, leads = _rows(step_curve()), asdict(size_curve()), _rows(plausibility())
-    peers = {"hold_and_pull": _rows(rows(out)), "friction": _rows(table())}
+    peers = {"hold_and_pull": _rows(rows(request.out)), "friction": _rows(table())}
     return {"step": step, **sizes, "plausibility": leads, **peers}
 
 
-def _latency(out: Path) -> Json:
+def _latency(request: BenchRequest) -> Json:
     from benchmarks.hand import memory
     from benchmarks.latency import broken, latency
 
@@ -110,26 +122,26 @@ def _latency(out: Path) -> Json:
     return figures.to_json() | {"memory": _rows(processes), "broken": over}
 
 
-def _instructions(out: Path) -> Json:
+def _instructions(request: BenchRequest) -> Json:
     from benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
 
     rows = _rows(instructions(MODEL))
     return {"rows": rows, "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
 
 
-def _training(out: Path) -> Json:
+def _training(request: BenchRequest) -> Json:
     from benchmarks.training_time import training_times
 
     return {"rows": _rows(training_times())}
 
 
-def _cost(out: Path) -> Json:
+def _cost(request: BenchRequest) -> Json:
     from benchmarks.cost.surface import cost
 
-    return cost(out / "cost", dask=os.environ.get("HOLDFAST_DASK"))
+    return cost(request.out / "cost", workers=request.workers)
 
 
-def _hand(out: Path) -> Json:
+def _hand(request: BenchRequest) -> Json:
     from benchmarks.hand import fault_table, latency, memory, scan_costs
     from benchmarks.hand_delays import delays
     from benchmarks.hand_rows import HandFigures
@@ -145,7 +157,7 @@ def _hand(out: Path) -> Json:
     return HandFigures(scans, faults, live, act_samples, acted, memory(MODEL)).to_json()
 
 
-def _onset(out: Path) -> Json:
+def _onset(request: BenchRequest) -> Json:
     from benchmarks.onset import held, pulls, ramps
 
     moved = {"ramps": ramps(), "pulls": pulls()}
@@ -160,7 +172,7 @@ MEASURES: dict[str, Measure] = {
         _latency,
     ),
     "cost": Measure(
-        "recall and delay against trees, depth, features, rate, window, debounce (hours)",
+        "recall and delay by trees, depth, features, rate, window, debounce (hours; --dask)",
         "scenes simulated, people public real data",
         _cost,
     ),

@@ -10,6 +10,7 @@ from edge_runtime.command import path_argument, positive, seed, show
 from edge_runtime.engine_options import add_engine_options, chosen_model
 from edge_runtime.writing import require_writable, write_whole
 from evaluation import MOST_FALSE_PER_MIN
+from evaluation.job_options import add_job_options, chosen_workers
 
 if TYPE_CHECKING:
     from evaluation.camera import CameraFigures
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--train", metavar="FOLDER", help=train)
     real = "results of `make real`, for the report"
     option("--real", type=path_argument, metavar="DIR", help=real)
+    add_job_options(parser, 1)
     option("--groups", type=int, metavar="K", help="use only K people (or blocks)")
     seeds = "seed of the intervals and of the choice of groups (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=seeds)
@@ -78,7 +80,8 @@ def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages
     from evaluation.evaluate import evaluate_events
     from evaluation.real_sets import real_figures
 
-    evaluation = evaluate_events(chosen_model(args).open(), request, say, say.part)
+    model, workers = chosen_model(args), chosen_workers(args)
+    evaluation = evaluate_events(model, request, say, say.part, workers)
     figures, real = evaluation.to_json(), None
     if args.real is not None:
         say("real recordings")

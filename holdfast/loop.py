@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from edge_runtime.command import path_argument, positive, seed, show
 from edge_runtime.engine_options import add_engine_options, chosen_model
 from edge_runtime.writing import require_writable, write_whole
+from evaluation.job_options import add_job_options, chosen_workers
 from holdfast.simulate import trial_count
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--lag-ms", type=_lag_ms, default=50.0, metavar="MS", help=lag)
     option("--trials", type=trial_count, metavar="N", help="trials a card (default: all)")
     option("--seed", type=seed, default=0, metavar="S", help="seed of every choice (default 0)")
-    option("--jobs", type=trial_count, default=2, metavar="N", help="processes (default 2)")
+    add_job_options(parser, 2)
     option("--json", type=path_argument, metavar="OUT", help="write the figures to this file")
 
 
@@ -72,7 +73,7 @@ def _figures(
 
     sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
     requests = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
-    runs = LoopRuns(chosen_model(args), args.jobs, done)
+    runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
     runs.run([(one, request) for one in sets.values() for request in requests.values()])
     return {
         Path(card).stem: {name: runs.figures(one, request) for name, request in requests.items()}

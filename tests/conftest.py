@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 pytest_plugins = [
     "bridge_bench",
     "command_line",
+    "dask_cluster",
     "doctest_files",
     "drawn_frames",
     "frozen_heap",

@@ -4,7 +4,7 @@ Every point is a learner evaluated on unseen streams of scenes or people, sample
 at one false alarm a minute, delay after load onset, and the share of the lead that was used.
 Further figures are macro F1 over four situations on held-out windows, and the microseconds of the
 learner alone and of the whole step, all interleaved in one run. Points are stored one by one, so an
-interrupted run continues; they are measured in parallel, or on a Dask cluster.
+interrupted run continues; they are measured many at once.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from __future__ import annotations
 import io
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, cpu_count, delayed, parallel_config
 
 from benchmarks.cost.features import some, whole_rows, windows
 from benchmarks.cost.grown import Grown
@@ -30,10 +29,12 @@ from edge_runtime.contract import FloatArray
 from edge_runtime.reading import Json
 from edge_runtime.timing import time_in_turns
 from edge_runtime.writing import write_whole
+from evaluation.job_options import CORES
+from evaluation.jobs import Job, Workers
 from evaluation.timed_calls import learner_call, step_call
 from export.verify import cut_learners
 
-WORKERS = cpu_count()
+HERE = Workers(CORES)
 TIMED_ROWS = 200
 TIMED_EVENTS, TIMED_S = 10, 0.2
 TURNS, CALLS = 10, 60
@@ -52,25 +53,28 @@ def cost(
     folder: Path,
     chosen: Sequence[Point] | None = None,
     *,
-    dask: str | None = None,
+    workers: Workers = HERE,
     parts: Parts = PARTS,
 ) -> Json:
     """Rows of all points, the fronts of each set, and the time and cores of the new points.
 
-    folder: keeps sets, features and points. dask: address of a scheduler whose workers see the same
-    folder.
+    folder: keeps sets, features and points; the workers of a cluster see it too.
     """
     began_s = time.monotonic()
     chosen = points() if chosen is None else chosen
     new = sum(not _figures(folder, point).is_file() for point in chosen)
     require_parts(folder, parts)
     rates_hz = sorted({point.rate_hz for point in chosen if point.of == "scenes"})
-    with _workers(dask) as at_once:
-        at_once(
-            delayed(simulate)(folder, part, rates_hz, parts) for part in (parts if rates_hz else ())
-        )
-        at_once(delayed(_features)(folder, alike, part) for alike, part in _by_features(chosen))
-        kept = at_once(delayed(_kept)(folder, family) for family in _families(chosen))
+    folder = folder.absolute()  # which the workers of a cluster need
+    simulated: list[Job[None]] = [
+        partial(simulate, folder, part, rates_hz, parts) for part in (parts if rates_hz else ())
+    ]
+    prepared: list[Job[None]] = [
+        partial(_features, folder, alike, part) for alike, part in _by_features(chosen)
+    ]
+    for stage in (simulated, prepared):
+        list(workers.run(stage))
+    kept = workers.run([partial(_kept, folder, family) for family in _families(chosen)])
     figures_of = {(row["what"], row["of"]): row for rows in kept for row in rows}
     rows = [
         figures_of[point.what, point.of] | asdict(price)
@@ -78,7 +82,7 @@ def cost(
     ]
     took = {
         "wall_s": time.monotonic() - began_s,
-        "cores": None if dask else WORKERS,
+        "cores": None if workers.dask else workers.processes,
         "new_points": new,
     }
     return {"rows": rows, "fronts": fronts(rows), "took": took}
@@ -139,21 +143,6 @@ def pareto(rows: Sequence[Json], less: str, more: str) -> list[Json]:
         if not front or row[more] > front[-1][more]:
             front.append(row)
     return front
-
-
-@contextmanager
-def _workers(dask: str | None) -> Iterator[Parallel]:
-    """Where points are measured, one after another; workers keep the sets that they have read."""
-    if dask is None:
-        with Parallel(
-            WORKERS, "multiprocessing", batch_size=1, pre_dispatch=2 * WORKERS
-        ) as at_once:
-            yield at_once
-        return
-    from distributed import Client
-
-    with Client(dask), parallel_config(backend="dask"):
-        yield Parallel(batch_size=1, pre_dispatch=2 * WORKERS)
 
 
 def _features(folder: Path, points: Sequence[Point], part: str) -> None:

@@ -10,14 +10,15 @@ import json
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from joblib import Parallel, delayed
 
 from edge_runtime.reading import Json
 from edge_runtime.writing import write_whole
+from evaluation.jobs import Workers
 from evaluation.provenance import host
 from export.forest import forest_votes, votes_of_trees
 from export.learner import LEARNERS
@@ -94,9 +95,11 @@ def study_learners(
     main = "situations"
     folds = assign_groups(data.group_of(main), plan.folds, seed=seed)
     splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
-    answers = Parallel(n_jobs=2)(
-        delayed(_fold)(data, features, plan, {task: splits[task][k] for task in splits}, seed)
-        for k in range(plan.folds)
+    answers = Workers(2).run(
+        [
+            partial(_fold, data, features, plan, {task: splits[task][k] for task in splits}, seed)
+            for k in range(plan.folds)
+        ]
     )
     held = [{task: splits[task][k][1] for task in splits} for k in range(plan.folds)]
     return _figures(data, channels, in_hand, list(zip(held, answers, strict=True)), seed)

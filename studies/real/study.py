@@ -11,105 +11,162 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from edge_runtime.command import Parser, finish, path_argument, seed
 from edge_runtime.writing import require_writable, write_whole
 from evaluation.cells import interval, number
+from evaluation.job_options import add_job_options, chosen_workers
+from evaluation.jobs import Workers
 from evaluation.provenance import host
 from export.artifact import Artifact, write_artifact
 from export.exporting import export_artifact
 from studies.real import baselines
-from studies.real.eflesh import study_eflesh
-from studies.real.figures import FinalModel, RealStudy, VerificationSums, prediction_of
-from studies.real.proactive import study_proactive
+from studies.real.eflesh import EfleshStudy, study_eflesh
+from studies.real.figures import (
+    FinalModel,
+    RealStudy,
+    StreamedFold,
+    VerificationSums,
+    prediction_of,
+)
+from studies.real.proactive import ReplayPicture, study_proactive
 from studies.real.report import Evidence, write_report
 from studies.real.streamed_fold import stream_one_fold
 from studies.row_names import CLOCK, LEAKY, OURS_18, OURS_48
 from training.crossval import HeldOut, cross_validate
 from training.datasets import load
-from training.featurise import cpu_cost, features_of, spec_for
+from training.featurise import FeatureCost, cpu_cost, features_of, spec_for
 from training.figures import HeadFigures
 from training.fitting import final_artifact, held_out_figures, versions
 from training.plan import TrainingPlan
 from training.progress import stages
-from training.recording import DataSet
-from training.say import Say
+from training.say import Say, ignored
 
 HUMAN = "human_slip_uskin"
 CLOCK_FREE = (
     "no feature sees anything older than 0.5 s; time, movement indices and IMUs are never inputs"
 )
+ALONE = Workers()
 STAGES = 24
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
 
 
-def run(out: Path, seed: int, say: Say) -> RealStudy:
-    """Do everything and write the report; returns what metrics.json holds."""
+@dataclass(frozen=True)
+class Ours:
+    """Our forests on 18 channels: what each person's windows were answered, and the files."""
+
+    held_out: HeldOut
+    heads: HeadFigures
+    cost: FeatureCost
+    streamed: StreamedFold
+    model: FinalModel
+
+
+def run(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
+    """Do everything and write the report; returns what metrics.json holds.
+
+    workers: where the parts run; those of a cluster see the same `out` and data sets.
+    """
     started = time.perf_counter()
-    plan = TrainingPlan()
-    say(f"reading {HUMAN}")
+    ours, *rows, eflesh, pictures = _all_parts(out.absolute(), seed, say, workers)
     data = load(HUMAN)
-    spec = spec_for(data, plan.groups)
-    features = features_of(data, spec)
-    held_out = cross_validate(data, features, plan, seed=seed, say=say, verify_spec=spec)
-    ours = held_out_figures(data, held_out, seed)
-    cost = cpu_cost(data, spec)
-    say("one fold's file, sealed, loaded and streamed sample by sample")
-    streamed = stream_one_fold(data, features, plan, held_out, out, seed)
-    rows = table_rows(data, ours, plan, seed, say)
-    say("eflesh_slip: blocks held out")
-    eflesh = study_eflesh(load("eflesh_slip"), plan, seed)
-    say("proactive_slip_uskin: two slips replayed")
-    pictures = study_proactive(load("proactive_slip_uskin"), plan, seed)
-    say("final forests on all people, exported")
-    model = final_model(final_artifact(data, features, held_out, ours, plan, seed), out)
     figures = RealStudy(
-        heads=ours,
+        heads=ours.heads,
         data=data.name,
         kind=data.kind,
         channels=18,
         clock_free=CLOCK_FREE,
         caveat=data.caveat,
-        verification=verification_of(held_out),
-        features_cost=cost,
-        streamed_fold=streamed,
-        rows=rows,
+        verification=verification_of(ours.held_out),
+        features_cost=ours.cost,
+        streamed_fold=ours.streamed,
+        rows={OURS_18: ours.heads} | dict(zip(ROWS, rows, strict=True)),
         eflesh_slip=eflesh.figures,
-        model=model,
+        model=ours.model,
         seed=seed,
         host=host(),
         versions=versions(),
         seconds=round(time.perf_counter() - started, 1),
     )
     say("report")
-    write_report(out / "report.html", Evidence(data, held_out, figures, eflesh, pictures))
+    write_report(out / "report.html", Evidence(data, ours.held_out, figures, eflesh, pictures))
     return figures
 
 
-def table_rows(
-    data: DataSet, ours: HeadFigures, plan: TrainingPlan, seed: int, say: Say
-) -> dict[str, HeadFigures]:
-    """Every row of the table: our forests, the baselines and the two warnings."""
-    say("all 48 channels")
-    everything = load(HUMAN, channels=48)
-    features = features_of(everything, spec_for(everything, plan.groups))
-    wide = held_out_figures(
-        everything, cross_validate(everything, features, plan, seed=seed, say=say), seed
-    )
-    rows = {OURS_18: ours, OURS_48: wide}
-    say("baseline: raw windows, 18 channels")
-    rows["raw forest, 18 channels"] = baselines.raw_forest(data, seed=seed)
-    say("baseline: raw windows, 48 channels, fewer folds")
-    rows["raw forest, 48 channels, 3 folds"] = baselines.raw_forest(everything, folds=3, seed=seed)
-    say("timing-only baseline")
-    rows[CLOCK] = baselines.clock(everything, seed=seed)
-    say("leaky split: windows split at random")
-    rows[LEAKY] = baselines.leaky(data, seed=seed)
-    return rows
+def _all_parts(out: Path, seed: int, say: Say, workers: Workers) -> list[Any]:
+    """Results of all parts: ours, the other rows of the table, and the two smaller sets."""
+    parts: dict[str, Callable[[Say], object]] = {
+        OURS_18: partial(ours_18, out, seed),
+        **{name: partial(_row, name, seed) for name in ROWS},
+        "eflesh_slip: blocks held out": partial(_eflesh, seed),
+        "proactive_slip_uskin: two slips replayed": partial(_proactive, seed),
+    }
+    if workers.here:
+        return [_announced(title, part, say) for title, part in parts.items()]
+    results = []
+    jobs = [partial(part, ignored) for part in parts.values()]
+    for title, result in zip(parts, workers.run(jobs), strict=True):
+        say(f"{title}: done")
+        results.append(result)
+    return results
+
+
+def _announced(title: str, part: Callable[[Say], object], say: Say) -> object:
+    say(title)
+    return part(say)
+
+
+def ours_18(out: Path, seed: int, say: Say) -> Ours:
+    """Our forests, people held out; one fold's file streamed; the final file from all people."""
+    plan, data = TrainingPlan(), load(HUMAN)
+    spec = spec_for(data, plan.groups)
+    features = features_of(data, spec)
+    held_out = cross_validate(data, features, plan, seed=seed, say=say, verify_spec=spec)
+    heads = held_out_figures(data, held_out, seed)
+    cost = cpu_cost(data, spec)
+    say("one fold's file, sealed, loaded and streamed sample by sample")
+    streamed = stream_one_fold(data, features, plan, held_out, out, seed)
+    say("final forests on all people, exported")
+    model = final_model(final_artifact(data, features, held_out, heads, plan, seed), out)
+    return Ours(held_out, heads, cost, streamed, model)
+
+
+def ours_48(seed: int, say: Say) -> HeadFigures:
+    """Our forests on all 48 channels, people held out."""
+    plan, data = TrainingPlan(), load(HUMAN, channels=48)
+    features = features_of(data, spec_for(data, plan.groups))
+    return held_out_figures(data, cross_validate(data, features, plan, seed=seed, say=say), seed)
+
+
+def _row(name: str, seed: int, say: Say) -> HeadFigures:
+    return ROWS[name](seed, say)
+
+
+def _eflesh(seed: int, say: Say) -> EfleshStudy:
+    return study_eflesh(load("eflesh_slip"), TrainingPlan(), seed)
+
+
+def _proactive(seed: int, say: Say) -> list[ReplayPicture]:
+    return study_proactive(load("proactive_slip_uskin"), TrainingPlan(), seed)
+
+
+ROWS: dict[str, Callable[[int, Say], HeadFigures]] = {
+    OURS_48: ours_48,
+    "raw forest, 18 channels": lambda seed, say: baselines.raw_forest(load(HUMAN), seed=seed),
+    "raw forest, 48 channels, 3 folds": lambda seed, say: baselines.raw_forest(
+        load(HUMAN, channels=48), folds=3, seed=seed
+    ),
+    CLOCK: lambda seed, say: baselines.clock(load(HUMAN, channels=48), seed=seed),
+    LEAKY: lambda seed, say: baselines.leaky(load(HUMAN), seed=seed),
+}
+"""Further rows of the table, by name: all 48 channels, the baselines and the two warnings."""
 
 
 def verification_of(held_out: HeldOut) -> VerificationSums:
@@ -142,10 +199,11 @@ def main(argv: Sequence[str]) -> int:
     )
     parser.add_argument("--out", type=path_argument, default=Path("build/real"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
+    add_job_options(parser, 1)
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)
     with stages(STAGES) as say:
-        figures = run(args.out, args.seed, say)
+        figures = run(args.out, args.seed, say, chosen_workers(args))
     text = json.dumps(figures.to_json(), indent=2, allow_nan=False)
     write_whole(args.out / "metrics.json", text + "\n")
     situations, head = figures.heads.situations, prediction_of(figures.heads)

@@ -13,6 +13,7 @@ from edge_runtime.engine_options import add_engine_options, chosen_model
 from edge_runtime.errors import UsageError
 from edge_runtime.reading import Json
 from edge_runtime.writing import require_writable, write_whole
+from evaluation.job_options import add_job_options, chosen_workers
 from evaluation.loop_runs import LoopRuns
 from evaluation.provenance import host
 from simulation.closed_loop.recording import model_of
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--model", type=path_argument, default=MODEL, metavar="FILE", help=f"default {MODEL}")
     add_engine_options(parser)
     option("--trials", type=int, default=55, metavar="N", help="trials of a set (default 55)")
-    option("--jobs", type=int, default=2, metavar="N", help="processes (default 2)")
+    add_job_options(parser, 2)
     out = "folder of loop.json (default build/loop)"
     option("--out", type=path_argument, default=Path("build/loop"), metavar="DIR", help=out)
     option("--parts", nargs="+", metavar="PART", help="of table, curve, lag, delay, noise, without")
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     require_writable(args.out)
     wanted = _chosen(rows(args.trials), args)
     with counted(f"{len(wanted)} rows in a closed loop (simulated)", 1) as done:
-        runs = LoopRuns(chosen_model(args), args.jobs, done)
+        runs = LoopRuns(chosen_model(args), chosen_workers(args), done)
         runs.run([(row.one, row.request) for row in wanted])
     figures = {
         "kind": "simulated",

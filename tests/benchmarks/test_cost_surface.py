@@ -27,6 +27,7 @@ from edge_runtime.contract import FloatArray
 from edge_runtime.errors import DataError, UsageError
 from edge_runtime.graph import open_session, run_recordings
 from edge_runtime.trial_file import read_trial
+from evaluation.jobs import Workers
 from export.features import feature_count
 from export.learner import reference_votes
 from export.spec import StepSpec
@@ -299,25 +300,14 @@ def test_features_that_look_further_back_are_constant_for_a_forest_that_may_not(
     np.testing.assert_array_equal(rows[:, ~beyond], some(folder, TINY, "ask", 50)[:, ~beyond])
 
 
-@pytest.fixture
-def cluster() -> Iterator[str]:
-    from distributed import LocalCluster
-
-    with LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as local:
-        yield local.scheduler_address
-
-
-@pytest.mark.filterwarnings("default")  # of a library that is here for this one test
 def test_a_dask_cluster_gives_the_same_rows(measured, cluster):
     folder, result = measured
     for path in (folder / "points").glob("*.json"):
         path.unlink()
     chosen = [TINY, replace(TINY, debounce=1)]
-    assert without_times(cost(folder, chosen, dask=cluster, parts=SMALL)["rows"]) == without_times(
-        result["rows"][:2]
-    )
+    assert without_times(
+        cost(folder, chosen, workers=Workers(dask=cluster), parts=SMALL)["rows"]
+    ) == without_times(result["rows"][:2])
 
 
 # -- the page

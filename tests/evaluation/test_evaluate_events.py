@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
 from edge_runtime.decision import UNKNOWN, DecisionRules
+from edge_runtime.engine import ModelChoice
 from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.graph import open_session, steps_of
 from edge_runtime.monitor import GripMonitor, Model
@@ -682,7 +683,7 @@ def test_as_deployed_alone_says_that_baselines_were_matched_on_what_is_scored(
     eight_classes: Built, scenes: Path
 ) -> None:
     request = EvaluationRequest((str(scenes),))
-    figures = evaluate_events(Model(eight_classes.model), request).to_json()
+    figures = evaluate_events(ModelChoice(str(eight_classes.model)), request).to_json()
     assert figures["thresholds"]["chosen_on"] is None
     assert figures["thresholds"]["headline"] == "ours, as deployed"
     assert "flatters" in figures["thresholds"]["how"]
@@ -694,7 +695,7 @@ def test_a_threshold_chosen_on_what_is_scored_is_refused(
 ) -> None:
     with pytest.raises(UsageError, match="given both to --choose and to --data"):
         evaluate_events(
-            Model(eight_classes.model),
+            ModelChoice(str(eight_classes.model)),
             EvaluationRequest((str(scenes),), choose=(f"{scenes}/../set",)),
         )
 
@@ -703,7 +704,8 @@ def test_the_figures_of_ours_are_those_of_its_own_answers(
     eight_classes: Built, scenes: Path
 ) -> None:
     model, data = Model(eight_classes.model), load(scenes, windows="natural")
-    figures = evaluate_events(model, EvaluationRequest((str(scenes),))).to_json()
+    request = EvaluationRequest((str(scenes),))
+    figures = evaluate_events(ModelChoice(str(eight_classes.model)), request).to_json()
     result = []
     for of in data.recordings:
         monitor = GripMonitor(model, None)

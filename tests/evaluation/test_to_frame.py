@@ -11,6 +11,7 @@ import pytest
 
 import evaluation
 from edge_runtime.contract import CLASSES, SITUATIONS
+from edge_runtime.engine import ModelChoice
 from edge_runtime.errors import RateError
 from edge_runtime.monitor import Model
 from evaluation.evaluate import evaluate_events
@@ -67,7 +68,7 @@ def test_a_set_at_another_rate_is_refused(eight_classes: Built, tmp_path: Path) 
 
 
 def test_figures_have_a_line_a_set_and_method(eight_classes: Built, few: Path) -> None:
-    result = evaluate_events(Model(eight_classes.model), EvaluationRequest([str(few)]))
+    result = evaluate_events(ModelChoice(str(eight_classes.model)), EvaluationRequest([str(few)]))
     frame = evaluation.to_frame(result)
     ours = frame[frame["method"] == "this model, as deployed"].iloc[0]
     row = result.rows[result.thresholds.headline]
