@@ -15,7 +15,7 @@ from edge_runtime.graph import StepGraph
 from edge_runtime.grip_control import GripControl
 from edge_runtime.monitor import GripMonitor, Model
 
-STEP, C_STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
+STEP, C_STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, C_FLOOR, WALK, TREELITE = (
     "ours, whole step",
     "ours, whole step in C",
     "ours, grip command",
@@ -24,6 +24,7 @@ STEP, C_STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, WALK, TREELITE = (
     "scikit-learn, the same trees",
     "the thesis' way",
     "floor",
+    "floor of the step in C",
     "a walk in C, the same trees",
     "treelite, the same trees",
 )

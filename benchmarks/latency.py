@@ -2,8 +2,8 @@
 
 Absolute microseconds belong to one machine; ratios carry over to others. Percentiles are of all
 calls but the first of each turn. That one comes to cold caches and has a median of its own. The
-floor is a busy wait as long as the step: its tail is the machine's own jitter. Every answer is
-checked while it is timed. Peers, on the same windows:
+floors are busy waits as long as the step, and as the step in C: their tails are the machine's own
+jitter. Every answer is checked while it is timed. Peers, on the same windows:
 
     scikit-learn            predict_proba of 100 full-depth trees on the raw window, one row
     bare forest             the same trees in onnxruntime, io-bound, nothing else computed
@@ -35,6 +35,7 @@ from scipy.signal import butter
 from benchmarks.c_step import c_step_of
 from benchmarks.calls import (
     BARE,
+    C_FLOOR,
     C_STEP,
     FLOOR,
     GRIP,
@@ -73,8 +74,8 @@ from training.recording import DataSet
 BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
 PERCENTILES = (50, 99, 99.9)
 TRIALS, STREAMED = 400, 10
-C_OVER = "c_step_over_step"
-"""A budget that only a machine with a compiler can measure."""
+C_RATIOS = ("c_step_over_step", "c_p999_over_floor_p999", "c_cold_over_step_cold")
+"""Budgets that only a machine with a compiler can measure."""
 SLOW_TURNS, SLOW_CALLS = 5, 20
 """Calls of milliseconds are timed less often."""
 
@@ -119,8 +120,7 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
     with tempfile.TemporaryDirectory() as work:
         data = _scenes(Path(work), model.card.rate_hz)
         stream = _stream(data)
-        step = step_of(model, stream)
-        floor_us = float(np.median(time_in_turns({STEP: step}, turns=5)[STEP]))
+        step, step_in_c = step_of(model, stream), c_step_of(model, stream, Path(work))
         bare, forest = _bare(data, Path(work))
         rows = learner_rows(bare, stream)
         own = learner_of(learner_alone(path), learner_rows(model, stream))
@@ -129,10 +129,12 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
             GRIP: grip_of(model, stream),
             OWN: own,
             BARE: learner_of(learner_alone(bare.path), rows),
-            FLOOR: busy_wait(floor_us),
+            **_floor(STEP, step, FLOOR),
         }
-        in_c = c_step_of(model, stream, Path(work)) | _walk(forest, rows, Path(work))
-        times = _by_turn(time_in_turns(quick | in_c, turns), turns)
+        for call in step_in_c.values():
+            quick |= step_in_c | _floor(C_STEP, call, C_FLOOR)
+        quick |= _walk(forest, rows, Path(work))
+        times = _by_turn(time_in_turns(quick, turns), turns)
         slow = _treelite(forest, rows) | {
             SKLEARN: _predict(forest, rows),
             THESIS: _thesis_way(forest, data),
@@ -140,6 +142,11 @@ def latency(path: Path, turns: int = TURNS) -> LatencyFigures:
         times |= _by_turn(time_in_turns(slow, SLOW_TURNS, SLOW_CALLS), SLOW_TURNS)
     calls = [_call_times(name, each) for name, each in times.items()]
     return LatencyFigures(model.card.model_id, calls, ratios(calls), path.stat().st_size)
+
+
+def _floor(name: str, call: Callable[[], object], floor: str) -> dict[str, Callable[[], object]]:
+    """A busy wait as long as a call, by the floor's name."""
+    return {floor: busy_wait(float(np.median(time_in_turns({name: call}, turns=5)[name])))}
 
 
 def _by_turn(times: dict[str, FloatArray], turns: int) -> dict[str, FloatArray]:
@@ -157,7 +164,15 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     """What the budgets limit: each a ratio of two figures of one run."""
     of = {one.what: one for one in calls}
     step = of[STEP]
-    in_c = {C_OVER: of[C_STEP].p50_us / step.p50_us} if C_STEP in of else {}
+    in_c: dict[str, float] = {}
+    if C_STEP in of:
+        c_step = of[C_STEP]
+        figures = (
+            c_step.p50_us / step.p50_us,
+            c_step.p999_us / of[C_FLOOR].p999_us,
+            c_step.cold_p50_us / step.cold_p50_us,
+        )
+        in_c = dict(zip(C_RATIOS, figures, strict=True))
     return in_c | {
         "step_over_bare_full_depth_forest": step.p50_us / of[BARE].p50_us,
         "step_over_own_learner": step.p50_us / of[OWN].p50_us,
@@ -167,21 +182,39 @@ def ratios(calls: Sequence[CallTimes]) -> dict[str, float]:
     }
 
 
-def broken(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[str]:
-    """What exceeds the budgets of budget.toml, a line each. n_bytes: size of the model file."""
-    budget = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
+@dataclass(frozen=True)
+class Budget:
+    """A figure and its limit in budget.toml. at: "most" or "least"."""
+
+    budget: str
+    value: float
+    at: str
+    limit: float
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether the figure is beyond the limit."""
+        return self.value > self.limit if self.at == "most" else self.value < self.limit
+
+    @property
+    def line(self) -> str:
+        """For people."""
+        return f"{self.budget}: {self.value:.3g}, at {self.at} {self.limit:g}"
+
+    def to_json(self) -> Json:
+        """As it stands in latency.json."""
+        return {"budget": self.budget, "value": self.value, "limit": f"at {self.at} {self.limit:g}"}
+
+
+def budgets(ratios: dict[str, float], n_bytes: int, resident_mb: float) -> list[Budget]:
+    """All that budget.toml limits and this run measured. n_bytes: size of the model file."""
+    limits = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
     found = ratios | {"model_mib": n_bytes / 2**20, "resident_mb": resident_mb}
-    if C_OVER not in found:
-        del budget["at_most"][C_OVER]
-    lines = [
-        f"{name}: {found[name]:.3g}, at most {most:g}"
-        for name, most in budget["at_most"].items()
-        if found[name] > most
-    ]
-    return lines + [
-        f"{name}: {found[name]:.3g}, at least {least:g}"
-        for name, least in budget["at_least"].items()
-        if found[name] < least
+    return [
+        Budget(name, found[name], at, limit)
+        for at in ("most", "least")
+        for name, limit in limits[f"at_{at}"].items()
+        if name in found or name not in C_RATIOS
     ]
 
 

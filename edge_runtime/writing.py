@@ -52,14 +52,14 @@ def _keep_permissions(path: Path, file: BinaryIO) -> None:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
-    """A new folder to fill.
+    """A folder to fill.
 
     It gets its name when the block ends, and is removed when the block fails.
 
     Until then it is called `<folder>.unfinished`, so that a killed program leaves nothing that
-    looks whole. In a folder that exists and is empty it is `<folder>/.unfinished`, and its content
-    moves up at the end. Raises OutputError where nothing can be written, or where the unfinished
-    folder of another run exists.
+    looks whole. In a folder that exists it is `<folder>/.unfinished`, and its content moves up at
+    the end, in place of files of the same names. Raises OutputError where nothing can be written,
+    or where the unfinished folder of another run exists.
     """
     unfinished = (
         folder / UNFINISHED if folder.is_dir() else folder.with_name(folder.name + UNFINISHED)

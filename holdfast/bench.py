@@ -115,11 +115,15 @@ def _simulator(request: BenchRequest) -> Json:
 
 def _latency(request: BenchRequest) -> Json:
     from benchmarks.hand import memory
-    from benchmarks.latency import broken, latency
+    from benchmarks.latency import budgets, latency
 
     figures, processes = latency(MODEL), memory(MODEL)
-    over = broken(figures.ratios, figures.bytes, processes[-1].resident_mb)
-    return figures.to_json() | {"memory": _rows(processes), "broken": over}
+    limited = budgets(figures.ratios, figures.bytes, processes[-1].resident_mb)
+    return figures.to_json() | {
+        "memory": _rows(processes),
+        "budgets": [one.to_json() for one in limited],
+        "broken": [one.line for one in limited if one.is_broken],
+    }
 
 
 def _instructions(request: BenchRequest) -> Json:

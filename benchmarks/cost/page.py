@@ -82,6 +82,7 @@ RECOMMENDED = {
 }
 SHOWN = {
     "floor": "busy-wait reference",
+    "floor of the step in C": "busy-wait reference of the step in C",
     "the thesis' way": "the thesis' method",
     "a walk in C, the same trees": "plain C, the same trees",
 }
@@ -103,7 +104,7 @@ def _latency(latency: Json) -> Tables:
     heads = {"process": "process", "resident_mb": "resident memory, MB", "start_s": "start, s"}
     return {
         "latency": table([_shown(row, "what") for row in latency["rows"]], LATENCY_HEADS),
-        "ratios": markdown(_ratios(latency["ratios"])),
+        "budgets": markdown(_budgets(latency["budgets"])),
         "memory": table([_process(row) for row in latency["memory"]], heads),
     }
 
@@ -166,9 +167,15 @@ def _set(cost: Json, of: str) -> dict[str, str]:
     }
 
 
-def _ratios(ratios: dict[str, float]) -> list[Json]:
-    names = {name: name.replace("_", " ").replace("floor", "busy wait") for name in ratios}
-    return [{"ratio": names[name], "value": f"{value:.2f}"} for name, value in ratios.items()]
+def _budgets(budgets: list[Json]) -> list[Json]:
+    return [
+        {
+            "budget": row["budget"].replace("_", " ").replace("floor", "busy wait"),
+            "value": f"{row['value']:.2f}",
+            "limit": row["limit"],
+        }
+        for row in budgets
+    ]
 
 
 def _shown(row: Json, key: str) -> Json:

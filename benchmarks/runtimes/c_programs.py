@@ -14,7 +14,7 @@ from benchmarks.runtimes.stream import Stream
 
 C = Path(__file__).parent / "c"
 BROWSER = Path(__file__).resolve().parents[2] / "examples/browser"
-FLAGS = ("-std=gnu99", "-O3", "-ffp-contract=off")
+FLAGS = ("-std=gnu99", "-O2", "-ffp-contract=off")
 SINGLE = ("-include", str(C / "single.h"), "-fsingle-precision-constant")
 PASSES = 15
 

@@ -32,7 +32,9 @@ def export_c(model: Path, folder: Path, *, build: bool = False, force: bool = Fa
     contents: dict[str, str | bytes] = dict(source.files)
     if build:
         contents[LIBRARY] = compiled_library(source.files, selftest)
-    _write(folder, contents)
+    with whole_folder(folder) as unfinished:
+        for name, content in contents.items():
+            write_whole(unfinished / name, content)
     return CExport(folder, source, selftest)
 
 
@@ -49,17 +51,3 @@ def _require_free(folder: Path, names: list[str], *, force: bool) -> None:
             cause="an earlier export",
             next_step="name a new folder with --out, or add --force to replace it",
         )
-
-
-def _write(folder: Path, contents: dict[str, str | bytes]) -> None:
-    """A new folder appears whole; in one that exists, each file is replaced whole.
-
-    The sources name their model, so that files of two exports do not compile together.
-    """
-    if not folder.exists():
-        with whole_folder(folder) as unfinished:
-            for name, content in contents.items():
-                write_whole(unfinished / name, content)
-        return
-    for name, content in contents.items():
-        write_whole(folder / name, content)

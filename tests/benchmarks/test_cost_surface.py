@@ -334,7 +334,7 @@ def test_the_page_and_its_figure_hold_what_was_measured(measured, kept, says_how
     us = {"what": "ours, whole step", "n": 1, "p50": 61.25, "p99": 1.0, "p99.9": 1.0}
     latency = {
         "rows": [us],
-        "ratios": {"step_over_own_learner": 5.5},
+        "budgets": [{"budget": "step_over_own_learner", "value": 5.5, "limit": "at most 5"}],
         "memory": [{"process": "floor"}],
     }
     took = {"wall_s": 90.0, "cores": 2, "new_points": len(rows) - kept}
@@ -347,7 +347,7 @@ def test_the_page_and_its_figure_hold_what_was_measured(measured, kept, says_how
     )
     text = require_tables_fit("docs/what-accuracy-costs.md", written, tmp_path)
     assert "| ours, whole step | 1 | 61.2 |" in text
-    assert "| step over own learner | 5.50 |" in text
+    assert "| step over own learner | 5.50 | at most 5 |" in text
     assert (f"{len(rows)} points, min | 1.5 on 2 cores |" in text) == says_how_long, (
         "only of a run that made every point"
     )

@@ -79,16 +79,21 @@ def test_every_runtime_gives_the_labels_of_onnxruntime_and_gcc_and_clang_the_sam
 
 
 @pytest.mark.parametrize("one", [C_API, WEB], ids=lambda one: one.name)
-def test_an_example_answers_as_onnxruntime_does_from_python(
-    one: OnnxProgram, tmp_path: Path
+def test_an_example_answers_as_onnxruntime_from_python_without_telemetry(
+    one: OnnxProgram, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not one.is_installed():
         pytest.skip(f"{one.name}: not installed, see docs/any-runtime.md")
-    stream = short_stream(Model(RELEASED))
-    given = onnx_answers_of(one.build(tmp_path), RELEASED, stream)
+    stream, words = short_stream(Model(RELEASED)), one.build(tmp_path)
+    (tmp_path / "home").mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("ORT_DISABLE_TELEMETRY")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    given = onnx_answers_of(words, RELEASED, stream)
     assert given.labels.tolist() == stream.labels.tolist()
     assert len(set(given.labels)) > 2
     assert given.step_us > 1.0
+    assert list((tmp_path / "home").rglob("*onnxruntime*")) == []
 
 
 def test_the_onnx_file_answers_in_a_worker_of_a_browser_as_in_python(tmp_path: Path) -> None:

@@ -18,8 +18,9 @@ from command_line import fails
 from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
 
 from edge_runtime.c_engine import LIBRARY
-from edge_runtime.errors import CompilerFailed, NotCompilable
+from edge_runtime.errors import CompilerFailed, NotCompilable, OutputError
 from edge_runtime.onnx_bytes import Node
+from edge_runtime.writing import write_whole
 from export.c.compiler import find_compiler
 from export.c.graph import read_graph
 from export.c.source import c_source
@@ -93,6 +94,29 @@ def test_a_place_that_takes_no_folder_is_an_error_of_one_line(run: Run, model: P
     fails(run, 5, "OutputError", *export, model, says="is a file")
     fails(run, 5, "OutputError", *export, model / "below", says="cannot write")
     assert names(model.parent) == ["small.onnx"]
+
+
+@pytest.mark.parametrize("earlier", [None, "", "an earlier export"], ids=["none", "empty", "full"])
+def test_a_disk_that_fills_up_leaves_what_was_there(
+    run: Run, model: Path, monkeypatch: pytest.MonkeyPatch, earlier: str | None
+):
+    folder = model.parent / "c"
+    if earlier is not None:
+        folder.mkdir()
+    for name in SOURCES if earlier else []:
+        (folder / name).write_text(earlier or "")
+
+    def fill_up(path: Path, content: str | bytes) -> Path:
+        if path.name == "holdfast_selftest.c":
+            raise OutputError("cannot write (No space left on device)", where=path)
+        return write_whole(path, content)
+
+    monkeypatch.setattr("export.c.exporting.write_whole", fill_up)
+    words = ("export", model, "--to", "c", "--out", folder, "--force")
+    fails(run, 5, "OutputError", *words, says="No space left")
+    assert folder.exists() == (earlier is not None)
+    for path in folder.iterdir() if earlier is not None else []:
+        assert path.read_text() == earlier
 
 
 def test_another_format_and_other_files_are_refused(run: Run, model: Path):
