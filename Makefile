@@ -130,6 +130,7 @@ docs: setup  ## rewrite the tables of README and docs from build and the code; p
 	$(BIN)/python -m studies.tables.adapt build/adapt-study/adapt.json build/adapt-study/people.json docs/adapt.md
 	$(BIN)/python -m benchmarks.tag_sheet > docs/tags.svg
 	$(BIN)/python -m benchmarks.camera_page build/bench/onset.json docs/camera.md
+	$(BIN)/python -m benchmarks.live_page_table build/bench/live-page.json docs/live-page.md
 	$(BIN)/python -m benchmarks.runtimes.page build/bench/runtimes.json build/bench/arm.json docs/any-runtime.md
 
 hard-cases: setup  ## run the hard cases and write their results into docs/hard-cases.md
@@ -143,6 +144,7 @@ safety: setup  ## run the tests of the hazards and write their results into docs
 bench: setup  ## what accuracy costs in time on this machine: one step, a hand, the simulator; into build/bench
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)
 	$(BIN)/python -m benchmarks.network_time build/bench/network.json
+	$(BIN)/python -m benchmarks.live_page build/bench/live-page.json
 
 runtimes: setup  ## the default model in every runtime of this machine: labels, bits, time; into build/bench
 	$(BIN)/python -m benchmarks.runtimes.here $(MODEL) build/bench/runtimes.json

@@ -24,6 +24,8 @@ from holdfast.live_page.address import PageAddress, listen
 
 PROCESS = "holdfast.live_page.process"
 READY = b"ready"
+WAITING_BYTES = 200 << 10
+"""Room for messages that wait: more than a second of samples at 150 Hz."""
 START_S, END_S = 30.0, 0.5
 """How long a run waits for the process to start, and to end."""
 GONE = (errno.EPIPE, errno.ECONNRESET, errno.ENOTCONN, errno.EBADF)
@@ -60,8 +62,11 @@ class PageLink:
         except OSError:
             return b""
 
-    def close(self) -> None:
-        """End the link; the process ends by itself."""
+    def close(self, end: str) -> None:
+        """End the link, and say how it ended; the loop is over, so this may wait for END_S."""
+        with suppress(OSError):
+            self._channel.settimeout(END_S)
+            self._channel.send(_to_json({"end": end}).encode())
         self._channel.close()
 
     def _drop(self, error: OSError) -> None:
@@ -88,14 +93,14 @@ def live_page(
         yield link
         end = f"{whole} has ended"
     finally:
-        link.send({"end": end})
-        link.close()
+        link.close(end)
         with suppress(subprocess.TimeoutExpired):
             process.wait(END_S)
 
 
 def _started(place: PageAddress, about: Json) -> tuple[socket.socket, subprocess.Popen[bytes]]:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
     numbers = [place.listener.fileno(), theirs.fileno()]
     try:
         with theirs:

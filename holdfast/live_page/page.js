@@ -19,6 +19,8 @@ const RANKS = ["nothing", "grasp", "safe_slip", "unknown", "risky_slip"];
 const at = (id) => document.getElementById(id);
 const number = (value, places = 2) => (value === null || value === undefined ? "–" : value.toFixed(places).replace(/^-(0\.?0*)$/, "$1"));
 
+const placesOf = (unit) => (unit === "N" ? 2 : 0);
+
 const page = { about: null, sample: null, rows: [], marks: [], ready: null, ended: "", silent: null, heardMs: 0, paused: null, spokenMs: 0, riskyAt: null };
 
 // -- what the server sends
@@ -51,10 +53,10 @@ function take(frame) {
   page.heardMs = performance.now();
   if (frame.about) introduce(frame.about);
   const fresh = frame.rows.map((cells) => Object.fromEntries(page.about.rows.map((name, k) => [name, cells[k]])));
+  if (frame.restarts) Object.assign(page, { rows: [], marks: [], riskyAt: null });
   page.rows.push(...fresh);
   page.marks.push(...(frame.marks ?? []));
   for (const line of frame.said ?? []) say(line);
-  for (const mark of frame.marks ?? []) say(`mark ${mark.number} at ${number(mark.t_s)} s`);
   if (fresh.length) page.ready = null;
   if (frame.ready) page.ready = frame.ready;
   Object.assign(page, { sample: frame.sample, ended: frame.ended, silent: frame.silent_s });
@@ -160,7 +162,7 @@ function buildFingers(count) {
 
 function showFingers({ forces, v, why }) {
   const { unit } = page.about;
-  const places = unit === "N" ? 2 : 0;
+  const places = placesOf(unit);
   [...at("fingers").tBodies[0].rows].forEach((row, k) => {
     const [x, y, z] = forces[k];
     const along = x === null || y === null ? null : Math.hypot(x, y);
@@ -175,7 +177,7 @@ function showNumbers() {
   const { sample, about } = page;
   if (!sample) return;
   const last = page.rows.at(-1);
-  const force = (value) => (value === null || value === undefined ? "–" : `${number(value)} ${about.unit}`);
+  const force = (value) => (value === null || value === undefined ? "–" : `${number(value, placesOf(about.unit))} ${about.unit}`);
   const figures = { "grip of either side": force(last?.grip), "load along the skin": force(last?.load) };
   if (about.answers) {
     const { grip, answer } = sample;

@@ -2,24 +2,22 @@
 
     python -m holdfast.live_page.process LISTENER_FD LINK_FD
 
-It takes every message of the run at once and keeps the last 30 s, so that the socket between both
-stays empty. It ends when the run does, however that ends.
+It takes the messages of the run and keeps the last 30 s. It ends when the run ends, or dies.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import select
 import signal
 import socket
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
 from threading import Thread
 
 from holdfast.live_page.server import Access, PageServer
-from holdfast.live_page.stream import FRAME_S, LiveStream
+from holdfast.live_page.stream import FRAME_S, LiveStream, Message
 
 LARGEST_MESSAGE = 1 << 20
 NICENESS = 10
@@ -51,25 +49,32 @@ def main(listener_fd: int, link_fd: int) -> None:
 
 
 def follow(link: socket.socket, stream: LiveStream) -> None:
-    """Take every message, and publish a frame at most every FRAME_S, until the run has ended."""
-    due_s = time.monotonic()
+    """Every FRAME_S take all messages and publish a frame, until the run has ended.
+
+    It sleeps in between, and does not wait for a message: to wake it would cost the loop time at
+    every sample.
+    """
+    link.setblocking(False)
     while not stream.ended:
-        wait_s = max(0.0, due_s - time.monotonic())
-        if select.select([link], [], [], wait_s)[0]:
-            stream.take(_received(link), time.monotonic())
-        if time.monotonic() >= due_s or stream.ended:
-            stream.publish(time.monotonic())
-            due_s = time.monotonic() + FRAME_S
+        time.sleep(FRAME_S)
+        for message in _waiting(link):
+            stream.take(message, time.monotonic())
+        stream.publish(time.monotonic())
 
 
-def _received(link: socket.socket) -> dict[str, object]:
-    """The next message; where the run is gone, one that says so."""
-    with suppress(OSError):
-        data = link.recv(LARGEST_MESSAGE)
-        if data:
-            message: dict[str, object] = json.loads(data)
-            return message
-    return {"end": DIED}
+def _waiting(link: socket.socket) -> Iterator[Message]:
+    """All messages that wait; where the run is gone, one that says so."""
+    while True:
+        try:
+            data = link.recv(LARGEST_MESSAGE)
+        except BlockingIOError:
+            return
+        except ConnectionResetError:  # reported before the messages that still wait
+            continue
+        if not data:
+            yield {"end": DIED}
+            return
+        yield json.loads(data)
 
 
 def _pass_on(link: socket.socket, action: bytes) -> bool:

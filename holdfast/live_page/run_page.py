@@ -34,12 +34,14 @@ class RunPage:
         self._link, self._say = link, say
         self._margin = FrictionMargin(ONE_LANE, card.rate_hz)
         self.newest_command: Callable[[], GripCommand | None] = lambda: None
-        self._lost, self._next, self._marks = 0, 0, 0
+        self._lost = self._next = self._marks = 0
+        self._first_ns: int | None = None
 
     def show(self, prediction: Prediction, sample: Sample, measured: SourceReading) -> None:
         """Send one sample; nothing waits, and what finds no room is dropped."""
         self._lost += sample.sequence - self._next
         self._next = sample.sequence + 1
+        self._first_ns = sample.t_ns if self._first_ns is None else self._first_ns
         self._link.send(
             {
                 "sample": {
@@ -59,7 +61,8 @@ class RunPage:
     def _mark(self, sample: Sample) -> None:
         self._marks += 1
         self._link.send({"mark": {"number": self._marks, "t_ns": sample.t_ns}})
-        self._say(f"mark {self._marks}: sample {sample.sequence}, t_ns {sample.t_ns}")
+        at_s = 1e-9 * (sample.t_ns - (self._first_ns or 0))
+        self._say(f"mark {self._marks} at {at_s:.3f} s, sample {sample.sequence}")
 
     def _grip(self, prediction: Prediction, sample: Sample) -> Json:
         command = self.newest_command()

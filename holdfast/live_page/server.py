@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hmac
 import socket
+import struct
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -48,6 +49,8 @@ HEADERS = {
     "Cache-Control": "no-store",
     "Connection": "close",
 }
+RESET = struct.pack("ii", 1, 0)
+"""Closing sends no more data."""
 TEXT, EVENTS, ZIP = "text/plain; charset=utf-8", "text/event-stream", "application/zip"
 REFUSED = "not allowed: open the address that the command printed\n"
 
@@ -173,8 +176,11 @@ class PageHandler(BaseHTTPRequestHandler):
     def _stream_events(self) -> None:
         self._head(HTTPStatus.OK, EVENTS)
         self.wfile.write(b"retry: 1000\n\n")
-        for block in self.server.stream.frames():
-            self.wfile.write(block)
+        try:
+            for block in self.server.stream.frames():
+                self.wfile.write(block)
+        except TimeoutError:  # what waits for it is thrown away, and its kernel's memory is free
+            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
 
     def _save(self) -> None:
         samples, marks = self.server.stream.last()

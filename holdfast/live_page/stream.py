@@ -20,11 +20,11 @@ Message = dict[str, Any]
 KEPT_S, SHOWN_S = 30.0, 10.0
 """How much is kept for saving, and how much a new browser sees."""
 FRAME_S = 0.06
-"""The least time between two frames: faster than a display is read."""
+"""The time between two frames: shorter than a display is read."""
 KEPT_FRAMES = 32
 """About two seconds of frames for a slow browser."""
 MOST_SAID, MOST_MARKS = 40, 100
-ROW_FIELDS = ("t_s", "state", "p_risky", "load", "grip", "target", "margin", "act")
+ROW_FIELDS = ("t_s", "state", "p_risky", "load", "grip", "target", "act")
 """What a row of a frame has, in this order; null where it is not known."""
 SIGNIFICANT = 6
 """Digits of a shown number."""
@@ -70,10 +70,12 @@ class LiveStream:
             if "about" in message:
                 self.about = {**self.about, **message["about"]}
                 self._news["about"] = self.about
-            self.ended = message.get("end", self.ended)
+            self.ended = self.ended or message.get("end", "")
 
     def _take_sample(self, sample: Message, now_s: float) -> None:
         self._came_s, self._ready = now_s, None
+        if self._samples and sample["t_ns"] < self._samples[-1]["t_ns"]:
+            self._forget()
         self._first_ns = sample["t_ns"] if self._first_ns is None else self._first_ns
         self._samples.append(sample)
         oldest_ns = sample["t_ns"] - 1e9 * KEPT_S
@@ -84,6 +86,12 @@ class LiveStream:
         self._fresh.append(row)
         while self._rows[0][0] < row[0] - SHOWN_S:
             self._rows.popleft()
+
+    def _forget(self) -> None:
+        """Begin anew, where the stream's clock went back (edge_runtime/live.py: restarts)."""
+        for kept in (self._samples, self._rows, self._fresh, self._marks):
+            kept.clear()
+        self._first_ns, self._news["restarts"] = None, True
 
     def publish(self, now_s: float) -> None:
         """Make a frame of everything new, and wake the browsers' threads."""
@@ -155,7 +163,7 @@ class LiveStream:
         answer, grip = sample.get("answer", {}), sample.get("grip", {})
         load, squeeze = sums(sample["x"], sample["v"])
         p_risky = None if answer.get("state") == "unknown" else answer.get("p_risky")
-        figures = (p_risky, load, squeeze, grip.get("target_n"), grip.get("margin"))
+        figures = (p_risky, load, squeeze, grip.get("target_n"))
         at_s, state = self._since_start(sample["t_ns"]), answer.get("state")
         return [at_s, state, *map(_shown, figures), int(answer.get("act", False))]
 

@@ -77,6 +77,19 @@ def test_a_loop_that_sends_nothing_is_silent_and_one_that_has_ended_says_so():
             next_event(answer)
 
 
+def test_a_clock_that_goes_back_begins_the_picture_anew():
+    with served() as page, page.begin("/events") as answer:
+        next_event(answer)
+        page.frame(*map(sample, range(500, 600)))
+        next_event(answer)
+        page.frame(sample(0), sample(1))
+        _, frame = next_event(answer)
+        samples, _ = page.stream.last()
+    assert frame["restarts"]
+    assert [row[0] for row in frame["rows"]] == [0.0, 0.0067]
+    assert [one["n"] for one in samples] == [0, 1]
+
+
 def test_a_browser_that_was_stalled_begins_anew_with_the_whole_picture():
     stream = LiveStream(ABOUT)
     frames = stream.frames()

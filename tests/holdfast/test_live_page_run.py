@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from live_bench import DEFAULT, ROOT, RUN, Steady
-from page_bench import next_event
+from page_bench import ABOUT, next_event
 from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, wait_for
 
 from drivers.virtual.clock import VirtualClock
@@ -23,7 +24,9 @@ from edge_runtime.live import SourceReading, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.tare import Tare
 from holdfast.live_page.link import PageLink, live_page
+from holdfast.live_page.process import follow
 from holdfast.live_page.run_page import MARK, RunPage
+from holdfast.live_page.stream import LiveStream
 from holdfast.recorder.keys import Keys
 
 VALID = np.ones(6, dtype=np.bool_)
@@ -133,6 +136,18 @@ def test_a_mark_of_the_page_is_the_sample_at_which_the_loop_saw_it(model, ends):
     assert len(said) == 1
 
 
+def test_a_page_reads_to_the_end_what_a_run_sent_that_left_an_action_unread(ends):
+    ours, theirs = ends
+    link, stream = PageLink(ours, print), LiveStream(ABOUT)
+    assert link.send({"said": "begun"})
+    theirs.send(MARK)
+    link.close("the run has ended")
+    follow(theirs, stream)
+    first = next(stream.frames())
+    assert b"begun" in first
+    assert stream.ended == "the run has ended"
+
+
 # -- a process of its own
 
 
@@ -190,7 +205,7 @@ def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
     assert frame["marks"][0]["number"] == 1
     assert last["ended"] == "the run has ended"
     assert run.returncode == 0, err
-    assert "mark 1: sample " in err
+    assert re.search(r"^mark 1 at \d+\.\d{3} s, sample \d+$", err, re.MULTILINE)
 
 
 def test_a_run_that_is_killed_ends_its_page():

@@ -1,0 +1,184 @@
+"""Whether the live page delays the loop: `holdfast run --web` beside browsers that stall and read.
+
+`python -m benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after another,
+in turns. A stalled browser asks for the events and never reads; its buffers are small, so the
+server's are soon full. Where the server disconnects it, it comes back at once. Overruns are gaps in
+the sequence of the answers. The figures are times on this machine, the samples are simulated.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Event, Thread
+from typing import IO
+
+import numpy as np
+
+from edge_runtime.reading import Json
+from edge_runtime.writing import write_whole
+from evaluation.provenance import host
+
+ROOT = Path(__file__).resolve().parent.parent
+MODEL = ROOT / "models" / "holdfast-150hz.onnx"
+SECONDS, TURNS = 20.0, 3
+SMALL_BUFFER = 2048
+REQUEST = b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"
+POLL_MS = 50
+ADDRESS = re.compile(r"live page: http://127\.0\.0\.1:(\d+)/")
+EMIT = re.compile(r"^emit +p50 +([\d.]+) us +p99 +[\d.]+ us +p99\.9 +([\d.]+) us", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Case:
+    """How a run is watched: without a page, or by browsers that stall and that read."""
+
+    name: str
+    page: bool = True
+    stalled: int = 0
+    reading: int = 0
+
+
+CASES = (
+    Case("no page", page=False),
+    Case("page, no browser"),
+    Case("20 stalled browsers", stalled=20),
+    Case("20 stalled, 3 reading", stalled=20, reading=3),
+)
+
+
+@dataclass(frozen=True)
+class PageLoad:
+    """One run. latency: from acquisition to decision. emit: passing an answer on, the page with it.
+
+    disconnects: of stalled browsers. frames_per_s: that a reading browser got.
+    """
+
+    case: str
+    samples: int
+    overruns: int
+    latency_p50_us: float
+    latency_p999_us: float
+    emit_p50_us: float
+    emit_p999_us: float
+    disconnects: int
+    frames_per_s: float | None
+
+
+class Browsers:
+    """Browsers of a page on a port, in threads, until `stop`."""
+
+    def __init__(self, port: int, case: Case) -> None:
+        self.disconnects = self.frames = 0
+        self._port, self._done = port, Event()
+        self._threads = [Thread(target=self._stall, args=(case.stalled,))]
+        self._threads += [Thread(target=self._read) for _ in range(case.reading)]
+        for one in self._threads:
+            one.start()
+
+    def stop(self) -> None:
+        """Close them all."""
+        self._done.set()
+        for one in self._threads:
+            one.join()
+
+    def _stall(self, count: int) -> None:
+        waiting = select.poll()
+        open_ones = {}
+        for _ in range(count):
+            browser = self._asked()
+            open_ones[browser.fileno()] = browser
+            waiting.register(browser, select.POLLRDHUP)
+        while not self._done.is_set():
+            for handle, _ in waiting.poll(POLL_MS):
+                waiting.unregister(handle)
+                open_ones.pop(handle).close()
+                self.disconnects += 1
+                try:
+                    browser = self._asked()
+                except OSError:  # the run has ended
+                    continue
+                open_ones[browser.fileno()] = browser
+                waiting.register(browser, select.POLLRDHUP)
+        for browser in open_ones.values():
+            browser.close()
+
+    def _asked(self) -> socket.socket:
+        browser = socket.socket()
+        browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BUFFER)
+        browser.connect(("127.0.0.1", self._port))
+        browser.sendall(REQUEST)
+        return browser
+
+    def _read(self) -> None:
+        with socket.create_connection(("127.0.0.1", self._port)) as browser:
+            browser.sendall(REQUEST)
+            while not self._done.is_set() and (data := browser.recv(1 << 16)):
+                self.frames += data.count(b"event: frame")
+
+
+def watched_run(case: Case, seconds: float) -> PageLoad:
+    """A run of so many seconds on the virtual hand, watched as the case says."""
+    with tempfile.TemporaryDirectory() as folder:
+        answers = Path(folder) / "answers.jsonl"
+        words = ["run", str(MODEL), "--source", "virtual://ft232h", "--quiet"]
+        words += ["--seconds", f"{seconds:g}", "--out", str(answers)]
+        words += ["--web", "0"] if case.page else []
+        command = [sys.executable, "-m", "holdfast", *words]
+        with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:
+            assert run.stderr is not None
+            browsers = Browsers(_port(run.stderr), case) if case.page else None
+            said = run.stderr.read()
+            run.wait()
+            if browsers is not None:
+                browsers.stop()
+        rows = [json.loads(line) for line in answers.read_text("utf-8").splitlines()]
+    return _figures(case, seconds, rows, said, browsers)
+
+
+def _port(messages: IO[str]) -> int:
+    return next(int(found[1]) for line in messages if (found := ADDRESS.match(line)))
+
+
+def _figures(
+    case: Case, seconds: float, rows: Sequence[Json], said: str, browsers: Browsers | None
+) -> PageLoad:
+    latency_us = [row["latency_us"] for row in rows]
+    emit = EMIT.search(said)
+    assert emit is not None, said
+    return PageLoad(
+        case=case.name,
+        samples=len(rows),
+        overruns=rows[-1]["sequence"] - rows[0]["sequence"] + 1 - len(rows),
+        latency_p50_us=float(np.percentile(latency_us, 50.0)),
+        latency_p999_us=float(np.percentile(latency_us, 99.9)),
+        emit_p50_us=float(emit[1]),
+        emit_p999_us=float(emit[2]),
+        disconnects=browsers.disconnects if browsers else 0,
+        frames_per_s=browsers.frames / case.reading / seconds
+        if browsers and case.reading
+        else None,
+    )
+
+
+def measure(seconds: float = SECONDS, turns: int = TURNS) -> Json:
+    """All cases in turns; rows in the order of the runs."""
+    rows = [watched_run(case, seconds) for _ in range(turns) for case in CASES]
+    return {
+        "kind": "time on this machine, samples simulated",
+        "seconds": seconds,
+        "host": asdict(host()),
+        "rows": [asdict(row) for row in rows],
+    }
+
+
+if __name__ == "__main__":
+    write_whole(Path(sys.argv[1]), json.dumps(measure(), indent=2) + "\n")

@@ -1,0 +1,46 @@
+"""The table of docs/live-page.md, from what benchmarks/live_page.py measured: `make docs`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from edge_runtime.reading import Json
+from evaluation.doc_tables import Tables, refresh, table
+
+HEADS = {
+    "case": "watched by",
+    "samples": "samples",
+    "overruns": "overruns",
+    "latency_p50_us": "latency, us",
+    "latency_p999_us": "99.9 %, us",
+    "emit_p50_us": "passing on, us",
+    "disconnects": "disconnects",
+    "frames_per_s": "pictures a second",
+}
+SUMS = ("samples", "overruns", "disconnects")
+
+
+def tables(figures: Json) -> Tables:
+    """Every table by its marker: a row a case, its turns together."""
+    cases = dict.fromkeys(row["case"] for row in figures["rows"])
+    return {"delays": table([_together(figures["rows"], case) for case in cases], HEADS)}
+
+
+def _together(rows: list[Json], case: str) -> Json:
+    """Sums of counts and medians of times over the turns of a case."""
+    turns = [row for row in rows if row["case"] == case]
+    sums = {name: sum(row[name] for row in turns) for name in SUMS}
+    rest = [name for name in HEADS if name not in (*SUMS, "case")]
+    return {"case": case, **sums} | {name: _median(turns, name) for name in rest}
+
+
+def _median(turns: list[Json], name: str) -> str | float:
+    values = [row[name] for row in turns]
+    return "-" if None in values else float(np.median(values))
+
+
+if __name__ == "__main__":
+    refresh(sys.argv[2], {Path(sys.argv[1]): tables})
