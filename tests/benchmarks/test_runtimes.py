@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from c_form import require_compiler
-from chromium import page, served
+from headless_browser import browser, needs_chromium, served
 from page_tables import require_tables_fit, tables_of
 from small_model import for_the_hand, graph_of
 
@@ -96,20 +96,22 @@ def test_an_example_answers_as_onnxruntime_from_python_without_telemetry(
     assert list((tmp_path / "home").rglob("*onnxruntime*")) == []
 
 
+@needs_chromium
 def test_the_onnx_file_answers_in_a_worker_of_a_browser_as_in_python(tmp_path: Path) -> None:
     if not WEB.is_installed():
         pytest.skip(f"{WEB.name}: not installed, see docs/any-runtime.md")
     stream = short_stream(Model(RELEASED))
     samples = tmp_path / "samples.txt"
     samples.write_text(text_of(stream))
-    with served(IN_WEB) as address, page() as shown:
-        shown.open(address)
+    with served(IN_WEB) as address, browser(tmp_path / "profile") as shown:
+        shown.open(address, 800, 600)
+        shown.wait_until(f"{AT}('samples') && document.readyState === 'complete'")
         shown.choose("#model", RELEASED)
-        shown.wait_for(f"{AT}('said').textContent.startsWith('The model was opened in ')")
+        shown.wait_until(f"{AT}('said').textContent.startsWith('The model was opened in ')")
         shown.choose("#samples", samples)
-        shown.wait_for(f"{AT}('phases').childElementCount")
+        shown.wait_until(f"{AT}('phases').childElementCount")
         lines = shown.value(f"[...{AT}('phases').children].map((one) => one.textContent)")
-        assert shown.complaints == []
+        assert shown.problems == []
     names = ["unknown", "nothing", "grasp", "safe slip", "risky slip"]
     labels: list[int] = []
     for first, last, name in re.findall(r"(\d+) to (\d+): (.*)", "\n".join(lines)):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from c_form import STRICT, require_compiler
-from chromium import Page, page
+from headless_browser import Tab, browser, needs_chromium
 from small_model import for_the_hand, graph_of
 
 from benchmarks.runtimes.c_programs import WASM, compiled
@@ -163,28 +163,30 @@ def made_page(model: Path, wasm: Path) -> Path:
 ANSWERS = "shown.answers.map((one) => [one.t, one.load, one.grip, one.risky])"
 
 
-def answers_of(page: Page) -> Rows:
+def answers_of(page: Tab) -> Rows:
     """[T, 4]: time, load, grip and p(risky) that the page shows; zeros until the bias is known."""
     return np.array(page.value(ANSWERS), dtype=np.float64)
 
 
-def test_the_page_opens_without_a_server_a_request_or_an_error(made_page: Path):
+@needs_chromium
+def test_the_page_opens_without_a_server_a_request_or_an_error(made_page: Path, tmp_path: Path):
     assert "http" not in re.sub(
         r'http-equiv|"WASM_BASE64"', "", made_page.read_text("utf-8")[:4000]
     )
-    with page() as shown:
-        shown.open(made_page.as_uri())
-        summary = shown.wait_for("shown.answers.length && at('summary').textContent")
+    with browser(tmp_path) as shown:
+        shown.open(made_page.as_uri(), 1000, 900)
+        summary = shown.wait_until("shown.answers.length && at('summary').textContent")
         assert re.match(r"\d{4} samples, the hand is (not )?asked to act", summary)
         assert shown.value("at('problem').textContent") == ""
         assert shown.value("performance.getEntriesByType('resource').length") == 0
-        assert shown.complaints == []
+        assert shown.problems == []
 
 
-def test_dragging_up_answers_what_a_harder_pull_would_do(made_page: Path):
-    with page() as shown:
-        shown.open(made_page.as_uri())
-        shown.wait_for("shown.answers.length")
+@needs_chromium
+def test_dragging_up_answers_what_a_harder_pull_would_do(made_page: Path, tmp_path: Path):
+    with browser(tmp_path) as shown:
+        shown.open(made_page.as_uri(), 1000, 900)
+        shown.wait_until("shown.answers.length")
         before = answers_of(shown)
         left, top, width = shown.value(
             "(({ left, top, width }) => [left, top, width])(at('plot').getBoundingClientRect())"
@@ -202,4 +204,4 @@ def test_dragging_up_answers_what_a_harder_pull_would_do(made_page: Path):
         assert (after[dragged, 3] != before[dragged, 3]).any()
         shown.value("at('undo').click()")
         assert np.array_equal(answers_of(shown), before, equal_nan=True)
-        assert shown.complaints == []
+        assert shown.problems == []

@@ -10,7 +10,10 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pytest
@@ -18,13 +21,13 @@ import pytest
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--remote-debugging-pipe")
-
+TROUBLES = ("error", "warning")
 LONGEST_S = 120.0
 """A browser that says nothing for so long is stuck."""
 
 
 class Tab:
-    """One page. problems: what its console reported as an error."""
+    """One page. problems: errors and warnings of its console."""
 
     def __init__(self, to_browser: int, from_browser: int) -> None:
         self._out, self._in = os.fdopen(to_browser, "wb"), os.fdopen(from_browser, "rb")
@@ -80,6 +83,18 @@ class Tab:
                 look(); }})"""
         )
 
+    def choose(self, selector: str, *files: Path) -> None:
+        """Files for an input."""
+        root = self.call("DOM.getDocument")["root"]["nodeId"]
+        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+        self.call("DOM.setFileInputFiles", nodeId=node, files=[str(one) for one in files])
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Press the left button at one place of the window and release it at another."""
+        for kind, (x, y) in (("Pressed", start), ("Moved", end), ("Released", end)):
+            place = {"x": x, "y": y, "button": "left", "clickCount": 1}
+            self.call("Input.dispatchMouseEvent", type=f"mouse{kind}", **place)
+
     def screenshot(self, path: Path, *, whole: bool = True) -> None:
         """The page as a PNG file."""
         made = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
@@ -106,9 +121,9 @@ class Tab:
         params = answer.get("params", {})
         if answer.get("method") == "Runtime.exceptionThrown":
             self.problems.append(str(params["exceptionDetails"].get("exception", params)))
-        if answer.get("method") == "Log.entryAdded" and params["entry"]["level"] == "error":
+        if answer.get("method") == "Log.entryAdded" and params["entry"]["level"] in TROUBLES:
             self.problems.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
-        if answer.get("method") == "Runtime.consoleAPICalled" and params["type"] == "error":
+        if answer.get("method") == "Runtime.consoleAPICalled" and params["type"] in TROUBLES:
             self.problems.append(str(params["args"]))
 
 
@@ -134,3 +149,23 @@ def browser(profile: Path) -> Iterator[Tab]:
         except BaseException:
             process.kill()
             raise
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    """Files, without a log."""
+
+    def log_message(self, format: str, *args: Any) -> None:
+        pass
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """The address of a folder on this machine."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=folder)) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            server.shutdown()
+            thread.join()
