@@ -12,6 +12,7 @@ from importlib.metadata import version
 
 from edge_runtime.command import Parser, finish
 from edge_runtime.errors import UsageError
+from holdfast.settings import COMMANDS, SettingsParser, read_settings
 
 VERBS = {
     "simulate": ("holdfast.simulate", "simulate the trials of a scene card, with their truth"),
@@ -34,9 +35,10 @@ VERBS = {
     "selftest": ("holdfast.selftest", "check a model file on this machine, in seconds"),
     "doctor": ("holdfast.doctor", "list what is installed, what is missing, and how to get it"),
     "board": ("holdfast.board", "print udev rules or a systemd unit for the board"),
+    "completion": ("holdfast.completion", "print what makes bash, zsh or fish complete commands"),
 }
 
-HELP = """usage: holdfast VERB [options]    (holdfast VERB --help for one verb)
+HELP = """usage: holdfast VERB [options]    (holdfast help VERB for one verb)
 
 Know a grip is about to fail before it does.
 
@@ -53,7 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str]) -> int:
-    if not argv or argv[0] in ("-h", "--help"):
+    if len(argv) > 1 and argv[0] == "help":
+        argv = [argv[1], "--help"]
+    if not argv or argv[0] in ("-h", "--help", "help"):
         width = max(map(len, VERBS)) + 2
         verbs = "\n".join(f"  {name:<{width}}{about}" for name, (_, about) in VERBS.items())
         print(HELP.format(verbs=verbs), end="")
@@ -70,7 +74,15 @@ def _main(argv: Sequence[str]) -> int:
 def _run(verb: str, argv: Sequence[str]) -> int:
     module_name, about = VERBS[verb]
     module = import_module(module_name)
-    parser = Parser(prog=f"holdfast {verb}", description=about)
+    parser = _parser(verb, argv, about)
     module.add_arguments(parser)
     code: int = module.run(parser.parse_args(argv))
     return code
+
+
+def _parser(verb: str, argv: Sequence[str], about: str) -> Parser:
+    prog = f"holdfast {verb}"
+    if verb not in COMMANDS:
+        return Parser(prog=prog, description=about)
+    settings = read_settings(argv).of(verb)
+    return SettingsParser(settings=settings, prog=prog, description=about)

@@ -21,6 +21,8 @@ EXTRAS = {
     "train": ("scikit-learn", "skl2onnx", "onnx", "scipy", "pandas", "skops", "rich"),
     "viz": ("matplotlib",),
     "camera": ("depthai",),
+    "completion": ("shtab",),
+    "dask": ("distributed",),
 }
 RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
 Status = Literal["ok", "missing", "not built", "broken"]
@@ -60,6 +62,7 @@ def examine() -> list[Finding]:
         ("onnxruntime", _runtime),
         ("data sets", _data_sets),
         ("model", _default_model),
+        ("settings", _settings),
         ("libusb", _libusb),
         ("bridges", _bridges),
         ("i2c", _native_buses),
@@ -140,6 +143,23 @@ def _default_model() -> list[Finding]:
     except HoldfastError as error:
         return [Finding("model", "broken", str(error), error.next_step)]
     return [Finding("model", "ok", f"{path}, id {model_id}, golden sequences reproduced")]
+
+
+def _settings() -> list[Finding]:
+    """Each value of holdfast.toml here, and where it comes from."""
+    from edge_runtime.errors import HoldfastError
+    from holdfast.settings import DEFAULT, read_settings
+
+    try:
+        settings = read_settings([])
+    except HoldfastError as error:
+        return [Finding("settings", "broken", str(error), error.next_step)]
+    if settings.path is None:
+        return [Finding("settings", "ok", f"no {DEFAULT} here: options come from the command line")]
+    return [
+        Finding(f"setting {name}", "ok", f"{value} (from {settings.path}; --{name} wins)")
+        for name, value in settings.values.items()
+    ]
 
 
 def _libusb() -> list[Finding]:

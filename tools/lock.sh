@@ -13,7 +13,7 @@ compile() {
 compile tools/uv.in --output-file tools/uv.txt
 compile requirements/build.in --output-file requirements/build.lock
 # The hand's own lock comes out of the full one, so that what is tested is what is installed there.
-compile pyproject.toml --extra train --extra viz --extra camera --group dev --constraint requirements/build.lock \
+compile pyproject.toml --extra train --extra viz --extra camera --extra completion --extra dask --group dev --constraint requirements/build.lock \
     --output-file requirements/dev.lock
 compile pyproject.toml --constraint requirements/dev.lock --output-file requirements/live.lock
 compile pyproject.toml --extra train --extra viz --constraint requirements/dev.lock \

@@ -1,0 +1,93 @@
+"""Settings of a hand in a file: they stand in for what is not typed, and what is typed wins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command_line import Run, fails
+
+from holdfast.settings import read_settings
+
+HAND = 'source = "virtual://ft232h"\n'
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder that a command is given in; returns its file of settings, not there yet."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "holdfast.toml"
+
+
+def test_a_command_takes_its_source_from_the_settings_here(run: Run, here: Path) -> None:
+    here.write_text(HAND)
+    code, _, err = run("bias", "--out", "bias.json")
+    assert code == 0, err
+    assert Path("bias.json").is_file()
+
+
+def test_settings_elsewhere_are_named(run: Run, here: Path) -> None:
+    other = here.parent / "left.toml"
+    other.write_text(HAND)
+    assert run("bias", "--out", "bias.json")[0] == 2
+    for words in (("--config", other), (f"--config={other}",)):
+        assert run("bias", "--out", f"{len(words)}.json", *words)[0] == 0
+
+
+def test_what_is_typed_wins(run: Run, here: Path) -> None:
+    here.write_text(HAND)
+    assert "warp://9" in run("bias", "--out", "b.json", "--source", "warp://9")[2]
+
+
+def test_files_are_looked_for_beside_the_settings(run: Run, here: Path) -> None:
+    other = here.parent / "hands" / "left.toml"
+    other.parent.mkdir()
+    other.write_text(f'{HAND}model = "mine.onnx"\n')
+    _, _, err = run("run", "--config", other)
+    assert str(other.parent / "mine.onnx") in err
+
+
+def test_sinks_are_of_a_run_alone(here: Path) -> None:
+    here.write_text(f'{HAND}[sinks]\nudp = "127.0.0.1:9000"\nout = "today.jsonl"\n')
+    settings = read_settings([])
+    assert settings.of("run") == {
+        "source": "virtual://ft232h",
+        "udp": "127.0.0.1:9000",
+        "out": "today.jsonl",
+    }
+    assert settings.of("record") == {"source": "virtual://ft232h"}
+    assert settings.of("train") == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('sauce = "virtual://ft232h"', "sauce"),
+        ("source = 3", "source = 3 is no text"),
+        ('source = ""', "is no text"),
+        ('[sinks]\nudq = "x"', "udq"),
+        ("source = ", "not valid TOML"),
+        ('sinks = "x"', "sinks"),
+    ],
+)
+def test_a_wrong_setting_is_named_with_its_file(run: Run, here: Path, text: str, says: str) -> None:
+    here.write_text(text)
+    fails(run, 3, "CardError", "bias", "--out", "b.json", says=says)
+    assert "holdfast.toml" in run("bias")[2]
+
+
+def test_settings_that_are_not_there_are_an_error_only_if_they_are_named(
+    run: Run, here: Path
+) -> None:
+    fails(run, 3, "DataNotFound", "bias", "--config", "left.toml", says="left.toml")
+    fails(run, 2, "UsageError", "bias", "--out", "b.json", says="--source")
+
+
+def test_the_doctor_says_where_each_value_comes_from(run: Run, here: Path) -> None:
+    assert "no holdfast.toml here" in run("doctor")[1]
+    here.write_text(f'{HAND}bias = "hand.json"\n')
+    out = run("doctor")[1]
+    assert "virtual://ft232h (from holdfast.toml; --source wins)" in out
+    assert "hand.json (from holdfast.toml; --bias wins)" in out
+    here.write_text("source = 3")
+    assert "is no text" in run("doctor")[1]
