@@ -13,8 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edge_runtime.command import path_argument, positive, show
-from edge_runtime.errors import TagError, UsageError
-from holdfast.camera_options import add_camera_options, stored
+from edge_runtime.errors import TagError
+from holdfast.camera_options import (
+    add_camera_options,
+    require_camera_options,
+    shooting,
+    stored,
+)
 
 if TYPE_CHECKING:
     from drivers.camera.sources import FrameSource
@@ -61,16 +66,10 @@ def _source(args: argparse.Namespace) -> FrameSource:
     from drivers.camera.sources import OAK, Lens, Oak
     from holdfast.messages import say
 
-    if args.camera != OAK:
-        source = stored(Path(args.camera), say)
-        if args.apart_mm is not None:
-            source.lens = replace(source.lens, apart_mm=args.apart_mm)
-        return source
-    if args.tag_mm is None:
-        raise UsageError(
-            "--tag-mm is missing",
-            cause="millimetres are derived from the printed side",
-            next_step="measure a tag's black square with a calliper and give --tag-mm 9.96",
-        )
-    lens = Lens(args.fps, args.exposure_ms, args.tag_mm, "monotonic", args.apart_mm)
-    return Oak(lens, args.seconds)
+    require_camera_options(args, "seconds")
+    if args.camera == OAK:
+        return Oak(Lens(**shooting(args), clock="monotonic", apart_mm=args.apart_mm), args.seconds)
+    source = stored(Path(args.camera), say)
+    if args.apart_mm is not None:
+        source.lens = replace(source.lens, apart_mm=args.apart_mm)
+    return source

@@ -183,7 +183,9 @@ def read_about(folder: Path) -> Json:
 
 
 def read_recorded(folder: Path, dai: Any) -> Stored:
-    """A recorded folder as a source. Raises what read_about, read_tracks and read_video raise.
+    """A recorded folder as a source; a void trial stays void.
+
+    Raises what read_about, read_tracks and read_video raise.
 
     The video is read twice, first for its stamps alone: ten minutes of pictures are nine gigabytes.
     """
@@ -193,7 +195,8 @@ def read_recorded(folder: Path, dai: Any) -> Stored:
     require_same_stamps(frames, tracks, lens, folder)
     require_whole(len(frames), about.get("in_video"), folder / VIDEO)
     require_whole(len(tracks.t_s), about.get("frames"), folder / TAGS)
-    return Stored(f"{folder.name}/{VIDEO}", lens, read_video(folder, dai))
+    void = None if about.get("void") is None else str(about["void"])
+    return Stored(f"{folder.name}/{VIDEO}", lens, read_video(folder, dai), void)
 
 
 def require_same_stamps(frames: list[Frame], tracks: Tracks, lens: Lens, folder: Path) -> None:

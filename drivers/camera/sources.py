@@ -74,11 +74,15 @@ class Lens:
 
 
 class FrameSource(Protocol):
-    """A source of frames. last_lost: frames at the end that a stop may cost the video."""
+    """A source of frames. last_lost: frames at the end that a stop may cost the video.
+
+    void: why the trial that the frames are of is void, or None.
+    """
 
     name: str
     lens: Lens
     last_lost: int
+    void: str | None
 
     def open(self, dai: Any) -> Any:
         """A pipeline without nodes. Raises CameraUnavailable."""
@@ -98,8 +102,10 @@ class Stored:
 
     last_lost = 0
 
-    def __init__(self, name: str, lens: Lens, frames: Iterable[Frame]) -> None:
-        self.name, self.lens, self.frames = name, lens, frames
+    def __init__(
+        self, name: str, lens: Lens, frames: Iterable[Frame], void: str | None = None
+    ) -> None:
+        self.name, self.lens, self.frames, self.void = name, lens, frames, void
 
     def open(self, dai: Any) -> Any:
         """A pipeline that has no device and looks for none."""
@@ -134,6 +140,7 @@ class Oak:
     """
 
     name, last_lost = OAK, LOSSLESS_LAST
+    void: str | None = None
 
     def __init__(self, lens: Lens, seconds: float | None = None) -> None:
         self.lens, self.seconds = lens, seconds

@@ -9,10 +9,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from drivers.camera.sources import OAK
 from edge_runtime.errors import LabelError, UsageError
 from edge_runtime.live import Source
 from edge_runtime.reading import Json
 from edge_runtime.visible import visible
+from holdfast.camera_options import require_camera_options, shooting
 from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
 from holdfast.live_options import force_of
 from holdfast.live_sources import is_hand, open_live
@@ -122,15 +124,12 @@ def require_keys(args: argparse.Namespace, plan: Plan, keys: Keys) -> None:
 
 def require_camera(args: argparse.Namespace) -> None:
     """Raise UsageError for an impossible camera, before anything else happens."""
-    if args.camera == "oak" and args.tag_mm is None:
-        raise UsageError(
-            "--tag-mm is missing", next_step="measure a tag's black square and give --tag-mm 9.96"
-        )
+    require_camera_options(args)
     if args.camera == "scene":
         from holdfast.recorder.filming import require_camera_in
 
         require_camera_in(args.source)
-    elif args.camera not in (None, "oak") and not Path(args.camera).exists():
+    elif args.camera not in (None, OAK) and not Path(args.camera).exists():
         raise UsageError(
             f"--camera {args.camera!r}: no such file", next_step="oak, scene, or a .frames.npz"
         )
@@ -142,9 +141,7 @@ def camera_of(
     """The camera of a run, if any; after_ns: its clock minus the source's."""
     if args.camera is None:
         return None
-    options = {
-        name: getattr(args, name) for name in ("camera", "source", "tag_mm", "fps", "exposure_ms")
-    }
+    options = {"camera": args.camera, "source": args.source, **shooting(args)}
     began_ns = getattr(source, "began_ns", None)
     return camera({**options, "began_ns": None if began_ns is None else began_ns + after_ns})
 

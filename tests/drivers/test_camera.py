@@ -6,6 +6,8 @@ depthai runs outside the process of the tests: what crashes it fails one test, n
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 from drawn_frames import (
@@ -20,7 +22,7 @@ from drawn_frames import (
 )
 from scipy.interpolate import CubicSpline
 
-from drivers.camera.recording import read_about, read_tracks
+from drivers.camera.recording import read_about, read_tracks, write_about
 from simulation.camera.frames import HAND_TAG, OBJECT_TAG
 
 # -- tracks and video
@@ -134,6 +136,18 @@ def test_a_recorded_folder_through_the_graph_gives_the_same_tracks_to_the_last_d
     done = command("watch", "--camera", recorded, "--out", tmp_path / "again")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "again/tags.csv").read_bytes() == (recorded / "tags.csv").read_bytes()
+
+
+def test_a_void_trial_watched_again_stays_void_and_gets_no_label(recorded, tmp_path):
+    void, again = shutil.copytree(recorded, tmp_path / "void"), tmp_path / "again"
+    write_about(void, read_about(void) | {"void": "oak: frames stopped coming"})
+    done = command("watch", "--camera", void, "--out", again)
+    assert (done.returncode, "warning: " in done.stderr) == (0, True)
+    assert "is void and gets no label; likely cause: oak: frames stopped coming" in done.stderr
+    assert read_about(again)["void"] == "oak: frames stopped coming"
+    assert read_about(again)["frames"] == N_FRAMES
+    done = command("onset", again, "--action", "pull")
+    assert (done.returncode, "LabelError" in done.stderr) == (3, True)
 
 
 def test_a_recording_is_described_in_a_file_beside_it(recorded):

@@ -172,6 +172,15 @@ def test_an_oak_needs_the_printed_side(tmp_path, capsys):
     assert "--tag-mm" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--tag-mm", "--fps", "--exposure-ms", "--seconds"])
+def test_an_option_that_stored_frames_would_ignore_is_refused(option, tmp_path, capsys):
+    words = ["watch", "--camera", str(tmp_path / "some.frames.npz"), "--out", str(tmp_path / "out")]
+    assert main([*words, option, "10"]) == 2
+    err = capsys.readouterr().err
+    assert f"{option} would be ignored; likely cause: only --camera oak uses it" in err
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_camera_s_clock_is_the_machine_s_and_its_calls_are_in_the_library():
     output = program("""
 import time

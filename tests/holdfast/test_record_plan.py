@@ -236,6 +236,10 @@ def test_a_card_that_cannot_be_is_refused_by_its_key(tmp_path, text, says):
             "cannot film",
         ),
         (
+            ("--object", "cup", "--action", "pull", "--trials", "1", "--fps", "30"),
+            "--fps would be ignored",
+        ),
+        (
             ("--object", "cup", "--action", "pull", "--trials", "1", "--camera", "gone.npz"),
             "no such file",
         ),
