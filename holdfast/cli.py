@@ -27,6 +27,7 @@ VERBS = {
     "calibrate": ("holdfast.calibrate", "fit the map from field to force, from known loads"),
     "bias": ("holdfast.bias", "measure the bias of the open, untouched hand"),
     "record": ("holdfast.record", "record trials by keys and a protocol card"),
+    "study": ("holdfast.study", "run a study with a person: steps, trials, questionnaires, report"),
     "repair": ("holdfast.repair", "repair trials after a kill or a power cut"),
     "watch": ("holdfast.watch", "record a camera: lossless video and tracks of two printed tags"),
     "onset": ("holdfast.onset", "find the onset of slip in a camera recording; writes a label"),

@@ -8,6 +8,10 @@ from contextlib import contextmanager
 from edge_runtime.clock import MonotonicClock
 from edge_runtime.priority import real_time
 
+NO_PRIORITY = (
+    "no real-time priority: other programs can delay a sample; holdfast doctor says how to allow it"
+)
+
 
 class RunClock(MonotonicClock):
     """Real time; a virtual hand's transfers wait on it."""
@@ -52,8 +56,5 @@ def first_in_line(say: Callable[[str], None]) -> Iterator[bool]:
     """Real-time priority, or one message that there is none."""
     with real_time() as allowed:
         if not allowed:
-            say(
-                "no real-time priority: other programs can delay a sample; "
-                "holdfast doctor says how to allow it"
-            )
+            say(NO_PRIORITY)
         yield allowed

@@ -51,8 +51,12 @@ class Keys:
 
     def pressed(self, wait_s: float = 0.0) -> str:
         """The next known key by its name in KEYS, or ""; waits no longer than wait_s."""
+        return KEYS.get(self.byte(wait_s).decode("ascii", "replace").lower(), "")
+
+    def byte(self, wait_s: float = 0.0) -> bytes:
+        """The next byte that was typed, or b""; waits no longer than wait_s."""
         byte, self._next = self._next or self._read(wait_s), b""
-        return KEYS.get(byte.decode("ascii", "replace").lower(), "")
+        return byte
 
     def _read(self, wait_s: float) -> bytes:
         """The next byte; empty if none came in that time, or at the end of the input."""

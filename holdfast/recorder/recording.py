@@ -63,15 +63,38 @@ def record(
     plan = planned(args, person)
     require_camera(args)
     require_keys(args, plan, keys)
+    _report_before(args.out, person, plan, say)
+    films = {"host_ns": host_ns, "camera": camera}
+    kept = record_plan(args, plan, clock, keys, say, stopped, show, announce=announce, **films)
+    _report_after(args.out, person, kept)
+    return 0
+
+
+def record_plan(
+    args: argparse.Namespace,
+    plan: Plan,
+    clock: Any,
+    keys: Keys,
+    say: Callable[[str], None],
+    stopped: Any,
+    show: Show = show_nothing,
+    *,
+    announce: Announce = announce_nothing,
+    host_ns: HostClock = time.monotonic_ns,
+    camera: CameraOf = Beside,
+) -> int:
+    """Open the source and record the trials of a plan; returns how many were kept.
+
+    args: the checked options of the verb. Raises a HoldfastError.
+    """
     say(f"opening {args.source}")
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
-    folder = opened(args.out, source.unit, _kind(args.source))
+    folder = opened(args.out, source.unit, kind_of(args.source))
     with closing(source), folder, first_in_line(say) as real_time:
-        _report_before(args.out, person, plan, say)
         measured = _checked_bias(source, clock, say, anyway=args.anyway)
         rate_hz = source.rate_hz or args.rate
         session = Session(
-            _options(args, person, plan, rate_hz),
+            _options(args, plan, rate_hz),
             source,
             clock,
             keys,
@@ -84,8 +107,7 @@ def record(
             show=show,
             announce=announce,
         )
-        _report_after(args.out, person, session.run(plan.tasks, stopped))
-    return 0
+        return session.run(plan.tasks, stopped)
 
 
 def _checked_bias(
@@ -98,15 +120,16 @@ def _checked_bias(
     return measured
 
 
-def _kind(url: str) -> str:
+def kind_of(url: str) -> str:
+    """What trials from a source are: recorded, simulated or replayed."""
     scheme, mark, _ = url.partition("://")
     return KINDS.get(scheme if mark else "", "replayed")
 
 
-def _options(args: argparse.Namespace, person: str, plan: Plan, rate_hz: float) -> SessionOptions:
+def _options(args: argparse.Namespace, plan: Plan, rate_hz: float) -> SessionOptions:
     masses = plan.protocol.mass_g if plan.protocol else {}
-    endless = is_hand(args.source)
-    return SessionOptions(args.out, person, rate_hz, args.seconds, args.at_once, masses, endless)
+    chosen = (args.out, args.person, rate_hz, args.seconds, args.at_once, masses)
+    return SessionOptions(*chosen, endless=is_hand(args.source))
 
 
 def require_keys(args: argparse.Namespace, plan: Plan, keys: Keys) -> None:

@@ -113,7 +113,7 @@ class Session:
         """
         still = list(tasks)
         while still and not stopped():
-            self.say(f"next: {in_words_of(still[0])} ({len(still)} left); {HELP_READY}")
+            self.say(f"next: {in_words_of(still[0])} ({len(still)} left){self._help_ready}")
             self.announce(in_words_of(still[0]), len(still))
             begins = "begin" if self.options.at_once else self._ready(stopped)
             if begins == "stop":
@@ -131,6 +131,11 @@ class Session:
             if outcome in ("stop", "signal"):
                 break
         return self.kept
+
+    @property
+    def _help_ready(self) -> str:
+        """The keys between trials, where one is needed."""
+        return "" if self.options.at_once else f"; {HELP_READY}"
 
     def _ready(self, stopped: Callable[[], bool]) -> str:
         """The next key of begin, redo or stop."""

@@ -50,8 +50,12 @@ class StatusLine:
         if now_ns < self._due_ns or not trial.started:
             return
         self._due_ns = now_ns + REDRAW_NS
+        self.draw(status_text(trial, measured, self._of))
+
+    def draw(self, line: str) -> None:
+        """Draw a line in place of the last one that was drawn; nothing without a terminal."""
         columns = self._columns()
-        if columns and self._write(status_text(trial, measured, self._of)[: columns - 1]):
+        if columns and self._write(line[: columns - 1]):
             self._drawn = True
 
     def _write(self, line: str) -> bool:
