@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         show("\n".join(listed(card)))
         return 0
-    return run_study(checked(args, card), card, sys.stdin.fileno())
+    return run_study(checked(args, card), card, sys.stdin)
 
 
 def listed(card: StudyCard) -> list[str]:

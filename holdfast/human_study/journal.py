@@ -135,10 +135,17 @@ def opened_journal(
     Raises OutputError (another terminal has it), LabelError (a line that cannot be read).
     """
     home.mkdir(parents=True, exist_ok=True)
-    path = home / JOURNAL
-    with path.open("ab") as held:
+    with held(home / JOURNAL) as path:
+        mend_lines(path, _is_entry)
+        yield Journal(path, now_ns, utc)
+
+
+@contextmanager
+def held(path: Path) -> Iterator[Path]:
+    """No other program has the journal meanwhile. Raises OutputError."""
+    with path.open("ab") as file:
         try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise OutputError(
                 "another program runs this person's study",
@@ -146,8 +153,7 @@ def opened_journal(
                 cause="a second terminal",
                 next_step="go on there, or end that program first",
             ) from None
-        mend_lines(path, _is_entry)
-        yield Journal(path, now_ns, utc)
+        yield path
 
 
 def read_journal(path: Path) -> list[Json]:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_runtime.errors import DataError, ModelError
+from edge_runtime.errors import DataError, DataNotFound, ModelError
 from edge_runtime.reading import Json
 from edge_runtime.trial_layout import META
 from holdfast.human_study import journal as log
@@ -90,9 +90,19 @@ class StudyOutcome:
 
 
 def outcome_of(root: Path, person: str, card: StudyCard, model: Path) -> StudyOutcome:
-    """Read everything of one person. Raises LabelError for a journal that cannot be read."""
+    """Read everything of one person.
+
+    Raises DataNotFound without a journal, LabelError for one that cannot be read.
+    """
     home = root / person
     entries = read_journal(home / JOURNAL)
+    if not entries:
+        raise DataNotFound(
+            "no study of this person",
+            where=home / JOURNAL,
+            cause="recorded with holdfast record alone",
+            next_step="holdfast evaluate MODEL --data FOLDER --report OUT scores such recordings",
+        )
     progress = progress_of(entries, home / JOURNAL)
     figures, why = _figures(home, model)
     return StudyOutcome(

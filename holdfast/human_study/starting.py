@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from drivers.virtual.clock import VirtualClock
+from edge_runtime.command import show
 from edge_runtime.errors import CardError, DataNotFound, UsageError
 from edge_runtime.sinks import stream_sink
 from edge_runtime.writing import require_writable, write_whole
@@ -18,15 +19,16 @@ from holdfast.human_study import journal as log
 from holdfast.human_study.asking import write_answers
 from holdfast.human_study.card import StudyCard
 from holdfast.human_study.desk import HELP, AnyDesk, Desk, Rehearsal
-from holdfast.human_study.journal import JOURNAL, Journal, opened_journal, read_journal
+from holdfast.human_study.journal import JOURNAL, Journal, held, opened_journal, read_journal
 from holdfast.human_study.runner import FINISHED, WITHDRAWN, Runner
 from holdfast.human_study.trials import Trials
 from holdfast.human_study.withdrawal import require_not_withdrawn, withdraw
 from holdfast.live_sources import is_hand
+from holdfast.messages import say
 from holdfast.real_time import RunClock
 from holdfast.recorder.card import word
 from holdfast.recorder.folder import require_ours
-from holdfast.recorder.keys import listening
+from holdfast.recorder.keys import Keys, listening
 from holdfast.recorder.recording import kind_of, require_camera
 from holdfast.recorder.session import Show, show_nothing
 from holdfast.recorder.status import StatusLine, columns_of
@@ -43,6 +45,8 @@ def checked(args: argparse.Namespace, card: StudyCard) -> argparse.Namespace:
             raise UsageError(f"--{name} is missing", next_step="holdfast study --help shows all")
     word(args.person, "pseudonym")
     require_ours(args.out)
+    if args.rehearse and args.withdraw:
+        raise UsageError("--withdraw asks first", next_step="leave out --rehearse")
     if args.report or args.withdraw:
         if not (args.out / args.person).is_dir():
             raise DataNotFound(
@@ -86,29 +90,34 @@ def _require_same_card(journal: Path, card: StudyCard) -> None:
         )
 
 
-def run_study(args: argparse.Namespace, card: StudyCard, handle: int) -> int:
-    """The verb on the terminal of descriptor `handle`. Raises a HoldfastError."""
-    status = StatusLine(stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds)
-    shows = status.show if columns_of(sys.stderr) else show_nothing
+def run_study(args: argparse.Namespace, card: StudyCard, keyboard: TextIO) -> int:
+    """The verb, its keys from `keyboard`; returns the exit code. Raises a HoldfastError."""
     if args.report:
-        return write_report_of(args, card, status.say)
+        return write_report_of(args, card)
+    status = StatusLine(stream_sink(sys.stderr), lambda: columns_of(sys.stderr), args.seconds)
     clock = VirtualClock() if args.rehearse else RunClock()
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
-        keys = stack.enter_context(listening(handle))
-        if not args.rehearse and keys.ended():
-            raise UsageError(
-                "a study needs an operator, and no key can be pressed",
-                cause="standard input is at its end (</dev/null), or it is in the background",
-                next_step="run it in a terminal; --rehearse runs a virtual participant alone",
-            )
-        desk: AnyDesk = Desk(keys, status.say, status.draw, clock, stopped)
-        if args.rehearse:
-            desk = Rehearsal(status.say, clock, stopped)
+        desk: AnyDesk = Rehearsal(status.say, clock, stopped)
+        if not args.rehearse:
+            keys = stack.enter_context(listening(keyboard.fileno()))
+            _require_operator(keys)
+            desk = Desk(keys, status.say, status.draw, clock, stopped)
         if args.withdraw:
             return _withdrawn(args, desk)
+        shows = status.show if columns_of(sys.stderr) else show_nothing
         ended = run_parts(args, card, desk, clock, stopped, shows)
-    return write_report_of(args, card, status.say) if ended == FINISHED else 0
+    return write_report_of(args, card) if ended == FINISHED else 0
+
+
+def _require_operator(keys: Keys) -> None:
+    """Raise UsageError where no key can be pressed."""
+    if keys.ended():
+        raise UsageError(
+            "a study needs an operator, and no key can be pressed",
+            cause="standard input is at its end (</dev/null), or it is in the background",
+            next_step="run it in a terminal; --rehearse runs a virtual participant alone",
+        )
 
 
 def run_parts(
@@ -151,9 +160,8 @@ def _open(args: argparse.Namespace, card: StudyCard, desk: AnyDesk, journal: Jou
         desk.say(HELP)
 
 
-def write_report_of(args: argparse.Namespace, card: StudyCard, say: Callable[[str], None]) -> int:
+def write_report_of(args: argparse.Namespace, card: StudyCard) -> int:
     """Write the report of a person and print its figures. Raises LabelError, OutputError."""
-    from edge_runtime.command import show
     from holdfast.human_study.outcome import outcome_of
     from holdfast.human_study.report import in_words, write_report
 
@@ -169,7 +177,8 @@ def _withdrawn(args: argparse.Namespace, desk: AnyDesk) -> int:
     if typed != args.person:
         desk.say("nothing is deleted")
         return 1
-    withdraw(args.out, args.person, desk.say, utc_now)
+    with held(args.out / args.person / JOURNAL):
+        withdraw(args.out, args.person, desk.say, utc_now)
     return 0
 
 

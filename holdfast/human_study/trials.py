@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from edge_runtime.errors import UsageError
 from edge_runtime.trial_layout import META
 from holdfast.human_study.card import StudyCard
 from holdfast.human_study.desk import TrialKeys
@@ -27,6 +28,7 @@ from holdfast.recorder.folder import (
     task_folder,
     trials_of,
 )
+from holdfast.recorder.labels import read_meta
 from holdfast.recorder.mending import repaired
 from holdfast.recorder.plan import Plan
 from holdfast.recorder.recording import kind_of, record_plan
@@ -55,12 +57,20 @@ class Trials:
     def require_hand(self) -> None:
         """Open the source once, so that a hand that does not answer is seen before the person is.
 
-        It also makes the folder of recordings. Raises the errors of the source.
+        It also makes the folder of recordings. Raises the errors of the source, and UsageError for
+        a virtual participant who does not do what the card asks for.
         """
+        tasks = [part.task for part in self._card.parts if part.task]
+        urls = [url_for(self._args.source, task, 0) for task in tasks]
+        url = urls[0] if urls else self._args.source
+        there = read_meta(self._root).get("kind", kind_of(url))
+        if there != kind_of(url):
+            raise UsageError(
+                f"{self._root}: holds trials that are {there}, these would be {kind_of(url)}",
+                next_step="name another folder, so that rehearsals stay apart from people",
+            )
         if (self._root / META).exists():
             return
-        first = next((part.task for part in self._card.parts if part.task), None)
-        url = self._args.source if first is None else url_for(self._args.source, first, 0)
         source = open_live(
             url, clock=self._clock, say=self._say, to_force=force_of(self._args.calibration)
         )

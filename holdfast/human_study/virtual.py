@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from urllib.parse import parse_qs
 
 from edge_runtime.errors import UsageError
-from holdfast.recorder.card import Task
+from holdfast.recorder.card import NOTHING, Task
 from holdfast.sources import SIM, split_url
 
 
@@ -29,20 +30,22 @@ def url_for(url: str, task: Task, nth: int) -> str:
     scene = scene_in(url)
     if scene is None:
         return url
-    from simulation.card import read_card
-    from simulation.scene import Scene
-
-    name, seed = scene
-    trials = Scene(read_card(name), seed).trials()
-    fitting = [
-        k
-        for k, one in enumerate(trials)
-        if one.action == task.action and (task.action == "nothing" or one.thing.name == task.thing)
-    ]
+    fitting = [k for k, one in enumerate(_tasks(*scene)) if one == Task(task.thing, task.action)]
     if not fitting:
         raise UsageError(
-            f"the scene {name} has no trial of {task.thing}, {task.action}",
+            f"the scene {scene[0]} has no trial of {task.thing}, {task.action}",
             cause="a card with other objects or actions than the protocol's",
             next_step="take a scene with them, such as sim://p1 for the card thesis",
         )
     return f"{url}{'&' if '?' in url else '?'}trial={fitting[nth % len(fitting)]}"
+
+
+@lru_cache(maxsize=1)
+def _tasks(name: str, seed: int) -> list[Task]:
+    """What each trial of a scene is. Raises CardError."""
+    from simulation.card import read_card
+    from simulation.scene import Scene
+
+    trials = Scene(read_card(name), seed).trials()
+    things = [NOTHING if one.action == NOTHING else one.thing.name for one in trials]
+    return [Task(thing, one.action) for thing, one in zip(things, trials, strict=True)]

@@ -1,0 +1,468 @@
+"""A study with one person: its steps and keys, what is written, and how it goes on after an end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import fails
+from recorder_bench import ROOT, Killed, wait_for
+from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, card_of, said
+
+from edge_runtime.errors import CardError, DeviceError, LabelError, OutputError, UsageError
+from holdfast.human_study import journal as log
+from holdfast.human_study.desk import QUIT
+from holdfast.human_study.journal import Journal, progress_of
+from holdfast.human_study.runner import FINISHED, WITHDRAWN
+
+WHOLE_TALK = "   " + SUS_ANSWERS
+
+
+@pytest.fixture
+def talk(tmp_path: Path) -> Study:
+    return Study(tmp_path)
+
+
+@pytest.fixture
+def scene(tmp_path: Path, card: Path) -> Study:
+    """Two objects, each trial of the short scene that fits."""
+    return Study(tmp_path, TRIALS, f"sim://{card}")
+
+
+class Kill(BaseException):
+    """Ends the program where it is raised, as a power cut would."""
+
+
+# -- the steps
+
+
+def test_a_study_goes_from_step_to_step_and_ends(talk: Study) -> None:
+    assert talk.run(WHOLE_TALK) == FINISHED
+    assert talk.done() == [0, 1, 2, 3]
+    assert talk.entries()[0]["event"] == "opened"
+    assert talk.entries()[-1]["event"] == "finished"
+    assert (talk.home / "protocol.toml").read_text() == TALK
+    for text in ("before: Paper and pen", 'say: "Hello."', "next: Questions", "next: the end"):
+        assert said(talk.messages, text)
+    assert said(talk.messages, "step 1 of 2, Welcome: 2:00 planned; 4:00 left in all")
+
+
+def test_the_time_that_is_left_counts_down_and_what_was_lost_is_said(talk: Study) -> None:
+    talk.run(WHOLE_TALK, pause_s=200.0)
+    assert said(
+        talk.messages, "step 1 of 2, Questions: 1:00 planned; 2:00 left in all, 1:20 behind"
+    )
+    assert said(talk.messages, "Mounting: 1:00 planned; 1:00 left in all, 3:40 behind")
+
+
+def test_every_line_of_the_journal_has_the_monotonic_time_and_the_date(talk: Study) -> None:
+    talk.run(WHOLE_TALK, pause_s=1.0)
+    times = [entry["t_s"] for entry in talk.entries()]
+    assert times == sorted(times)
+    assert times[1:5] == [0.0, 1.0, 1.0, 2.0]
+    assert {entry["at"] for entry in talk.entries()} == {"2026-01-01T00:00:00Z"}
+
+
+def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(talk: Study) -> None:
+    talk.run("s" + "nlate bus\n" + "r" + " " + "pxp" + " q", pause_s=1.0)
+    events = [(entry["event"], entry.get("part")) for entry in talk.entries()]
+    assert events == [
+        ("opened", None),
+        ("begun", 0),
+        ("skipped", 0),
+        ("begun", 1),
+        ("note", 1),
+        ("back", 1),
+        ("begun", 0),
+        ("done", 0),
+        ("begun", 1),
+        ("paused", 1),
+        ("resumed", 1),
+        ("done", 1),
+        ("begun", 2),
+        ("quit", 2),
+    ]
+    assert talk.entries("note")[0]["text"] == "late bus"
+    assert said(talk.messages, "no names")
+    spent_s = progress_of(talk.entries(), talk.home).spent_s
+    assert spent_s == {0: 1.0 + 1.0, 1: 11.0 + 1.0 + 1.0, 2: 1.0}
+
+
+def test_a_note_can_be_corrected_and_dropped_and_an_arrow_key_is_no_letter(talk: Study) -> None:
+    talk.run("n" + "aé\x7f\x7fbc\n" + "n" + "secret\x1b" + "n" + "\n" + "q")
+    assert [entry["text"] for entry in talk.entries("note")] == ["bc"]
+
+
+# -- where it goes on
+
+
+def test_a_study_that_was_quit_goes_on_in_its_step(talk: Study) -> None:
+    assert talk.run(" q") == QUIT
+    assert said(talk.messages, "goes on here with the same command")
+    assert talk.run("  " + SUS_ANSWERS) == FINISHED
+    assert talk.done() == [0, 1, 2, 3]
+    assert said(talk.messages, "goes on where it ended")
+
+
+def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Study(tmp_path / "whole")
+    whole.run(WHOLE_TALK)
+    wanted = progress_of(whole.entries(), whole.home)
+    append = Journal.append
+    for last in range(1, len(whole.entries()) + 1):
+        study = Study(tmp_path / str(last))
+
+        def cut(journal: Journal, event: str, last: int = last, **more: object) -> object:
+            entry = append(journal, event, **more)
+            if len(journal.entries) == last:
+                raise Kill
+            return entry
+
+        monkeypatch.setattr(Journal, "append", cut)
+        with pytest.raises(Kill):
+            study.run(WHOLE_TALK)
+        monkeypatch.setattr(Journal, "append", append)
+        left = 3 - min(progress_of(study.entries(), study.home).part, 3)
+        answered = len(progress_of(study.entries(), study.home).answers)
+        assert study.run(" " * left + SUS_ANSWERS[2 * answered :]) == FINISHED, last
+        found = progress_of(study.entries(), study.home)
+        assert (found.part, found.answers) == (wanted.part, wanted.answers), last
+        assert found.runs == 2
+
+
+def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(talk: Study) -> None:
+    talk.run(" q")
+    journal = talk.home / "study.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-25])
+    assert talk.run("  " + SUS_ANSWERS) == FINISHED
+    assert (talk.home / "study.jsonl.torn").exists()
+    assert talk.done() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("line", ['{"event": "begun"}', "[]", '{"event": "done", "t_s": "x"}'])
+def test_a_journal_that_cannot_be_read_is_named_with_its_file(talk: Study, line: str) -> None:
+    talk.run(" q")
+    journal = talk.home / "study.jsonl"
+    journal.write_text(journal.read_text() + line + "\n")
+    with pytest.raises(LabelError, match=r"study\.jsonl"):
+        talk.run(" ")
+
+
+def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with(
+    talk: Study,
+) -> None:
+    talk.run(" q")
+    other = Study(talk.path.parent, TALK + "\n")
+    with pytest.raises(CardError, match=r"not the one.*p01/protocol\.toml"):
+        other.run(" ")
+    shutil.copy(talk.home / "protocol.toml", talk.path)
+    assert talk.run("  " + SUS_ANSWERS) == FINISHED
+
+
+def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
+    talk.run(" q")
+    with log.opened_journal(talk.home, lambda: 0, str), pytest.raises(OutputError, match="another"):
+        talk.run(" ")
+
+
+def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(talk: Study) -> None:
+    assert talk.run(" ") == QUIT
+    assert said(talk.messages, "no key can be pressed any more")
+    assert talk.run(" " + "nhalf a note") == QUIT
+    assert talk.entries("note") == []
+    assert talk.run(" " + SUS_ANSWERS[:8]) == QUIT
+    assert talk.run(SUS_ANSWERS[8:]) == FINISHED
+
+
+def test_a_signal_ends_it_as_q_does(talk: Study) -> None:
+    assert talk.run("   ", stopped=lambda: True) == QUIT
+    assert talk.entries()[-1]["event"] == "quit"
+
+
+@pytest.mark.parametrize("name", ["Anna Müller", "a@b.org", "discarded"])
+def test_a_person_is_a_pseudonym(talk: Study, name: str) -> None:
+    talk.args.person = name
+    with pytest.raises(UsageError, match="pseudonym"):
+        talk.run(" ")
+    assert not talk.out.exists()
+
+
+# -- questionnaires
+
+
+def test_answers_are_kept_one_by_one_with_the_score(talk: Study) -> None:
+    assert talk.run(WHOLE_TALK) == FINISHED
+    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())["questionnaires"]
+    assert (sus["questionnaire"], sus["score"]) == ("sus", 75.0)
+    assert list(sus["ratings"].values()) == [4, 2] * 5
+
+
+def test_a_rating_off_the_scale_is_asked_again_and_keys_work_between_items(talk: Study) -> None:
+    typed = "   " + "9\nx\n4\n" + "3\nr\n2\n" + "n\ntired\n" + "-\n" + SUS_ANSWERS[6:]
+    assert talk.run(typed) == FINISHED
+    (sus,) = json.loads((talk.home / "questionnaires.json").read_text())["questionnaires"]
+    assert list(sus["ratings"].values()) == [4, 2, None, 2, 4, 2, 4, 2, 4, 2]
+    assert sus["score"] is None
+    assert said(talk.messages, "'9' is not on the scale")
+    assert talk.entries("note")[0]["text"] == "tired"
+
+
+# -- trials
+
+
+def test_a_recording_step_records_its_repetitions_with_the_recorder(scene: Study) -> None:
+    assert scene.run(" " * 20) == FINISHED
+    assert set(scene.states().values()) == {"kept"}
+    assert list(scene.states()) == [
+        f"{place}/trial_{n}"
+        for place in ("hard-ball/fall", "soft-ball/pass", "soft-ball/pull")
+        for n in (1, 2)
+    ]
+    meta = json.loads((scene.home / "hard-ball/fall/trial_2/meta.json").read_text())
+    assert meta["protocol"]["card"] == "card"
+    assert meta["protocol"]["sha256"] == scene.card.sha256
+    assert meta["person"] == "p01"
+    assert meta["configuration"]["source"].endswith("trial=7")
+    assert said(scene.messages, "hand over: soft ball")
+    assert said(scene.messages, "repetition 2 of 2: space begins it")
+
+
+def test_r_moves_the_last_trial_of_a_step_away_and_records_it_again(scene: Study) -> None:
+    scene.run("  " + "  " + "r" + " " + " q")
+    assert list(scene.states()) == [
+        "discarded/soft-ball/pass/trial_2-1",
+        "soft-ball/pass/trial_1",
+        "soft-ball/pass/trial_2",
+    ]
+    assert scene.done() == [0, 1, 2]
+
+
+def test_one_step_back_leads_to_the_trials_that_are_kept_and_not_to_new_ones(scene: Study) -> None:
+    scene.run("  " + "   " + "r" + " q")
+    assert len(scene.states()) == 2
+    assert scene.done() == [0, 1, 2, 2]
+
+
+def test_an_adverse_event_stops_the_trial_at_once_and_is_written_before_it_is_described(
+    scene: Study,
+) -> None:
+    typed = "  " + " " + "fell on a foot\n" + "9\n2\n" + "y\n" + " q"
+    scene.run(typed, in_trials={30: "a"})
+    event, detail = scene.entries("adverse", "adverse_detail")
+    assert (event["part"], event["step"]) == (2, 3)
+    assert (detail["text"], detail["severity"]) == ("fell on a foot", "moderate")
+    assert scene.states() == {
+        "soft-ball/pass/trial_1": "interrupted",
+        "soft-ball/pass/trial_2": "kept",
+    }
+    meta = json.loads((scene.home / "soft-ball/pass/trial_1/meta.json").read_text())
+    assert meta["quality"]["samples"] == 30
+
+
+def test_after_an_adverse_event_the_study_ends_unless_the_operator_goes_on(scene: Study) -> None:
+    assert scene.run("a" + "faint\n3\nn\n") == QUIT
+    assert scene.entries("adverse_detail")[0]["severity"] == "severe"
+    assert scene.run("a") == QUIT, "the terminal is gone before anything is described"
+    assert len(scene.entries("adverse")) == 2
+
+
+def test_a_trial_that_is_killed_is_marked_and_recorded_again(scene: Study) -> None:
+    def cut(trial: object, measured: object, now_ns: int) -> None:
+        if trial.quality.times_ns[40:]:  # type: ignore[attr-defined]
+            raise Kill
+
+    with pytest.raises(Kill):
+        scene.run("   ", show=cut)
+    trial = scene.home / "soft-ball/pass/trial_1"
+    meta = json.loads((trial / "meta.json").read_text())
+    (trial / "meta.json").write_text(json.dumps(meta | {"state": "recording"}))
+    with (trial / "tactile.csv").open("ab") as torn:
+        torn.write(b"0.8,0.1,")
+    scene.run("  " + " q")
+    assert said(scene.messages, "marked as interrupted")
+    states = scene.states()
+    assert states.pop("soft-ball/pass/trial_1") == "interrupted"
+    assert list(states.values()) == ["kept", "kept"]
+    assert scene.done() == [0, 1, 2]
+
+
+def test_a_hand_that_does_not_answer_is_seen_before_the_person_is(tmp_path: Path) -> None:
+    study = Study(tmp_path, TRIALS, "virtual://ft232h?fault=unplug@0%2B99")
+    with pytest.raises(DeviceError):
+        study.run(" ")
+    assert not study.home.exists()
+
+
+def test_a_fault_in_a_trial_is_said_and_the_operator_tries_again(
+    scene: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from holdfast.human_study import trials
+
+    record, calls = trials.record_plan, []
+
+    def failing(*args: object) -> int:
+        calls.append(args)
+        if len(calls) == 1:
+            raise DeviceError("the bridge was unplugged", next_step="plug it in")
+        return record(*args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(trials, "record_plan", failing)
+    scene.run("  " + "   " + " q")
+    assert said(scene.messages, "error: DeviceError: the bridge was unplugged")
+    assert scene.entries("failed")[0]["error"] == "DeviceError"
+    assert list(scene.states().values()) == ["kept", "kept"]
+
+
+def test_a_virtual_participant_without_a_trial_of_the_card_is_refused_at_once(
+    tmp_path: Path, card: Path
+) -> None:
+    other = TRIALS.replace('actions = ["fall"]', 'actions = ["put-down"]')
+    study = Study(tmp_path, other, f"sim://{card}")
+    with pytest.raises(UsageError, match="has no trial of hard-ball, put-down"):
+        study.run(" ")
+    assert not study.out.exists()
+
+
+# -- withdrawal
+
+
+def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(scene: Study) -> None:
+    scene.run("  " + "  " + "nsecret\n" + " q")
+    other = shutil.copytree(scene.home, scene.out / "p02")
+    files = [path for path in scene.home.rglob("*") if path.is_file()]
+    assert scene.run("w" + "p01\n") == WITHDRAWN
+    assert not scene.home.exists()
+    assert other.is_dir()
+    for path in files:
+        assert said(scene.messages, f"deleted {path.relative_to(scene.out)}")
+    assert said(scene.messages, "copies and backups")
+    text = (scene.out / "withdrawn.jsonl").read_text()
+    begun, done = map(json.loads, text.splitlines())
+    assert (begun["state"], done["state"], done["person"]) == ("begun", "done", "p01")
+    assert done["deleted"] == sorted(str(path.relative_to(scene.out)) for path in files)
+    assert "secret" not in text
+    with pytest.raises(UsageError, match=r"has withdrawn.*new"):
+        scene.run(" ")
+
+
+def test_a_withdrawal_needs_the_pseudonym(talk: Study) -> None:
+    assert talk.run("w" + "p02\n" + "w" + "\n" + " q") == QUIT
+    assert said(talk.messages, "nothing is deleted")
+    assert talk.done() == [0]
+
+
+def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
+    talk: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    talk.run(" q")
+    (talk.home / "stuck.txt").write_text("x")
+    unlink = Path.unlink
+
+    def refused(path: Path, missing_ok: bool = False) -> None:
+        if path.name == "stuck.txt":
+            raise PermissionError(1, "Operation not permitted")
+        unlink(path, missing_ok=missing_ok)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "unlink", refused)
+        with pytest.raises(OutputError, match=r"stuck\.txt: cannot be deleted \(Operation not"):
+            talk.run("w" + "p01\n")
+    assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
+    with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
+        talk.run(" ")
+
+
+def test_a_person_is_not_deleted_while_another_terminal_runs_their_study(
+    talk: Study, tmp_path: Path
+) -> None:
+    talk.run(" q")
+    reading, writing = os.pipe()
+    os.write(writing, b"p01\np01\n")
+    words = (talk.path, "--out", talk.out, "--person", "p01", "--withdraw")
+    with log.held(talk.home / "study.jsonl"), start(*words, stdin=reading) as run:
+        _, err = run.communicate(timeout=300)
+    assert (run.returncode, "another program runs" in err) == (5, True)
+    with start(*words, stdin=reading) as run:
+        _, err = run.communicate(timeout=300)
+    assert (run.returncode, talk.home.exists()) == (0, False)
+    assert "p01 has withdrawn" in err
+    os.close(reading)
+    os.close(writing)
+
+
+def test_people_and_rehearsals_are_not_mixed_in_a_folder(talk: Study) -> None:
+    talk.run(" q")
+    meta = talk.out / "meta.json"
+    meta.write_text(meta.read_text().replace('"simulated"', '"recorded"'))
+    with pytest.raises(UsageError, match="another folder"):
+        talk.run(" ")
+
+
+# -- the program
+
+
+def start(*words: object, stdin: int) -> Killed:
+    return Killed(
+        [sys.executable, "-m", "holdfast", "study", *map(str, words)],
+        cwd=ROOT,
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) -> None:
+    words = (card_of(tmp_path, TALK), "--source", "virtual://ft232h", "--out", tmp_path / "study")
+    reading, writing = os.pipe()
+    with start(*words, "--person", "p01", stdin=reading) as run:
+        os.write(writing, b" ")
+        wait_for(run, "step 1 of 2, Questions")
+        run.send_signal(signal.SIGKILL)
+        run.communicate(timeout=300)
+    with start(*words, "--person", "p01", stdin=reading) as run:
+        wait_for(run, "step 1 of 2, Questions")
+        os.write(writing, b"q")
+        run.communicate(timeout=300)
+    assert run.returncode == 0
+    os.close(reading)
+    os.close(writing)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--out", "o", "--person", "p01"), "--source is missing"),
+        (("--out", "o", "--source", "sim://p1"), "--person is missing"),
+        (("--person", "p01", "--source", "sim://p1"), "--out is missing"),
+        (("--out", "o", "--person", "p01", "--source", "usb://ft232h", "--rehearse"), "--rehearse"),
+        (
+            ("--out", "o", "--person", "p1", "--source", "virtual://ft232h", "--rehearse"),
+            "--seconds",
+        ),
+        (("--out", "o", "--person", "p01", "--source", "sim://p1", "--camera", "oak"), "--tag-mm"),
+    ],
+)
+def test_words_that_do_not_go_together_are_usage_errors(
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    fails(run, 2, "UsageError", "study", "thesis", *words, says=says)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_study_without_an_operator_is_refused_before_anything_opens(tmp_path: Path) -> None:
+    words = ("thesis", "--source", "sim://p1", "--out", tmp_path / "o", "--person", "p01")
+    with start(*words, stdin=subprocess.DEVNULL) as run:
+        _, err = run.communicate(timeout=300)
+    assert run.returncode == 2
+    assert "no key can be pressed" in err
+    assert not (tmp_path / "o").exists()

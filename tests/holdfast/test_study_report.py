@@ -1,0 +1,171 @@
+"""Two virtual participants from consent to report, and what a report says and does not say."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from command_line import Run
+from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
+
+from edge_runtime.engine import ModelChoice
+from edge_runtime.errors import DataNotFound
+from evaluation.participant import participant_figures
+from holdfast.human_study.outcome import outcome_of
+from holdfast.human_study.report import in_words, write_report
+from holdfast.human_study.starting import run_study
+from training.datasets import load
+
+if TYPE_CHECKING:
+    from conftest import Built
+
+CARD = 'questionnaires = ["sus"]\n' + TRIALS
+TASKS = (("hard-ball", "fall"), ("soft-ball", "pass"), ("soft-ball", "pull"))
+
+
+@pytest.fixture(scope="module")
+def two(card: Path, eight_classes: Built, tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """p01 with an operator, an adverse event and answers; p02 rehearsed. Read only."""
+    study = Study(tmp_path_factory.mktemp("two"), CARD, f"sim://{card}", "--seconds", "60")
+    study.args.model = eight_classes.model
+    typed = " " + " " + " " + "shock & <awe>\n1\ny\n" + "  " + "nfirst <note>\n" + " " + " s"
+    assert study.run(typed + "    " + SUS_ANSWERS, in_trials={40: "a"}) == "finished"
+    words = ("--source", f"sim://{card}?seed=1", "--rehearse", "--model", eight_classes.model)
+    other = options(study.path, study.out, *words, "--person", "p02")
+    assert run_study(other, study.card, sys.stdin) == 0
+    write_report(study.home, outcome_of(study.out, "p01", study.card, eight_classes.model))
+    return study
+
+
+def report_of(study: Study, person: str) -> tuple[dict[str, Any], str]:
+    """(figures, page) of a person."""
+    home = study.out / person
+    return json.loads((home / "report.json").read_text()), (home / "report.html").read_text()
+
+
+@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+def test_two_virtual_participants_go_from_consent_to_report(two: Study, run: Run) -> None:
+    data = load(two.out, windows="natural")
+    assert data.groups() == ["p01", "p02"]
+    kept = {("p01", *task): 2 for task in TASKS[:2]} | {("p02", *task): 2 for task in TASKS}
+    found = [(one.person, one.object_name, one.action) for one in data.recordings]
+    assert {key: found.count(key) for key in set(found)} == kept
+    code, out, _ = run("check", two.out)
+    assert (code, "ready for holdfast" in out) == (0, True)
+    for person in ("p01", "p02"):
+        figures, page = report_of(two, person)
+        assert figures["finished"]
+        assert figures["answers"]["kind"] == "simulated"
+        assert page.count("<svg") == len(figures["answers"]["actions"])
+
+
+@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+def test_the_folder_of_a_study_is_evaluated_as_it_is(
+    two: Study, eight_classes: Built, run: Run
+) -> None:
+    code, out, err = run("evaluate", eight_classes.model, "--data", two.out)
+    assert code == 0, err
+    assert re.search(r"recall \d+ of \d+ risky events", out)
+
+
+def test_an_adverse_event_comes_before_everything_that_was_recorded(two: Study) -> None:
+    figures, page = report_of(two, "p01")
+    (event,) = figures["adverse"]
+    assert (event["severity"], event["text"], event["step"]) == ("mild", "shock & <awe>", 3)
+    assert page.index("Adverse events: 1") < page.index("Recall by action")
+    assert "shock &amp; &lt;awe&gt;" in page
+    assert "<awe>" not in page
+    assert "No adverse event was noted" in report_of(two, "p02")[1]
+
+
+def test_trials_are_counted_by_how_they_ended_and_steps_by_what_was_done(two: Study) -> None:
+    figures, page = report_of(two, "p01")
+    counts = {(one["object"], one["action"]): one for one in figures["trials"]}
+    soft = counts["soft-ball", "pass"]
+    assert (soft["planned"], soft["kept"], soft["interrupted"]) == (2, 2, 1)
+    assert counts["soft-ball", "pull"]["kept"] == 0
+    states = [one["state"] for one in figures["parts"]]
+    assert states == ["done"] * 4 + ["skipped"] + ["done"] * 3
+    assert [one["text"] for one in figures["notes"]] == ["first <note>"]
+    assert "first &lt;note&gt;" in page
+
+
+def test_a_rehearsal_takes_the_planned_time_and_says_that_it_is_one(two: Study) -> None:
+    figures, page = report_of(two, "p02")
+    assert figures["rehearsal"]
+    assert not report_of(two, "p01")[0]["rehearsal"]
+    assert "A rehearsal without a participant" in page
+    taken = [(one["spent_s"], one["planned_s"]) for one in figures["parts"]]
+    assert all(spent_s == pytest.approx(planned_s, abs=0.1) for spent_s, planned_s in taken)
+    (sus,) = figures["questionnaires"]
+    assert (sus["score"], set(sus["ratings"].values())) == (None, {None})
+    assert "no score (10 items left out)" in page
+
+
+def test_the_score_of_a_questionnaire_stands_in_the_report(two: Study) -> None:
+    figures, page = report_of(two, "p01")
+    assert [one["score"] for one in figures["questionnaires"]] == [75.0]
+    assert "System Usability Scale: 75.0" in page
+
+
+def test_every_figure_of_the_model_adds_up_over_actions_and_cells(two: Study) -> None:
+    answers = report_of(two, "p02")[0]["answers"]
+    assert answers["trials"] == 6
+    assert answers["labels_by"].keys() == {"scene"}
+    for name in ("trials", "labelled", "recognised", "false_alarms"):
+        for rows in (answers["actions"], answers["cells"]):
+            assert sum(one[name] for one in rows) == answers["all"][name], name
+    assert answers["all"]["labelled"] == 6
+
+
+def test_trials_without_a_label_are_not_recognised_and_not_missed(
+    tmp_path: Path, card: Path, eight_classes: Built
+) -> None:
+    study = Study(tmp_path, TRIALS, f"sim://{card}")
+    study.run("  " + "   " + " " + "   " + "q")
+    for truth in study.home.rglob("tactile.truth.json"):
+        truth.write_text(json.dumps(json.loads(truth.read_text()) | {"phases": []}))
+    outcome = outcome_of(study.out, "p01", study.card, eight_classes.model)
+    assert outcome.figures is not None
+    whole = outcome.figures.whole
+    assert (whole.trials, whole.labelled, whole.recognised) == (4, 0, 0)
+    passes = next(one for one in outcome.figures.actions if one.action == "pass")
+    assert whole.minutes == passes.minutes > 0.0, "an alarm in a pull may be right"
+    page = write_report(study.home, outcome).read_text()
+    assert "4 trials have no label of their action" in page
+    assert "not finished" in page
+
+
+def test_a_model_that_does_not_fit_leaves_a_report_that_says_so(two: Study) -> None:
+    outcome = outcome_of(two.out, "p02", two.card, Path("models/holdfast-150hz.onnx"))
+    assert outcome.figures is None
+    assert outcome.no_figures.startswith("RateError: ")
+    lines = in_words(outcome, two.out)
+    assert said(lines, "6 of 6 trials kept")
+    assert said(lines, "no figures of a model: RateError")
+
+
+def test_the_report_of_a_person_can_be_written_again(
+    two: Study, eight_classes: Built, run: Run
+) -> None:
+    before = (two.out / "p02/report.html").read_bytes()
+    words = ("--out", two.out, "--person", "p02", "--report", "--model", eight_classes.model)
+    code, out, err = run("study", two.path, *words)
+    assert code == 0, err
+    assert "p02: 6 of 6 trials kept, 0 adverse events" in out
+    assert (two.out / "p02/report.html").read_bytes() == before
+
+
+def test_figures_of_a_person_need_a_kept_trial(two: Study, eight_classes: Built) -> None:
+    with pytest.raises(DataNotFound):
+        participant_figures(ModelChoice(str(eight_classes.model)).open(), two.out / "withdrawn")
+
+
+def test_a_folder_without_a_study_has_no_report(two: Study, tmp_path: Path) -> None:
+    (tmp_path / "p09").mkdir()
+    with pytest.raises(DataNotFound, match="no study of this person"):
+        outcome_of(tmp_path, "p09", two.card, two.args.model)

@@ -1,0 +1,167 @@
+"""A study on a virtual clock: an operator who types when the desk waits, and cards to run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from recorder_bench import never
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.command import Parser
+from holdfast import study
+from holdfast.human_study.card import StudyCard, read_study
+from holdfast.human_study.desk import Desk
+from holdfast.human_study.starting import checked, run_parts
+from holdfast.recorder.keys import Keys
+
+TALK = """
+title = "Two steps of talk"
+questionnaires = ["sus"]
+before = ["Paper and pen"]
+[[steps]]
+title = "Welcome"
+kind = "say"
+minutes = 2
+say = "Hello."
+[[steps]]
+kind = "questions"
+minutes = 1
+[[steps]]
+kind = "mount"
+minutes = 1
+"""
+TRIALS = """
+title = "Two objects"
+[objects.soft-ball]
+name = "soft ball"
+actions = ["pass", "pull"]
+[objects.hard-ball]
+actions = ["fall"]
+[actions.pull]
+how = "pull it away"
+[[steps]]
+title = "Welcome"
+kind = "say"
+minutes = 1
+[[steps]]
+objects = ["soft-ball", "hard-ball"]
+begin_object = "Start the video"
+[[steps.each]]
+title = "Training"
+kind = "video"
+minutes = 0.5
+show = "{object}"
+[[steps.each]]
+title = "Testing"
+kind = "record"
+minutes = 2
+repetitions = 2
+hand_over = "{object}"
+"""
+SUS_ANSWERS = "4\n2\n" * 5
+
+
+class Typing(Keys):
+    """Types while the desk waits, a key every `pause_s`; in_trials: by the sample of all trials.
+
+    After its last key none can be pressed any more.
+    """
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        typed: str,
+        *,
+        pause_s: float = 20.0,
+        in_trials: Mapping[int, str] | None = None,
+    ) -> None:
+        super().__init__(None)
+        self.clock, self.pause_s = clock, pause_s
+        self.typed = [bytes([byte]) for byte in typed.encode()]
+        self.in_trials, self.samples = in_trials or {}, 0
+
+    @property
+    def closed(self) -> bool:
+        return not self.typed
+
+    def ended(self) -> bool:
+        return self.closed
+
+    def byte(self, wait_s: float = 0.0) -> bytes:
+        if wait_s == 0.0:
+            self.samples += 1
+            return self.in_trials.get(self.samples, "").encode()
+        self.clock.spend(round(1e9 * self.pause_s))
+        return self.typed.pop(0) if self.typed else b""
+
+
+def card_of(folder: Path, text: str) -> Path:
+    """A card on the disk."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "card.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def options(card: Path, out: Path, *words: object) -> argparse.Namespace:
+    """The options of the verb."""
+    parser = Parser(prog="holdfast study")
+    study.add_arguments(parser)
+    given = [card, "--out", out, "--person", "p01", *words]
+    return parser.parse_args([str(one) for one in given])
+
+
+class Study:
+    """One person's study in a folder, run as often as a test wants."""
+
+    def __init__(
+        self, folder: Path, text: str = TALK, source: object = "virtual://ft232h", *words: object
+    ) -> None:
+        self.path, self.out = card_of(folder, text), folder / "study"
+        self.card: StudyCard = read_study(self.path)
+        self.args = options(self.path, self.out, "--source", source, *words)
+        self.home = self.out / self.args.person
+        self.messages: list[str] = []
+
+    def run(
+        self,
+        typed: str,
+        *,
+        stopped: Callable[[], bool] = never,
+        utc: Callable[[], str] = lambda: "2026-01-01T00:00:00Z",
+        show: Any = None,
+        **typing: Any,
+    ) -> str:
+        """One run of the program, with these keys; returns how it ended."""
+        clock = VirtualClock(7_000_000_000)
+        keys = Typing(clock, typed, **typing)
+        desk = Desk(keys, self.messages.append, lambda line: None, clock, stopped)
+        more = {} if show is None else {"show": show}
+        checked(self.args, self.card)
+        return run_parts(self.args, self.card, desk, clock, stopped, utc=utc, **more)
+
+    def entries(self, *events: str) -> list[dict[str, Any]]:
+        """The lines of the journal, of all events or of some."""
+        text = (self.home / "study.jsonl").read_text("utf-8")
+        lines = [json.loads(line) for line in text.splitlines()]
+        return [one for one in lines if not events or one["event"] in events]
+
+    def done(self) -> list[int]:
+        """The parts that were done, in order."""
+        return [entry["part"] for entry in self.entries("done")]
+
+    def states(self) -> dict[str, str]:
+        """Trial -> its state."""
+        return {
+            path.parent.relative_to(self.home).as_posix(): json.loads(path.read_text())["state"]
+            for path in sorted(self.home.rglob("trial_*/meta.json"))
+        }
+
+
+def said(messages: Iterable[str], text: str) -> bool:
+    """Whether a message holds a text."""
+    return any(text in line for line in messages)
