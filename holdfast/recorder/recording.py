@@ -6,6 +6,7 @@ import argparse
 import time
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +65,8 @@ def record(
     require_camera(args)
     require_keys(args, plan, keys)
     _report_before(args.out, person, plan, say)
-    films = {"host_ns": host_ns, "camera": camera}
-    kept = record_plan(args, plan, clock, keys, say, stopped, show, announce=announce, **films)
+    recorded = partial(record_plan, announce=announce, host_ns=host_ns, camera=camera)
+    kept = recorded(args, plan, clock, keys, say, stopped, show)
     _report_after(args.out, person, kept)
     return 0
 
