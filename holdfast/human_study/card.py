@@ -301,6 +301,7 @@ class _StudyReader(CardReader):
         for place in used:
             if place not in named:
                 known = ", ".join(f"{{{name}}}" for name in named) or "no {..} without an object"
+                known += "; {how} where [actions.NAME] has a how" if place == "how" else ""
                 raise self.refused(key, f"{{{place}}}", known)
         return text.format(**named)
 

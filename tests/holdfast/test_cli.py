@@ -76,6 +76,7 @@ OFTEN = (
     "adapt",
     "evaluate",
     "record",
+    "study",
     "watch",
     "onset",
     "repair",
