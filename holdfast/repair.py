@@ -19,8 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Repair every trial below the folder, with a line each; exit code 3 where one could not be."""
-    from edge_runtime.errors import DataError
+    """Repair every trial below the folder, with a line each.
+
+    Returns the exit code of the last error where one could not be repaired: 3, or 5 on a full disk.
+    """
+    from edge_runtime.errors import DataError, OutputError
     from holdfast.recorder.folder import all_trials, alone
     from holdfast.recorder.mending import repaired
 
@@ -29,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         for folder in all_trials(args.folder):
             try:
                 show(f"{folder}: {', '.join(repaired(folder)) or 'complete'}")
-            except DataError as error:
+            except (DataError, OutputError) as error:
                 show(f"{folder}: not repaired: {error}")
                 code = error.exit_code
     return code

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from edge_runtime.errors import EmptyRecording
+from edge_runtime.errors import EmptyRecording, OutputError
 from edge_runtime.mending import MendResult, mend_lines
 from edge_runtime.reading import Json, json_of
 from edge_runtime.tactile_file import mend
@@ -18,8 +18,18 @@ from holdfast.recorder.labels import read_meta
 def repaired(folder: Path) -> list[str]:
     """Repair one trial; returns what was done, in words.
 
-    Raises a DataError or OutputError; the trial is then unchanged.
+    Raises a DataError or OutputError; what is whole in the trial is then unchanged.
     """
+    try:
+        return _repaired(folder)
+    except OutputError as error:
+        step = "make room, then run holdfast repair again"
+        raise OutputError(
+            error.what, where=error.where, cause=error.cause, next_step=step
+        ) from None
+
+
+def _repaired(folder: Path) -> list[str]:
     meta = read_meta(folder)
     try:
         mended = mend(folder / TACTILE)

@@ -87,18 +87,24 @@ class TrialRecorder:
         why: of the state. camera: what the camera's process left. Raises OutputError.
         """
         figures = self.quality.figures()
-        try:
-            self._file.close()
-            os.fsync(self._events.fileno())
-        finally:
-            with suppress(OSError):
-                self._events.close()
+        self._close_files()
         if state == KEPT:
             why = self._label(over)
             state = INTERRUPTED if why else KEPT
         filmed = {} if camera is None else {"camera": camera}
         self._write_meta(state, quality=asdict(figures), **filmed, **({"why": why} if why else {}))
         return ClosedTrial(figures, state, why)
+
+    def _close_files(self) -> None:
+        """Flush and close them; nothing where that was tried before. Raises OutputError."""
+        if self._events.closed:
+            return
+        try:
+            self._file.close()
+            os.fsync(self._events.fileno())
+        finally:
+            with suppress(OSError):
+                self._events.close()
 
     def _label(self, over: str) -> str:
         """Write the phases of a trial to keep; returns why it cannot be kept, or nothing."""
@@ -115,7 +121,8 @@ class TrialRecorder:
     def give_up(self, state: str, why: str) -> None:
         """Close as far as possible after an error, which the caller raises."""
         with suppress(HoldfastError, OSError):
-            self.note({"t_s": self.t_s, "event": state, "why": why})
+            if not self._events.closed:  # the error may have come after they were closed
+                self.note({"t_s": self.t_s, "event": state, "why": why})
         with suppress(HoldfastError, OSError):
             self.close(state, why=why)
 

@@ -11,6 +11,7 @@ import sys
 
 import numpy as np
 import pytest
+from full_disk import full_disk
 from hypothesis import given
 from hypothesis import strategies as st
 from recorder_bench import (
@@ -19,12 +20,14 @@ from recorder_bench import (
     columns_of,
     cup_pull,
     meta_of,
+    one_pull,
     recorded,
     start,
     wait_for,
 )
 
 from drivers.replay import open_replay
+from edge_runtime.errors import OutputError
 from edge_runtime.tactile_file import TactileFile, mend
 from edge_runtime.trial_file import read_trial
 from holdfast.cli import main
@@ -177,3 +180,45 @@ def test_a_full_disk_is_one_error_and_what_was_recorded_is_whole(tmp_path, limit
         "with room again, repair ends what the full disk left"
     )
     assert "recording" not in [meta_of(file.parent)["state"] for file in files]
+
+
+ROOMS = (0, 90, 3_000, 3_400, 3_900, 30_000, -3_300, -400, -1)
+"""Bytes; below 0: less than a whole trial needs."""
+
+
+@pytest.fixture(scope="module")
+def needed(tmp_path_factory: pytest.TempPathFactory) -> int:
+    """Bytes that a trial writes."""
+    with full_disk(1e9) as disk:
+        one_pull(tmp_path_factory.mktemp("needed"))
+    return disk.written
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_wherever_the_disk_is_full_repair_ends_what_is_left_and_the_next_run_goes_on(
+    tmp_path, needed, room, capsys
+):
+    with full_disk(room % needed), pytest.raises(OutputError, match="No space left"):
+        one_pull(tmp_path)
+    left = [file.parent for file in tmp_path.rglob("meta.json") if "trial_" in str(file)]
+    assert main(["repair", str(tmp_path)]) == (0 if left else 3)
+    assert {meta_of(folder)["state"] for folder in left} <= {"interrupted", "void"}
+    for folder in left:
+        assert (folder / "tactile.csv").read_bytes().count(b"\n") == len(
+            (folder / "tactile.csv").read_bytes().splitlines()
+        )
+    assert main(["repair", str(tmp_path)]) == (0 if left else 3)
+    assert "marked" not in capsys.readouterr().out.splitlines()[-1:]
+    assert any(line.startswith("kept: ") for line in one_pull(tmp_path))
+
+
+def test_on_a_disk_that_is_still_full_repair_says_so_for_each_trial(tmp_path, needed, capsys):
+    for _ in range(2):
+        with full_disk(needed // 2), pytest.raises(OutputError):
+            one_pull(tmp_path)
+    with full_disk(0):
+        assert main(["repair", str(tmp_path)]) == 5
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2
+    assert all("not repaired: " in line and "next: make room" in line for line in lines)
+    assert main(["repair", str(tmp_path)]) == 0
