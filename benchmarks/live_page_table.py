@@ -14,9 +14,9 @@ HEADS = {
     "case": "watched by",
     "samples": "samples",
     "overruns": "overruns",
-    "latency_p50_us": "latency, us",
-    "latency_p999_us": "99.9 %, us",
+    "latency_p999_us": "latency, us",
     "emit_p50_us": "passing on, us",
+    "emit_p999_us": "99.9 %, us",
     "disconnects": "disconnects",
     "frames_per_s": "pictures a second",
 }

@@ -70,9 +70,9 @@ class Access:
         bare = path.partition("?")[0].removeprefix("/")
         if not self.token:
             return bare if _name_of(host) in self.hosts else None
-        given, _, rest = bare.partition("/")
+        given, slash, rest = bare.partition("/")
         is_ours = hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())
-        return rest if is_ours else None
+        return rest if is_ours and slash else None
 
 
 def _name_of(host: str) -> str | None:
