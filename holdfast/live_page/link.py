@@ -102,22 +102,24 @@ def _started(place: PageAddress, about: Json) -> tuple[socket.socket, subprocess
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)
     numbers = [place.listener.fileno(), theirs.fileno()]
+    with theirs:
+        process = subprocess.Popen(
+            [sys.executable, "-m", PROCESS, *map(str, numbers)],
+            pass_fds=numbers,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
     try:
-        with theirs:
-            process = subprocess.Popen(
-                [sys.executable, "-m", PROCESS, *map(str, numbers)],
-                pass_fds=numbers,
-                start_new_session=True,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
         ours.send(_to_json({"access": place.access(), "about": about}).encode())
         ours.settimeout(START_S)
         if ours.recv(len(READY)) != READY:
             raise OSError("it ended at once")
     except OSError as error:
         ours.close()
+        process.kill()
+        process.wait()
         what = f"no process for the live page ({error.strerror or error})"
         raise OutputError(what, where="--web", next_step="run without --web") from None
     return ours, process

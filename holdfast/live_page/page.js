@@ -5,7 +5,7 @@ import { draw, inWords, legend } from "./plot.js";
 
 const SILENT_S = 0.5, LOST_MS = 1500, SPEAK_MS = 1000, RETRY_MS = 2000, RISK_ECHO_S = 3, MOST_SAID = 40;
 const SENSORS = {
-  nack: "does not answer", missing: "was not read", mux: "its multiplexer did not switch", stale: "has stopped measuring",
+  nack: "does not answer", missing: "does not answer, it is looked for", mux: "its multiplexer did not switch", stale: "has stopped measuring",
   garbage: "sends no measurement", crc: "its checksum is wrong", reset: "has lost its power", diagnosis: "reports a fault of its own",
   saturated: "field too strong (saturated)", settling: "is starting", lost: "the bridge is gone", bridge: "the bridge fails", stuck: "the bus is held low",
 };
@@ -105,8 +105,10 @@ function showTrial(sample) {
 
 function details(answer, state) {
   const since = page.riskyAt === null || state === "risky_slip" ? null : page.sample.t_s - page.riskyAt;
+  const lost = page.sample.v.flatMap((good, k) => (good ? [] : [nameOf(k, page.sample.v.length)]));
   return [
     state === "unknown" && (REASONS[answer.why] ?? answer.why),
+    lost.length > 0 && (lost.length === page.sample.v.length ? "no finger is read" : `lost: ${lost.join(", ")}`),
     answer.act && "the hand is asked to act",
     answer.weight && state !== "unknown" && `${answer.weight} object`,
     since !== null && since < RISK_ECHO_S && `risky slip ${number(since, 1)} s ago`,

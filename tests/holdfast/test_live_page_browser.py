@@ -48,7 +48,7 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
         lost["sample"]["answer"]["why"] = "sensors"
         page.frame(lost)
         tab.wait_until(f"{STATE} === 'unknown'")
-        assert tab.value(f"{DETAIL}.textContent") == "too few sensors can be used"
+        assert tab.value(f"{DETAIL}.textContent") == "too few sensors can be used; lost: index"
         fingers, numbers = text_of(tab, "fingers"), text_of(tab, "numbers")
         assert tab.value("document.documentElement.scrollWidth <= window.innerWidth")
         assert tab.value("document.querySelectorAll('#hand .lost').length") == 1

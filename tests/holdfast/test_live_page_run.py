@@ -20,6 +20,7 @@ from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, 
 
 from drivers.virtual.clock import VirtualClock
 from edge_runtime.contract import Sample
+from edge_runtime.errors import OutputError
 from edge_runtime.live import SourceReading, run_live
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.tare import Tare
@@ -176,6 +177,13 @@ def test_the_page_ends_with_what_it_shows_and_its_port_is_free_again():
         with pytest.raises(ConnectionRefusedError):
             ask(port_in(lines[-1]), "/")
     assert len(lines) == 2
+
+
+def test_a_page_whose_process_does_not_start_is_an_error(monkeypatch):
+    monkeypatch.setattr("holdfast.live_page.link.PROCESS", "holdfast.no_such_module")
+    error = pytest.raises(OutputError, match=r"no process for the live page.*run without --web")
+    with error, live_page("0", ABOUT, print, "the run"):
+        raise AssertionError("it started")
 
 
 def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
