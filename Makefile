@@ -7,6 +7,7 @@ BIN    := .venv/bin
 LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 PEERS  := .venv-peers
+LEROBOT := .venv-lerobot
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
@@ -39,7 +40,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -163,6 +164,13 @@ peers: $(PEERS)/.stamp  ## beside others: hold and pull, and the closed loop, in
 	$(PEERS)/bin/python -m benchmarks.mujoco_loop --out build/bench/mujoco-loop.json
 	$(PEERS)/bin/python -m holdfast bench latency
 
+lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast convert writes; an environment of its own, 8 GB, needs a C compiler
+	rm -rf build/lerobot
+	PYTHONPATH=tests/support $(BIN)/python -c "import lossy_set, pathlib; lossy_set.write_lossy_set(pathlib.Path('build/lerobot/trials'))"
+	for format in lerobot parquet; do \
+	    $(BIN)/holdfast convert build/lerobot/trials --to $$format --out build/lerobot/$$format || exit; done
+	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python benchmarks/lerobot_peer.py build/lerobot/lerobot build/lerobot/parquet
+
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/mypy $(ROOMS) tests
@@ -170,8 +178,8 @@ lint: setup  ## ruff and mypy
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
-clean:  ## remove .venv, .venv-peers, .tools, build and caches
-	rm -rf .venv $(PEERS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+clean:  ## remove .venv, .venv-peers, .venv-lerobot, .tools, build and caches
+	rm -rf .venv $(PEERS) $(LEROBOT) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # pip is used once, to fetch uv: `--target` works where Debian marks its Python as externally managed.
@@ -202,4 +210,10 @@ $(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
 	@test -x $(PEERS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(PEERS)
 	$(UV) pip sync --quiet --python $(PEERS)/bin/python --only-binary :all: --require-hashes \
 	    $(LOCKS) requirements/peers.lock
+	@touch $@
+
+# Not beside .venv's packages: lerobot wants older versions of some.
+$(LEROBOT)/.stamp: .tools/.stamp requirements/lerobot.lock
+	@test -x $(LEROBOT)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(LEROBOT)
+	$(UV) pip sync --quiet --python $(LEROBOT)/bin/python --require-hashes requirements/lerobot.lock
 	@touch $@

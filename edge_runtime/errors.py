@@ -33,7 +33,7 @@
     `-- DeviceError               6   the hand, or the camera beside it, cannot be read
         |-- DeviceNotFound            no such bridge, or no finger answers
         |-- AccessDenied              the bridge is there, but this user may not open it
-        |-- LibraryMissing            no libusb, or a driver's library is not installed
+        |-- LibraryMissing            no libusb, or the library of an extra is not installed
         |-- DeviceLost                unplugged, or no longer on the bus
         |-- TransferFailed            a time-out, a stall, or an answer to another request
         |-- BusStuck                  SDA or SCL is held low
@@ -217,7 +217,7 @@ class AccessDenied(DeviceError):
 
 
 class LibraryMissing(DeviceError):
-    """No libusb, or a driver's library is not installed."""
+    """No libusb, or the library of an extra is not installed."""
 
 
 class DeviceLost(DeviceError):

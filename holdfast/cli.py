@@ -17,6 +17,7 @@ from holdfast.settings import COMMANDS, SettingsParser, read_settings
 VERBS = {
     "simulate": ("holdfast.simulate", "simulate the trials of a scene card, with their truth"),
     "check": ("holdfast.check", "say what a folder of recordings holds and what is missing"),
+    "convert": ("holdfast.convert", "write recordings in the formats of other tools"),
     "train": ("training.train", "train on recordings; writes an artifact folder"),
     "export": ("export.export", "turn an artifact folder into one verified, sealed model file"),
     "adapt": ("holdfast.adapt", "adapt a model file to one person, from two minutes of recording"),

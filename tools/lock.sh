@@ -13,7 +13,7 @@ compile() {
 compile tools/uv.in --output-file tools/uv.txt
 compile requirements/build.in --output-file requirements/build.lock
 # The hand's own lock comes out of the full one, so that what is tested is what is installed there.
-compile pyproject.toml --extra train --extra viz --extra camera --extra completion --extra dask --group dev --constraint requirements/build.lock \
+compile pyproject.toml --all-extras --group dev --constraint requirements/build.lock \
     --output-file requirements/dev.lock
 compile pyproject.toml --constraint requirements/dev.lock --output-file requirements/live.lock
 compile pyproject.toml --extra train --extra viz --constraint requirements/dev.lock \
@@ -22,6 +22,9 @@ compile pyproject.toml --extra train --extra viz --constraint requirements/dev.l
 locked=$(sed -n 's/^\([A-Za-z0-9][A-Za-z0-9._-]*\)==.*/--no-emit-package \1/p' requirements/dev.lock)
 # shellcheck disable=SC2086
 compile requirements/peers.in --constraint requirements/dev.lock $locked --output-file requirements/peers.lock
+
+# By itself: lerobot wants older versions than those of dev.lock.
+compile requirements/lerobot.in --output-file requirements/lerobot.lock
 
 if grep -nE '://|--(extra-)?index-url|--find-links' tools/uv.txt requirements/*.lock; then
     echo "a lock names an index: remove the lines above" >&2

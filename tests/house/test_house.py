@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 NOT_ON_THE_HAND = {"scipy", "sklearn", "pandas", "onnx", "usb", "depthai", "matplotlib", "rich"}
+OF_ONE_FILE = ("depthai", "foxglove_schemas_protobuf", "mcap", "pyarrow", "rosbags")
 READS_PICKLE = {
     "pickle",
     "_pickle",
@@ -57,6 +58,13 @@ def test_no_room_imports_holdfast():
         if "holdfast" in names
     ]
     assert importers == []
+
+
+def test_a_library_that_only_an_extra_installs_is_imported_in_one_file():
+    files = {file: names for room in MAY_IMPORT for file, names in imports_by_file(room).items()}
+    for library in OF_ONE_FILE:
+        importers = [file for file, names in files.items() if library in names]
+        assert len(importers) == 1, (library, importers)
 
 
 def test_every_folder_with_code_has_a_place_in_the_table():

@@ -1,0 +1,168 @@
+"""Trials as one LeRobot data set of format v3.0, an episode each: meta/, data/ (Parquet).
+
+A frame is a sample: `observation.tactile` [C] in the unit of the set, nan where it was lost;
+`observation.tactile_valid` [S]; `observation.time_s`, its true time; and `situation`, the index of
+SITUATIONS or -1. The format counts `timestamp` as frame / fps, with a whole fps, and nothing is
+resampled for that: `observation.time_s` is what to trust. The task of an episode names its action
+and object. There is no `action`: a recording of a hand commands nothing.
+
+The layout is that of lerobot 0.4 (lerobot/datasets/utils.py and lerobot_dataset.py); statistics are
+over the values that are there. tables.py writes the Parquet.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from edge_runtime.contract import SITUATIONS, channel_names
+from edge_runtime.reading import Json
+from edge_runtime.writing import write_whole
+from holdfast.interop.carried import NO_LABEL, CarriedTrial
+from holdfast.interop.tables import write_columns, write_frame, write_rows
+from training.datasets.thesis import common_rate
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+VERSION = "v3.0"
+CHUNK_FILES, DATA_MB, VIDEO_MB = 1000, 100, 200
+"""lerobot's own defaults; a set of ours stays in one file."""
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+TACTILE, VALID, TIME, SITUATION = (
+    "observation.tactile",
+    "observation.tactile_valid",
+    "observation.time_s",
+    "situation",
+)
+Columns = dict[str, "npt.NDArray[Any]"]
+
+
+def write_trials(trials: Sequence[CarriedTrial], folder: Path) -> None:
+    """The whole set. Raises RateError or ChannelError where trials differ."""
+    rate_hz = common_rate([trial.recording for trial in trials])
+    fps = round(rate_hz)
+    tasks = list(dict.fromkeys(map(_task, trials)))
+    episodes, parts, first = [], [], 0
+    for number, trial in enumerate(trials):
+        columns = _frames(trial, number, first, fps, tasks.index(_task(trial)))
+        parts.append(columns)
+        episodes.append(_episode(trial, number, first, columns))
+        first += len(trial.t_s)
+    joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    write_columns(folder / DATA_PATH.format(chunk_index=0, file_index=0), joined)
+    episode_path = DATA_PATH.replace("data/", "meta/episodes/", 1)
+    write_rows(folder / episode_path.format(chunk_index=0, file_index=0), episodes)
+    _write_tasks(folder, tasks)
+    _write_json(folder / "meta/stats.json", {key: _stats(x) for key, x in joined.items()})
+    _write_json(folder / "meta/info.json", _info(trials, rate_hz, len(tasks)))
+
+
+def _task(trial: CarriedTrial) -> str:
+    action, thing = trial.about["action"], trial.about["object"]
+    return f"{action} {thing}" if thing else str(action)
+
+
+def _frames(trial: CarriedTrial, number: int, first: int, fps: int, task: int) -> Columns:
+    rows = np.arange(len(trial.t_s))
+    return {
+        TACTILE: trial.values.astype(np.float32),
+        VALID: trial.valid,
+        TIME: trial.t_s,
+        SITUATION: trial.label.astype(np.int64),
+        "timestamp": (rows / fps).astype(np.float32),
+        "frame_index": rows,
+        "episode_index": np.full(len(rows), number),
+        "index": first + rows,
+        "task_index": np.full(len(rows), task),
+    }
+
+
+def _features(n_sensors: int) -> Json:
+    channels, sensors = list(channel_names(n_sensors)), [f"valid{k + 1}" for k in range(n_sensors)]
+    scalar = {"shape": [1], "names": None}
+    counters = ("frame_index", "episode_index", "index", "task_index")
+    return {
+        TACTILE: {"dtype": "float32", "shape": [len(channels)], "names": channels},
+        VALID: {"dtype": "bool", "shape": [n_sensors], "names": sensors},
+        TIME: {"dtype": "float64", **scalar},
+        SITUATION: {"dtype": "int64", **scalar},
+        "timestamp": {"dtype": "float32", **scalar},
+        **{key: {"dtype": "int64", **scalar} for key in counters},
+    }
+
+
+def _episode(trial: CarriedTrial, number: int, first: int, columns: Columns) -> Json:
+    """A row of meta/episodes: where its frames are, their statistics, and what the trial was."""
+    stats = {
+        f"stats/{key}/{name}": value
+        for key, values in columns.items()
+        for name, value in _stats(values).items()
+    }
+    return {
+        "episode_index": number,
+        "tasks": [_task(trial)],
+        "length": len(trial.t_s),
+        "data/chunk_index": 0,
+        "data/file_index": 0,
+        "dataset_from_index": first,
+        "dataset_to_index": first + len(trial.t_s),
+        "meta/episodes/chunk_index": 0,
+        "meta/episodes/file_index": 0,
+        "holdfast": json.dumps(trial.about),
+        **stats,
+    }
+
+
+def _stats(values: npt.NDArray[Any]) -> dict[str, list[float]]:
+    """Statistics over axis 0 without nan, by lerobot's names; 0 where nothing is left."""
+    table = values.reshape(len(values), -1).astype(np.float64)
+    table[:, np.isnan(table).all(axis=0)] = 0.0
+    figures = {
+        "min": np.nanmin(table, axis=0),
+        "max": np.nanmax(table, axis=0),
+        "mean": np.nanmean(table, axis=0),
+        "std": np.nanstd(table, axis=0),
+        **{name: np.nanquantile(table, share, axis=0) for name, share in QUANTILES.items()},
+    }
+    return {name: row.tolist() for name, row in figures.items()} | {"count": [len(table)]}
+
+
+def _info(trials: Sequence[CarriedTrial], rate_hz: float, tasks: int) -> Json:
+    return {
+        "codebase_version": VERSION,
+        "robot_type": "holdfast",
+        "total_episodes": len(trials),
+        "total_frames": sum(len(trial.t_s) for trial in trials),
+        "total_tasks": tasks,
+        "chunks_size": CHUNK_FILES,
+        "data_files_size_in_mb": DATA_MB,
+        "video_files_size_in_mb": VIDEO_MB,
+        "fps": round(rate_hz),
+        "splits": {"train": f"0:{len(trials)}"},
+        "data_path": DATA_PATH,
+        "video_path": None,
+        "features": _features(trials[0].n_sensors),
+        "holdfast": {
+            "unit": trials[0].unit,
+            "rate_hz": rate_hz,
+            "situations": [*SITUATIONS],
+            "no_label": NO_LABEL,
+        },
+    }
+
+
+def _write_tasks(folder: Path, tasks: list[str]) -> None:
+    import pandas as pd
+
+    frame = pd.DataFrame({"task_index": np.arange(len(tasks))}, index=pd.Index(tasks, name="task"))
+    write_frame(folder / "meta/tasks.parquet", frame)
+
+
+def _write_json(path: Path, value: Json) -> None:
+    write_whole(path, json.dumps(value, indent=4, allow_nan=False) + "\n")

@@ -1,0 +1,82 @@
+"""Parquet tables by pyarrow, which only this module imports; and trials as such tables.
+
+A trial is `<name>.parquet`, one row a sample: `Time` (s from the first sample), `X1` .. `Zn`,
+`valid1` .. `validn`, `label` and, the same in all rows, `trial`, `person`, `object`, `action`. A
+lost value and a missing label are null. Units stand in the metadata of the columns, and what else
+is known of the trial in that of the table, under `holdfast`, as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edge_runtime.contract import channel_names
+from edge_runtime.extras import needs_extra
+from edge_runtime.reading import Json
+from edge_runtime.trial_file import TIME_COLUMN
+from holdfast.interop.carried import NO_LABEL, CarriedTrial
+
+with needs_extra("parquet"):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+KEY = "holdfast"
+
+
+def write_trials(trials: Iterable[CarriedTrial], folder: Path) -> None:
+    """One file for each trial below a folder."""
+    for trial in trials:
+        write_table(folder / f"{trial.name}.parquet", table_of(trial))
+
+
+def table_of(trial: CarriedTrial) -> Any:
+    """A trial as a pyarrow.Table."""
+    columns = {TIME_COLUMN: (pa.array(trial.t_s), {"unit": "s"})}
+    for channel, name in enumerate(channel_names(trial.n_sensors)):
+        values = trial.values[:, channel]
+        array = pa.array(values, mask=~np.isfinite(values))
+        columns[name] = (array, {"unit": trial.unit})
+    for sensor in range(trial.n_sensors):
+        columns[f"valid{sensor + 1}"] = (pa.array(trial.valid[:, sensor]), {})
+    names = np.array(trial.situations(), dtype=object)
+    labels = pa.array(names, pa.string(), mask=trial.label == NO_LABEL)
+    columns["label"] = (labels.dictionary_encode(), {"by": str(trial.about["labels_by"])})
+    for key in ("trial", "person", "object", "action"):
+        text = pa.repeat(pa.scalar(trial.about[key], pa.string()), len(trial.t_s))
+        columns[key] = (text.dictionary_encode(), {})
+    fields = [pa.field(name, array.type, metadata=note) for name, (array, note) in columns.items()]
+    schema = pa.schema(fields, metadata={KEY: json.dumps(trial.about)})
+    return pa.table([array for array, _ in columns.values()], schema=schema)
+
+
+def write_rows(path: Path, rows: list[Json]) -> None:
+    """A table of objects with the same keys."""
+    write_table(path, pa.Table.from_pylist(rows))
+
+
+def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """A table of columns; an array [T, k] becomes a column of lists of k."""
+    write_table(path, pa.table({name: _column(values) for name, values in columns.items()}))
+
+
+def write_frame(path: Path, frame: Any) -> None:
+    """A pandas data frame with its index."""
+    write_table(path, pa.Table.from_pandas(frame))
+
+
+def _column(values: Any) -> Any:
+    array = np.asarray(values)
+    if array.ndim < 2:
+        return pa.array(array)
+    return pa.FixedSizeListArray.from_arrays(pa.array(array.reshape(-1)), array.shape[1])
+
+
+def write_table(path: Path, table: Any) -> None:
+    """Write a pyarrow.Table, compressed with zstd."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pq.write_table(table, path, compression="zstd")

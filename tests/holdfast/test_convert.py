@@ -1,0 +1,289 @@
+"""`holdfast convert`: what other tools' own readers find in the files, losses included."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from command_line import fails
+from lossy_set import (
+    NEVER_CAME,
+    PASS,
+    PULL,
+    RATE_HZ,
+    ROWS,
+    START_S,
+    Written,
+    write_lossy_set,
+)
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
+from mcap_ros2.decoder import DecoderFactory as Ros2Factory
+from rooms import ROOT
+
+from edge_runtime.contract import channel_names
+from edge_runtime.errors import LibraryMissing
+from holdfast.convert import WRITERS
+
+Run = Callable[..., tuple[int, str, str]]
+CHANNELS = list(channel_names(6))
+VALID = [f"valid{k}" for k in range(1, 7)]
+PAGE = ROOT / "docs/interop.md"
+STEP_NS = round(1e9 / RATE_HZ)
+LIBRARIES = {
+    "parquet": {"pyarrow"},
+    "mcap": {"mcap", "mcap_protobuf", "foxglove_schemas_protobuf"},
+    "ros2": {"rosbags"},
+}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Written]]:
+    root = tmp_path_factory.mktemp("set") / "trials"
+    return root, write_lossy_set(root)
+
+
+@pytest.fixture
+def converted(
+    run: Run, recorded: tuple[Path, dict[str, Written]], tmp_path: Path
+) -> Callable[..., Path]:
+    """Converts the set as recorded; returns the folder."""
+
+    def convert(form: str, *options: str) -> Path:
+        code, out, err = run(
+            "convert", recorded[0], "--to", form, "--out", tmp_path / form, "--raw", *options
+        )
+        assert code == 0, err
+        assert "trials" in out
+        return tmp_path / form
+
+    return convert
+
+
+def messages(path: Path, factory: Any, *topics: str) -> dict[str, list[tuple[int, Any]]]:
+    """Topic -> (log time in ns, decoded message), by the reader of the mcap package."""
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[factory], validate_crcs=True)
+        for _, channel, message, decoded in reader.iter_decoded_messages(topics or None):
+            found.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return found
+
+
+def arrows(folder: Path) -> dict[str, list[tuple[int, Any]]]:
+    """The topics of the 3D view."""
+    return messages(folder / f"{PULL}.mcap", ProtobufFactory(), "/tactile/arrows", "/tf")
+
+
+def test_pandas_reads_a_folder_of_parquet_as_one_table(converted, recorded):
+    table = pd.read_parquet(converted("parquet"))
+    assert len(table) == 2 * ROWS
+    for name, written in recorded[1].items():
+        rows = table[table["trial"] == name]
+        np.testing.assert_allclose(rows["Time"], written.t_s, atol=1e-8)
+        np.testing.assert_allclose(rows[CHANNELS], written.values, rtol=1e-8)
+        np.testing.assert_array_equal(rows[VALID], written.valid)
+        assert [label if isinstance(label, str) else None for label in rows["label"]] == (
+            written.label
+        )
+        assert set(rows["person"]) == {name[:3]}
+
+
+def test_parquet_says_units_and_has_nulls_where_a_sample_was_lost(converted):
+    path = converted("parquet") / f"{PULL}.parquet"
+    table = pq.read_table(path)
+    assert table.schema.field("Time").metadata == {b"unit": b"s"}
+    assert table.schema.field("Z6").metadata == {b"unit": b"N"}
+    about = json.loads(table.schema.metadata[b"holdfast"])
+    assert (about["mass_g"], about["labels_by"], about["person"]) == (15.1, "key", "p01")
+    assert table.column("X1").null_count == len(NEVER_CAME)
+    assert table.column("X3").null_count == len(NEVER_CAME) + 1
+    assert table.column("valid1").null_count == 0
+
+
+def test_without_raw_the_values_are_without_the_bias_that_is_written_down(run, recorded, tmp_path):
+    root, written = recorded
+    assert run("convert", root, "--to", "parquet", "--out", tmp_path / "o", "--only", PASS)[0] == 0
+    assert [path.name for path in (tmp_path / "o").iterdir()] == ["p02"]
+    table = pq.read_table(tmp_path / "o" / f"{PASS}.parquet")
+    about = json.loads(table.schema.metadata[b"holdfast"])
+    values = np.column_stack([table.column(name).to_numpy() for name in CHANNELS])
+    again = (values + about["bias"]) * about["sign"]
+    np.testing.assert_allclose(again, written[PASS].values, atol=1e-8)
+    assert np.abs(values[:5].mean(axis=0)).max() < 1e-9
+
+
+def test_the_mcap_package_reads_foxglove_s_arrows(converted, recorded):
+    written = recorded[1][PULL]
+    found = arrows(converted("mcap"))
+    scenes = found["/tactile/arrows"]
+    assert len(scenes) == ROWS
+    for row, (t_ns, scene) in enumerate(scenes):
+        assert t_ns == START_S * 1_000_000_000 + row * STEP_NS
+        (hand,) = scene.entities
+        assert (hand.frame_id, len(hand.spheres)) == ("hand", 6)
+        assert len(hand.arrows) == written.valid[row].sum()
+        assert hand.texts[0].text == written.label[row] or written.label[row] is None
+    (tf,) = found["/tf"]
+    assert (tf[1].parent_frame_id, tf[1].child_frame_id) == ("world", "hand")
+
+
+def test_an_arrow_is_as_long_as_the_force_and_points_along_it(converted, recorded):
+    written = recorded[1][PULL]
+    found = arrows(converted("mcap"))
+    hand = found["/tactile/arrows"][45][1].entities[0]
+    for sensor, arrow in enumerate(hand.arrows):
+        x, y, z = written.values[45, 3 * sensor : 3 * sensor + 3]
+        side = -1.0 if sensor < 2 else 1.0  # the thumb has two sensors
+        assert arrow.pose.position.y == pytest.approx(0.03 * side)
+        size = arrow.shaft_length + arrow.head_length
+        assert size == pytest.approx(5e-3 * np.hypot(np.hypot(x, y), z))
+        q = arrow.pose.orientation
+        towards = [
+            1 - 2 * (q.y**2 + q.z**2),
+            2 * (q.x * q.y + q.z * q.w),
+            2 * (q.x * q.z - q.y * q.w),
+        ]
+        np.testing.assert_allclose(
+            np.multiply(towards, size / 5e-3), [x, side * z, -side * y], atol=1e-6
+        )
+
+
+def test_the_mcap_package_reads_values_labels_and_losses(converted, recorded):
+    written = recorded[1][PULL]
+    path = converted("mcap") / f"{PULL}.mcap"
+    values, situations = [], []
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        for schema, channel, message in reader.iter_messages(["/tactile/fingers", "/situation"]):
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            (values if "fingers" in channel.topic else situations).append(json.loads(message.data))
+        about = {record.name: record.metadata for record in reader.iter_metadata()}["holdfast"]
+    read = [[one[axis] for one in row["fingers"] for axis in "xyz"] for row in values]
+    np.testing.assert_allclose(np.array(read, dtype=float), written.values, rtol=1e-8)
+    assert [[one["valid"] for one in row["fingers"]] for row in values] == written.valid.tolist()
+    assert [one["situation"] for one in situations] == [
+        "nothing",
+        "grasp",
+        "risky_slip",
+        "unlabelled",
+    ]
+    assert {row["unit"] for row in values} == {"N"}
+    assert json.loads(about["object"]) == "soft-ball"
+    log = [one.message for _, one in messages(path, ProtobufFactory(), "/log")["/log"]]
+    assert "mark: load_onset (key)" in log
+    assert [log.count(f"finger {k} is lost") for k in (1, 2, 3)] == [1, 2, 2]
+    assert [log.count(f"finger {k} is back") for k in (1, 2, 3)] == [1, 2, 2]
+
+
+def test_the_ros_2_decoder_reads_wrenches_and_a_lost_finger_sends_none(converted, recorded):
+    written = recorded[1][PULL]
+    (path,) = (converted("ros2") / PULL).glob("*.mcap")
+    found = messages(path, Ros2Factory())
+    for sensor in range(6):
+        rows = np.flatnonzero(written.valid[:, sensor])
+        topic = found[f"/holdfast/finger_{sensor + 1}"]
+        assert len(topic) == len(rows)
+        for row, (t_ns, message) in zip(rows, topic, strict=True):
+            stamp = message.header.stamp
+            assert stamp.sec * 1_000_000_000 + stamp.nanosec == t_ns
+            assert t_ns == START_S * 1_000_000_000 + row * STEP_NS
+            force = [getattr(message.wrench.force, axis) for axis in "xyz"]
+            expected = written.values[row, 3 * sensor : 3 * sensor + 3]
+            np.testing.assert_allclose(force, expected, rtol=1e-8)
+    labels = [message.data for _, message in found["/holdfast/situation"]]
+    assert labels == ["nothing", "grasp", "risky_slip", "unlabelled"]
+    assert json.loads(found["/holdfast/about"][0][1].data)["unit"] == "N"
+
+
+def test_ros_2_diagnostics_say_when_a_finger_is_lost(converted):
+    bag = converted("ros2") / PULL
+    (path,) = bag.glob("*.mcap")
+    topic = messages(path, Ros2Factory())["/diagnostics"]
+    lost = [
+        (round((t_ns - START_S * 1e9) / STEP_NS), [k for k, s in enumerate(one.status) if s.level])
+        for t_ns, one in topic
+    ]
+    assert lost == [
+        (0, []),
+        (30, [0, 1, 2, 3, 4, 5]),
+        (33, []),
+        (50, [1]),
+        (60, []),
+        (70, [2]),
+        (71, []),
+    ]
+    assert "storage_identifier: mcap" in (bag / "metadata.yaml").read_text()
+
+
+def test_lerobot_s_layout_holds_every_frame_and_nothing_filled(converted, recorded):
+    folder = converted("lerobot")
+    info = json.loads((folder / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["fps"]) == ("v3.0", 100)
+    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (2, 2 * ROWS, 2)
+    data = pd.read_parquet(folder / info["data_path"].format(chunk_index=0, file_index=0))
+    assert set(data) == set(info["features"])
+    episodes = pd.read_parquet(folder / "meta/episodes/chunk-000/file-000.parquet")
+    tasks = pd.read_parquet(folder / "meta/tasks.parquet")
+    for (_, episode), written in zip(episodes.iterrows(), recorded[1].values(), strict=True):
+        frames = data[episode["dataset_from_index"] : episode["dataset_to_index"]]
+        assert set(frames["episode_index"]) == {episode["episode_index"]}
+        np.testing.assert_allclose(
+            np.stack(frames["observation.tactile"]), written.values, rtol=1e-6
+        )
+        np.testing.assert_array_equal(np.stack(frames["observation.tactile_valid"]), written.valid)
+        np.testing.assert_allclose(frames["observation.time_s"], written.t_s, atol=1e-8)
+        assert tasks.index[frames["task_index"].iloc[0]] == episode["tasks"][0]
+    stats = json.loads((folder / "meta/stats.json").read_text())["observation.tactile"]
+    together = np.concatenate([one.values for one in recorded[1].values()])
+    np.testing.assert_allclose(stats["mean"], np.nanmean(together, axis=0), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("form", "libraries"), LIBRARIES.items())
+def test_a_missing_library_names_its_extra(form, libraries, monkeypatch):
+    module = importlib.import_module(WRITERS[form])
+    for name in libraries:
+        monkeypatch.setitem(sys.modules, name, None)
+    for name in [name for name in sys.modules if name.split(".")[0] in libraries]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(LibraryMissing, match=rf"pip install 'holdfast\[{form}\]'"):
+        importlib.reload(module)
+
+
+def test_an_output_that_exists_is_kept_and_an_unknown_trial_is_an_error(run, recorded, tmp_path):
+    root, _ = recorded
+    (tmp_path / "o").mkdir()
+    (tmp_path / "o/mine").write_text("mine")
+    words = ("convert", root, "--to", "parquet", "--out")
+    fails(run, 5, "OutputError", *words, tmp_path / "o", says="not empty")
+    fails(run, 3, "DataNotFound", *words, tmp_path / "p", "--only", "p09/*", says=PULL)
+    assert [path.name for path in tmp_path.iterdir()] == ["o"]
+
+
+def test_the_page_s_commands_run_and_name_every_format(run, tmp_path, monkeypatch):
+    page = PAGE.read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL):
+        if not block.startswith("holdfast "):
+            subprocess.run(["sh", "-e", "-c", block], check=True)
+            continue
+        for line in block.splitlines():
+            code, _, err = run(*shlex.split(line)[1:])
+            assert code == 0, err
+    assert sorted(path.name for path in Path("build/interop").iterdir()) == sorted(
+        ["set", *WRITERS]
+    )
+    assert all(f"| `{form}` |" in page for form in WRITERS)
+    links = re.findall(r"\]\(([^)#]+)\)", page)
+    assert [link for link in links if not (PAGE.parent / link).exists()] == []
