@@ -77,7 +77,7 @@ const riskiest = (rows) => rows.reduce((most, row) => (RANKS.indexOf(row.state) 
 function trouble() {
   if (page.ended) return [page.ended, "what is shown below is its last picture"];
   const silentMs = performance.now() - page.heardMs;
-  if (!page.heardMs || silentMs > LOST_MS) return ["no connection", "this page hears nothing from the program: the state is not known"];
+  if (!page.heardMs || silentMs > LOST_MS) return ["no connection", "no data comes from the program: the state is not known"];
   if (page.silent === null) return ["waiting", at("said").firstChild?.textContent ?? "no sample has come yet"];
   if (page.silent > SILENT_S) return ["no answers", `the loop has sent nothing for ${number(page.silent, 1)} s: the state is not known`];
   return null;
@@ -255,8 +255,8 @@ async function perform(action) {
 function togglePause(pause) {
   page.paused = page.paused === null ? { rows: [...page.rows] } : null;
   pause.setAttribute("aria-pressed", String(page.paused !== null));
-  pause.textContent = page.paused ? "Go on" : "Pause";
-  at("note").textContent = page.paused ? "The pictures and the table of fingers stand still; the state and the numbers go on." : "";
+  pause.textContent = page.paused ? "Resume" : "Pause";
+  at("note").textContent = page.paused ? "The pictures and the table of fingers stand still; the state and the numbers continue." : "";
   if (!page.paused) showPicture();
 }
 

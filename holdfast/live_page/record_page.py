@@ -17,7 +17,7 @@ from holdfast.recorder.trial import TrialRecorder
 
 ACTIONS = [
     {"do": "start", "label": "Start", "key": " ", "when": "ready"},
-    {"do": "load", "label": "Load comes on", "key": "l", "when": "trial"},
+    {"do": "load", "label": "Load onset", "key": "l", "when": "trial"},
     {"do": "released", "label": "Released", "key": "e", "when": "trial"},
     {"do": "keep", "label": "Keep", "key": "k", "when": "trial"},
     {"do": "redo", "label": "Redo", "key": "r", "when": "always"},

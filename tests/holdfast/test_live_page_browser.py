@@ -99,7 +99,7 @@ def test_marks_pause_and_saving_are_buttons(tab):
         page.frame(sample(1, x=[9.0] * 18))
         tab.wait_until("document.getElementById('numbers').innerText.includes('27.00 N')")
         assert "0.67 N" in text_of(tab, "fingers")
-        tab.wait_until(PRESS.format("Go on"))
+        tab.wait_until(PRESS.format("Resume"))
         assert "9.00 N" in text_of(tab, "fingers")
         assert tab.value("document.querySelector('a.button').getAttribute('href')") == "save"
 
