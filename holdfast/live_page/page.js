@@ -21,7 +21,7 @@ const number = (value, places = 2) => (value === null || value === undefined ? "
 
 const placesOf = (unit) => (unit === "N" ? 2 : 0);
 
-const page = { about: null, sample: null, rows: [], marks: [], ready: null, ended: "", silent: null, heardMs: 0, paused: null, spokenMs: 0, riskyAt: null };
+const page = { about: null, sample: null, rows: [], marks: [], ready: null, ended: "", silent: null, heardMs: 0, paused: null, spokenMs: -SPEAK_MS, riskyAt: null };
 
 // -- what the server sends
 
@@ -35,8 +35,7 @@ function connect() {
 function begin(whole) {
   Object.assign(page, { rows: [], marks: [], ready: null, sample: null, riskyAt: null });
   at("said").replaceChildren();
-  introduce(whole.about);
-  take(whole);
+  take(whole, true);
 }
 
 function introduce(about) {
@@ -49,7 +48,7 @@ function introduce(about) {
   buildButtons();
 }
 
-function take(frame) {
+function take(frame, isWhole = false) {
   page.heardMs = performance.now();
   if (frame.about) introduce(frame.about);
   const fresh = frame.rows.map((cells) => Object.fromEntries(page.about.rows.map((name, k) => [name, cells[k]])));
@@ -64,7 +63,7 @@ function take(frame) {
   while (page.rows.length && page.rows[0].t_s < newest.t_s - page.about.shown_s) page.rows.shift();
   const risky = fresh.findLast((row) => row.state === "risky_slip");
   if (risky) page.riskyAt = risky.t_s;
-  showState(riskiest(fresh));
+  showState(isWhole ? null : riskiest(fresh));  // the rows of a whole picture are the past
   if (page.paused === null) showPicture();
   showNumbers();
 }
@@ -217,7 +216,7 @@ function buildButtons() {
     made.dataset.when = action.when;
     bar.append(made);
   }
-  const pause = button("Pause", () => togglePause(pause));
+  const pause = button(page.paused ? "Resume" : "Pause", () => togglePause(pause));
   pause.setAttribute("aria-pressed", String(page.paused !== null));
   bar.append(pause);
   if (!page.about.saves) return;

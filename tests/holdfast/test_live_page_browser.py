@@ -88,6 +88,15 @@ def test_a_risky_slip_of_one_sample_is_seen_and_remembered(tab):
         assert "risky slip 0.4 s ago" in tab.value(f"{DETAIL}.textContent")
 
 
+def test_a_page_that_is_opened_after_a_risky_slip_announces_none(tab):
+    with served() as page:
+        page.frame(sample(0, "risky_slip"), *(sample(k) for k in range(1, 150)))
+        opened(tab, page)
+        assert tab.value(STATE) == "grasp"
+        assert text_of(tab, "spoken") == "grasp"
+        assert "risky slip 1.0 s ago" in tab.value(f"{DETAIL}.textContent")
+
+
 def test_marks_pause_and_saving_are_buttons(tab):
     with served() as page:
         opened(tab, page)
