@@ -126,12 +126,16 @@ class Desk:
     def text(self, prompt: str) -> str | None:
         """A line that is shown as it is typed; Escape or an empty line: none."""
         self.say(prompt)
-        typed = b""
+        typed, drawn = b"", None
         while not self._stopped():
-            self._draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
+            if typed != drawn:
+                self._draw(f"> {visible(typed.decode('utf-8', 'replace'))[-60:]}")
+                drawn = typed
             byte = self._keys.byte(WAIT_S)
             if byte and byte in ENTER:
-                return typed.decode("utf-8", "replace").strip()
+                line = typed.decode("utf-8", "replace").strip()
+                self.say(f"> {line}")
+                return line
             if byte == ESCAPE:
                 _drop_the_rest(self._keys)
                 return ""

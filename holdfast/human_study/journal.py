@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,8 @@ class Progress:
     _last_s: float = 0.0
 
     def take(self, entry: Json) -> None:
-        """One more line."""
-        event, t_s = entry["event"], float(entry["t_s"])
+        """One more line. Raises KeyError, TypeError or ValueError where it is no entry."""
+        event, t_s, _ = entry["event"], float(entry["t_s"]), entry["at"]
         if event == OPENED:
             self._stop(self._last_s)
             self.runs += 1
@@ -60,7 +61,12 @@ class Progress:
             self._stop(t_s)
             self.part, self.begun = int(entry["next"]), False
         elif event == ANSWER:
-            self.answers[int(entry["part"]), str(entry["item"])] = entry["rating"]
+            rating = entry["rating"]
+            self.answers[int(entry["part"]), str(entry["item"])] = (
+                None if rating is None else index(rating)
+            )
+        elif event in (NOTE, DETAIL):
+            str(entry["text"])
         elif event == FINISHED:
             self.finished = True
         if event in ENDS_TIME:
@@ -84,10 +90,12 @@ class Progress:
 class Journal:
     """The open journal of one person; utc: the time now as text."""
 
-    def __init__(self, path: Path, now_ns: Callable[[], int], utc: Callable[[], str]) -> None:
+    def __init__(
+        self, path: Path, n_parts: int, now_ns: Callable[[], int], utc: Callable[[], str]
+    ) -> None:
         self.path, self._now_ns, self._utc = path, now_ns, utc
         self.entries = read_journal(path)
-        self.progress = progress_of(self.entries, path)
+        self.progress = progress_of(self.entries, path, n_parts)
         self._began_ns = now_ns()
         self._run = self.progress.runs
 
@@ -128,16 +136,18 @@ class Journal:
 
 @contextmanager
 def opened_journal(
-    home: Path, now_ns: Callable[[], int], utc: Callable[[], str]
+    home: Path, n_parts: int, now_ns: Callable[[], int], utc: Callable[[], str]
 ) -> Iterator[Journal]:
     """The journal of a person's folder, new or mended, for one program at a time.
+
+    n_parts: of the card.
 
     Raises OutputError (another terminal has it), LabelError (a line that cannot be read).
     """
     home.mkdir(parents=True, exist_ok=True)
     with held(home / JOURNAL) as path:
         mend_lines(path, _is_entry)
-        yield Journal(path, now_ns, utc)
+        yield Journal(path, n_parts, now_ns, utc)
 
 
 @contextmanager
@@ -161,13 +171,15 @@ def read_journal(path: Path) -> list[Json]:
     return read_events(path)
 
 
-def progress_of(entries: list[Json], path: Path) -> Progress:
-    """Where the lines leave the study. Raises LabelError."""
+def progress_of(entries: list[Json], path: Path, n_parts: int) -> Progress:
+    """Where the lines leave the study of a card with so many parts. Raises LabelError."""
     progress = Progress()
     for number, entry in enumerate(entries, 1):
         try:
             progress.take(entry)
-        except (KeyError, TypeError, ValueError) as error:
+            if not 0 <= entry.get("part", 0) < n_parts or not 0 <= progress.part <= n_parts:
+                raise ValueError("the card has no such part")
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise LabelError(
                 f"line {number} is no entry of a study ({error!r:.60})",
                 where=path,

@@ -103,7 +103,7 @@ def outcome_of(root: Path, person: str, card: StudyCard, model: Path) -> StudyOu
             cause="recorded with holdfast record alone",
             next_step="holdfast evaluate MODEL --data FOLDER --report OUT scores such recordings",
         )
-    progress = progress_of(entries, home / JOURNAL)
+    progress = progress_of(entries, home / JOURNAL, len(card.parts))
     figures, why = _figures(home, model)
     return StudyOutcome(
         person,

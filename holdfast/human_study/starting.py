@@ -134,7 +134,7 @@ def run_parts(
     trials = Trials(args, card, clock, desk.say, stopped, show)
     require_writable(args.out)
     trials.require_hand()
-    with opened_journal(home, clock.now_ns, utc) as journal:
+    with opened_journal(home, len(card.parts), clock.now_ns, utc) as journal:
         trials.mend()
         _open(args, card, desk, journal)
         ended = Runner(args.out, args.person, card, journal, desk, trials, utc).run()

@@ -60,6 +60,9 @@ from edge_runtime.tactile_file import mend
 from edge_runtime.tare import Tare
 from edge_runtime.trial_file import read_trial
 from holdfast.calibration.reading import read_studies
+from holdfast.human_study.card import read_study
+from holdfast.human_study.journal import progress_of, read_journal
+from holdfast.human_study.questionnaires import read_questionnaire
 from holdfast.live_page.address import read_address
 from holdfast.live_page.server import Access, PageHandler, PageServer
 from holdfast.live_page.stream import LiveStream
@@ -186,6 +189,27 @@ def scene(data: bytes) -> None:
 def protocol(data: bytes) -> None:
     """A recorder's protocol card, and a person's order of it."""
     read_protocol(written("protocol.toml", data)).ordered(0, "p01")
+
+
+def study_card(data: bytes) -> None:
+    """The protocol card of a study, and all that is computed from it."""
+    card = read_study(written("study.toml", data))
+    assert card.minutes_after(0) <= card.minutes
+    assert len(card.protocol().tasks) == sum(part.repetitions for part in card.parts)
+
+
+def questionnaire(data: bytes) -> None:
+    """A questionnaire, and the score of its lowest ratings."""
+    of = read_questionnaire(str(written("own.toml", data)))
+    score = of.score({item.name: of.lowest for item in of.items})
+    assert score is not None
+    assert 0.0 <= score <= 100.0
+
+
+def study_journal(data: bytes) -> None:
+    """The journal of a person's study, and where it goes on."""
+    path = written("study.jsonl", data)
+    progress_of(read_journal(path), path, 3)
 
 
 def events(data: bytes) -> None:
@@ -661,6 +685,38 @@ def small_card() -> bytes:
     ).encode()
 
 
+STUDY_CARD = b"""first_step = 0
+questionnaires = ["sus"]
+[objects.cup]
+mass_g = 212
+actions = ["pull"]
+[actions.pull]
+how = "pull"
+[[steps]]
+kind = "say"
+minutes = 1
+[[steps]]
+objects = ["cup"]
+[[steps.each]]
+kind = "record"
+minutes = 2
+say = "{object} {how}"
+"""
+QUESTIONNAIRE = b"""lowest = 0
+highest = 10
+step = 5
+[[items]]
+name = "a"
+ask = "b"
+low = "c"
+high = "d"
+reversed = true
+"""
+JOURNAL = b"""{"event": "opened", "run": 1, "t_s": 0.0, "at": "2026"}
+{"event": "begun", "t_s": 0.5, "at": "2026", "part": 0, "kept": 1}
+{"event": "answer", "t_s": 1, "at": "2026", "part": 0, "item": "a", "rating": 5}
+{"event": "done", "t_s": 2, "at": "2026", "part": 0, "next": 1}
+"""
 PROTOCOL = b"""title = "x"
 [[trials]]
 objects = ["cup"]
@@ -689,6 +745,9 @@ TARGETS = {
     "truth": Target(truth, (PHASES,)),
     "scene": Target(scene, (CARD, CARD + MORE_OF_A_CARD)),
     "protocol": Target(protocol, (PROTOCOL,)),
+    "study_card": Target(study_card, (STUDY_CARD,)),
+    "questionnaire": Target(questionnaire, (QUESTIONNAIRE,)),
+    "study_journal": Target(study_journal, (JOURNAL,)),
     "events": Target(events, (EVENTS,)),
     "calibration": Target(calibration, (CALIBRATION,)),
     "bias": Target(bias, (BIAS,)),

@@ -90,7 +90,7 @@ def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(talk: 
     ]
     assert talk.entries("note")[0]["text"] == "late bus"
     assert said(talk.messages, "no names")
-    spent_s = progress_of(talk.entries(), talk.home).spent_s
+    spent_s = progress_of(talk.entries(), talk.home, 4).spent_s
     assert spent_s == {0: 1.0 + 1.0, 1: 11.0 + 1.0 + 1.0, 2: 1.0}
 
 
@@ -115,7 +115,7 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
 ) -> None:
     whole = Study(tmp_path / "whole")
     whole.run(WHOLE_TALK)
-    wanted = progress_of(whole.entries(), whole.home)
+    wanted = progress_of(whole.entries(), whole.home, 4)
     append = Journal.append
     for last in range(1, len(whole.entries()) + 1):
         study = Study(tmp_path / str(last))
@@ -130,10 +130,10 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
         with pytest.raises(Kill):
             study.run(WHOLE_TALK)
         monkeypatch.setattr(Journal, "append", append)
-        left = 3 - min(progress_of(study.entries(), study.home).part, 3)
-        answered = len(progress_of(study.entries(), study.home).answers)
+        left = 3 - min(progress_of(study.entries(), study.home, 4).part, 3)
+        answered = len(progress_of(study.entries(), study.home, 4).answers)
         assert study.run(" " * left + SUS_ANSWERS[2 * answered :]) == FINISHED, last
-        found = progress_of(study.entries(), study.home)
+        found = progress_of(study.entries(), study.home, 4)
         assert (found.part, found.answers) == (wanted.part, wanted.answers), last
         assert found.runs == 2
 
@@ -147,7 +147,22 @@ def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(talk: St
     assert talk.done() == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize("line", ['{"event": "begun"}', "[]", '{"event": "done", "t_s": "x"}'])
+STAMP = '"run": 1, "t_s": 1, "at": "2026"'
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "[]",
+        '{"event": "begun"}',
+        '{"event": "done", "t_s": "x", "at": "2026"}',
+        f'{{"event": "done", {STAMP}, "part": 1, "next": 5}}',
+        f'{{"event": "done", {STAMP}, "part": 1, "next": Infinity}}',
+        f'{{"event": "note", {STAMP}, "part": 4, "text": "a"}}',
+        f'{{"event": "note", {STAMP}, "part": 1}}',
+        f'{{"event": "answer", {STAMP}, "part": 3, "item": "easy", "rating": "4"}}',
+    ],
+)
 def test_a_journal_that_cannot_be_read_is_named_with_its_file(talk: Study, line: str) -> None:
     talk.run(" q")
     journal = talk.home / "study.jsonl"
@@ -169,7 +184,10 @@ def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with
 
 def test_two_terminals_do_not_run_one_person_s_study(talk: Study) -> None:
     talk.run(" q")
-    with log.opened_journal(talk.home, lambda: 0, str), pytest.raises(OutputError, match="another"):
+    with (
+        log.opened_journal(talk.home, 4, lambda: 0, str),
+        pytest.raises(OutputError, match="another"),
+    ):
         talk.run(" ")
 
 
