@@ -74,7 +74,7 @@ class AnyDesk(Protocol):
     rehearsal: bool
     say: Callable[[str], None]
 
-    def key(self, left_s: float, *, ends_part: bool) -> str:
+    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> str:
         """What to do next, one of KEYS; left_s: planned time that is left in this part."""
         ...
 
@@ -107,13 +107,14 @@ class Desk:
         self._keys, self.say, self._draw = keys, say, draw
         self._clock, self._stopped = clock, stopped
 
-    def key(self, left_s: float, *, ends_part: bool) -> str:
+    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> str:
         """What to do next; QUIT after a signal or where the terminal is gone."""
         began_ns, drawn_s = self._clock.now_ns(), -REDRAW_S
         while not self._stopped():
             spent_s = 1e-9 * (self._clock.now_ns() - began_ns)
             if spent_s >= drawn_s + REDRAW_S:
-                self._draw(_left_in_words(left_s - spent_s))
+                over = f"paused for {clock_text(spent_s)}"
+                self._draw(over if paused else _left_in_words(left_s - spent_s))
                 drawn_s = spent_s
             letter = letter_of(self._keys, WAIT_S)
             if letter in KEYS:
@@ -166,7 +167,7 @@ class Rehearsal:
     def __init__(self, say: Callable[[str], None], clock: Any, stopped: Callable[[], bool]) -> None:
         self.say, self._clock, self._stopped = say, clock, stopped
 
-    def key(self, left_s: float, *, ends_part: bool) -> str:
+    def key(self, left_s: float, *, ends_part: bool, paused: bool = False) -> str:
         """Go on, after the time that is left."""
         if self._stopped():
             return QUIT

@@ -161,9 +161,9 @@ class Runner:
     def _pause(self) -> str:
         self.journal.append(log.PAUSED, part=self.journal.progress.part)
         self.desk.say("paused: space goes on")
-        key = self.desk.key(0.0, ends_part=False)
+        key = ""
         while key not in (keys.NEXT, keys.PAUSE, keys.QUIT):
-            key = self.desk.key(0.0, ends_part=False)
+            key = self.desk.key(0.0, ends_part=False, paused=True)
         if key == keys.QUIT:
             return keys.QUIT
         self.journal.append(log.RESUMED, part=self.journal.progress.part)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import shutil
 import signal
 import subprocess
@@ -12,12 +13,18 @@ from pathlib import Path
 
 import pytest
 from command_line import fails
-from recorder_bench import ROOT, Killed, wait_for
+from recorder_bench import (
+    ROOT,
+    Killed,
+    terminal_of_its_own,
+    wait_for,
+    wait_on_terminal_for,
+)
 from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, card_of, said
 
 from edge_runtime.errors import CardError, DeviceError, LabelError, OutputError, UsageError
 from holdfast.human_study import journal as log
-from holdfast.human_study.desk import QUIT
+from holdfast.human_study.desk import QUIT, TrialKeys, letter_of
 from holdfast.human_study.journal import Journal, progress_of
 from holdfast.human_study.runner import FINISHED, WITHDRAWN
 
@@ -97,6 +104,17 @@ def test_skip_repeat_note_and_pause_are_entries_and_a_pause_takes_no_time(talk: 
 def test_a_note_can_be_corrected_and_dropped_and_an_arrow_key_is_no_letter(talk: Study) -> None:
     talk.run("n" + "aé\x7f\x7fbc\n" + "n" + "secret\x1b" + "n" + "\n" + "q")
     assert [entry["text"] for entry in talk.entries("note")] == ["bc"]
+
+
+def test_an_arrow_key_ends_no_trial_and_begins_no_step(pressing) -> None:
+    keys, press = pressing
+    press("\x1b[A")
+    during = TrialKeys(keys)
+    assert [letter_of(keys, 1.0), letter_of(keys, 0.0)] == ["", ""]
+    press("\x1b[A")
+    assert (during.pressed(1.0), during.adverse, during.ends) == ("", False, False)
+    press("a")
+    assert (during.pressed(1.0), during.adverse, during.ends) == ("", True, True)
 
 
 # -- where it goes on
@@ -205,6 +223,24 @@ def test_a_signal_ends_it_as_q_does(talk: Study) -> None:
     assert talk.entries()[-1]["event"] == "quit"
 
 
+def test_the_time_of_a_killed_run_counts_up_to_its_last_line(
+    talk: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cut(journal: Journal, event: str, **more: object) -> None:
+        append(journal, event, **more)
+        if event == log.NOTE:
+            raise Kill
+
+    append = Journal.append
+    with monkeypatch.context() as patched:
+        patched.setattr(Journal, "append", cut)
+        with pytest.raises(Kill):
+            talk.run("nabc\n", pause_s=1.0)
+    talk.run(" q", pause_s=7.0)
+    spent_s = progress_of(talk.entries(), talk.home, 4).spent_s
+    assert spent_s == {0: 5.0 + 7.0, 1: 7.0}
+
+
 @pytest.mark.parametrize("name", ["Anna Müller", "a@b.org", "discarded"])
 def test_a_person_is_a_pseudonym(talk: Study, name: str) -> None:
     talk.args.person = name
@@ -261,6 +297,12 @@ def test_r_moves_the_last_trial_of_a_step_away_and_records_it_again(scene: Study
         "soft-ball/pass/trial_2",
     ]
     assert scene.done() == [0, 1, 2]
+
+
+def test_a_trial_that_is_redone_waits_for_the_operator_to_begin_again(scene: Study) -> None:
+    scene.run("  " + " " + "q", in_trials={30: "r"})
+    assert scene.states() == {"discarded/soft-ball/pass/trial_1-1": "redone"}
+    assert said(scene.messages[-3:], "repetition 1 of 2")
 
 
 def test_one_step_back_leads_to_the_trials_that_are_kept_and_not_to_new_ones(scene: Study) -> None:
@@ -347,6 +389,33 @@ def test_a_virtual_participant_without_a_trial_of_the_card_is_refused_at_once(
     with pytest.raises(UsageError, match="has no trial of hard-ball, put-down"):
         study.run(" ")
     assert not study.out.exists()
+
+
+def test_the_recorder_gets_the_options_of_the_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = []
+    monkeypatch.setattr("holdfast.human_study.trials.record_plan", lambda *a: given.append(a[0]))
+    words = [
+        "--seconds",
+        "9",
+        "--rate",
+        "100",
+        "--anyway",
+        "--camera",
+        "oak",
+        "--tag-mm",
+        "9.96",
+        "--fps",
+        "30",
+    ]
+    study = Study(tmp_path, TRIALS, "virtual://ft232h", *words)
+    study.run("  " + " " + "q")
+    (args,) = given
+    assert (args.camera, args.tag_mm, args.fps) == ("oak", 9.96, 30.0)
+    assert args.exposure_ms == study.args.exposure_ms
+    assert (args.seconds, args.rate, args.anyway, args.at_once) == (9.0, 100.0, True, True)
+    assert (args.person, args.out, args.calibration) == ("p01", study.out, None)
 
 
 # -- withdrawal
@@ -453,6 +522,23 @@ def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) 
     assert run.returncode == 0
     os.close(reading)
     os.close(writing)
+
+
+def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> None:
+    master, slave = pty.openpty()
+    words = [talk.path, "--source", "virtual://ft232h", "--out", talk.out, "--person", "p01"]
+    command = [sys.executable, "-m", "holdfast", "study", *map(str, words)]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdin=slave, stdout=slave, stderr=slave, preexec_fn=terminal_of_its_own
+    ) as run:
+        os.close(slave)
+        wait_on_terminal_for(master, "step 1 of 2, Welcome")
+        os.write(master, b" ")
+        wait_on_terminal_for(master, "step 1 of 2, Questions")
+        os.close(master)
+        assert run.wait(timeout=300) == 0
+    assert talk.entries()[-1]["event"] == "quit"
+    assert talk.run("  " + SUS_ANSWERS) == FINISHED
 
 
 @pytest.mark.parametrize(
