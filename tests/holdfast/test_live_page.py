@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hazard_marks import FOREIGN_BROWSER, PAGE_DELAYS, STALE_PAGE
 from page_bench import ABOUT, PERIOD_NS, next_event, sample, served
 
 from drivers.replay import open_replay
@@ -64,6 +65,7 @@ def test_a_lost_finger_is_named_and_counts_for_no_force_and_an_unknown_state_has
     assert (row["grip"], row["state"], row["p_risky"]) == (2.5, "unknown", None)
 
 
+@STALE_PAGE.mark
 def test_a_loop_that_sends_nothing_is_silent_and_one_that_has_ended_says_so():
     with served() as page, page.begin("/events") as answer:
         assert next_event(answer)[1]["silent_s"] is None
@@ -102,6 +104,7 @@ def test_a_browser_that_was_stalled_begins_anew_with_the_whole_picture():
     assert next(frames).startswith(b"event: frame\n")
 
 
+@PAGE_DELAYS.mark
 def test_browsers_that_read_nothing_hold_up_no_other():
     with served() as page:
         stalled = [page.begin("/events") for _ in range(20)]
@@ -144,6 +147,7 @@ def test_the_page_names_nothing_outside_itself():
         assert set(re.findall(r"https?://[^\s\"']+", text)) <= {"http://www.w3.org/2000/svg"}
 
 
+@FOREIGN_BROWSER.mark
 @pytest.mark.parametrize("path", ["", "page.js", "events", "save", "do/mark"])
 @pytest.mark.parametrize(
     "prefix", ["", "wrong/", TOKEN[:-1] + "/", TOKEN.upper() + "/", TOKEN, "%00/"]
@@ -163,6 +167,7 @@ def test_with_the_token_the_page_its_parts_and_its_actions_are_there():
     assert (statuses, marked, page.acted) == ([200, 200, 404], 202, [b"m"])
 
 
+@FOREIGN_BROWSER.mark
 @pytest.mark.parametrize(
     "host", ["attacker.example:80", "127.0.0.1.attacker.example", "", "[", "@"]
 )
@@ -172,6 +177,7 @@ def test_a_name_that_another_site_points_here_is_refused(host):
         assert page.ask("/", Host="localhost:8000")[0] == 200
 
 
+@FOREIGN_BROWSER.mark
 def test_another_site_s_page_presses_no_button():
     with served() as page:
         assert page.ask("/do/mark", "POST", Origin="http://attacker.example")[0] == 403

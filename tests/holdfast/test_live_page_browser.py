@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hazard_marks import STALE_PAGE
 from headless_browser import Tab, browser, needs_chromium
 from page_bench import Served, sample, served
 
@@ -62,6 +63,7 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
     assert "lost samples\nnone" in numbers
 
 
+@STALE_PAGE.mark
 def test_a_page_that_hears_nothing_never_shows_an_old_state(tab):
     with served() as page:
         opened(tab, page)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hazard_marks import PAGE_DELAYS, STALE_PAGE
 from live_bench import DEFAULT, ROOT, RUN, Steady
 from page_bench import ABOUT, next_event
 from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, wait_for
@@ -75,6 +76,7 @@ def received(end: socket.socket) -> list[dict[str, Any]]:
 # -- the link
 
 
+@PAGE_DELAYS.mark
 def test_a_page_that_takes_nothing_costs_its_messages_and_delays_none(ends, not_for_ever):
     ours, theirs = ends
     link = PageLink(ours, print)
@@ -87,6 +89,7 @@ def test_a_page_that_takes_nothing_costs_its_messages_and_delays_none(ends, not_
     assert received(theirs) == [{"k": "again"}]
 
 
+@PAGE_DELAYS.mark
 def test_a_page_whose_process_is_gone_is_reported_once(ends):
     ours, theirs = ends
     messages: list[str] = []
@@ -98,6 +101,7 @@ def test_a_page_whose_process_is_gone_is_reported_once(ends):
     assert "the run goes on" in messages[0]
 
 
+@PAGE_DELAYS.mark
 def test_a_run_whose_page_takes_nothing_answers_every_sample(model, ends, not_for_ever):
     clock, link = VirtualClock(), PageLink(ends[0], print)
     page = RunPage(link, model.card, print)
@@ -216,6 +220,7 @@ def test_a_run_shows_itself_takes_a_mark_and_ends_as_without_a_page():
     assert re.search(r"^mark 1 at \d+\.\d{3} s, sample \d+$", err, re.MULTILINE)
 
 
+@STALE_PAGE.mark
 def test_a_run_that_is_killed_ends_its_page():
     command = [*RUN, "--quiet", "--web", "0"]
     with subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE) as run:

@@ -224,3 +224,22 @@ WIRE_FAILS = Hazard(
     "commands are `hold`",
     "The hand's own controller holds where no command comes for 300 ms",
 )
+STALE_PAGE = Hazard(
+    LIVE,
+    "A live page shows an old answer as if it were new",
+    "Where the loop sends nothing or the connection is lost, the page says so in place of a state",
+    "Following the hand's own controller, and not a page",
+)
+PAGE_DELAYS = Hazard(
+    LIVE,
+    "A browser or its network delays the loop",
+    "A process of its own serves the page, behind a socket that never blocks",
+    "Nothing",
+)
+FOREIGN_BROWSER = Hazard(
+    OUTSIDE,
+    "Another site or another machine reaches the live page",
+    "On loopback only requests for a loopback host are answered; on any other host only those with "
+    "the token of the run",
+    "Choosing a network that is trusted: the page is not encrypted",
+)
