@@ -80,11 +80,11 @@ def trial_of(header: list[str], table: FloatArray, path: Path) -> Trial:
     raw = table[:, 1 : 1 + 3 * n_sensors]
     trial = Trial(path, t_s, raw, _valid(table, header, n_sensors))
     return _with_lost_rows(
-        trial, _places_by_time(t_s) if counted is None else _places_by_sequence(counted, path)
+        trial, places_by_time(t_s) if counted is None else _places_by_sequence(counted, path)
     )
 
 
-def _places_by_time(t_s: FloatArray) -> IntArray:
+def places_by_time(t_s: FloatArray) -> IntArray:
     """[T] the index of every row in a stream with the usual step."""
     steps = np.diff(t_s)
     places: IntArray = np.zeros(len(t_s), dtype=np.int64)

@@ -1,7 +1,8 @@
-"""`holdfast convert FOLDER --to FORMAT --out DIR`: recordings in the formats of other tools.
+"""`holdfast convert`: recordings in the formats of other tools, and XDF into the trial layout.
 
 holdfast convert trials --to parquet --out trials-parquet
 holdfast convert trials --to mcap --out trials-mcap --only 'p01/*'
+holdfast convert session.xdf --to trials --out trials --person p01 --object cup --action pull
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from importlib import import_module
 from typing import Any
 
 from edge_runtime.command import path_argument, show
+from edge_runtime.contract import UNITS
+from edge_runtime.errors import OutputError, UsageError
 
 WRITERS = {
     "parquet": "holdfast.interop.tables",
@@ -19,23 +22,35 @@ WRITERS = {
     "lerobot": "holdfast.interop.lerobot",
 }
 """Format -> the module that writes it and alone imports its library."""
+TRIALS = "trials"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
-    option("source", type=path_argument, metavar="FOLDER", help="a folder of recordings")
+    source = "a folder of recordings; an XDF file for --to trials"
+    option("source", type=path_argument, metavar="FOLDER|XDF", help=source)
     formats = "format to write (docs/interop.md); each needs the extra of its name"
-    option("--to", choices=[*WRITERS], required=True, help=formats)
-    option("--out", type=path_argument, required=True, metavar="DIR", help="a new folder")
+    option("--to", choices=[*WRITERS, TRIALS], required=True, help=formats)
+    out = "a new folder; for trials also an existing set"
+    option("--out", type=path_argument, required=True, metavar="DIR", help=out)
     option("--only", default="*", metavar="GLOB", help="trials whose names match, such as 'p01/*'")
     raw = "values as recorded, not without bias"
     option("--raw", action="store_true", help=raw)
+    xdf = parser.add_argument_group("an XDF file into trials").add_argument
+    xdf("--person", metavar="PSEUDONYM", help="letters, digits, dashes; never a real name")
+    xdf("--object", metavar="NAME", help="without markers that begin trials: the object")
+    xdf("--action", metavar="ACTION", help="the same: the action, such as pull")
+    xdf("--stream", metavar="NAME", help="the tactile stream (default: the only one that fits)")
+    xdf("--unit", choices=UNITS, help="of the stream, where it does not say")
 
 
 def run(args: argparse.Namespace) -> int:
     """Read all trials, then write all of them or nothing."""
-    from edge_runtime.errors import OutputError
+    return _from_xdf(args) if args.to == TRIALS else _to_format(args)
+
+
+def _to_format(args: argparse.Namespace) -> int:
     from edge_runtime.writing import whole_folder
 
     writer: Any = import_module(WRITERS[args.to])
@@ -48,4 +63,21 @@ def run(args: argparse.Namespace) -> int:
         writer.write_trials(trials, folder)
     rows = sum(len(trial.t_s) for trial in trials)
     show(f"{args.out}: {len(trials)} trials, {rows} samples")
+    return 0
+
+
+def _from_xdf(args: argparse.Namespace) -> int:
+    from holdfast.interop.incoming import cuts, write_trials
+    from holdfast.interop.xdf import read_xdf
+    from holdfast.recorder.card import word
+
+    if not args.person:
+        raise UsageError("--to trials without a person", next_step="--person p01")
+    person = args.out / word(args.person, "--person")
+    named = f"{args.object}/{args.action}" if args.object and args.action else args.action
+    stream, markers = read_xdf(args.source, args.stream, args.unit)
+    found = cuts(markers, named, args.source)
+    for path in write_trials(stream, markers, found, person):
+        show(f"{path}")
+    show(f"next: holdfast check {args.out}")
     return 0
