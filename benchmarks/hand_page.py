@@ -29,6 +29,16 @@ FAULT_HEADS = {
     "settled_again_ms": "settled again, ms",
     "samples_lost": "samples lost",
 }
+TIMED_HEADS = {
+    "stall_ms": "mean stall, ms",
+    "way": "scans",
+    "samples": "samples",
+    "lost": "lost",
+    "spacing": "spacing error, 99.9 %, us",
+    "late_p50_ms": "late, median, ms",
+    "late_p999_ms": "99.9 %, ms",
+    "late_max_ms": "longest, ms",
+}
 DELAY_HEADS = {
     "way": "bridge, reads, bus",
     "rate_hz": "rate, Hz",
@@ -111,5 +121,18 @@ def _process(row: Json) -> Json:
     }
 
 
+def timed(figures: Json) -> Tables:
+    """Scans that the FT232H times itself, beside today's."""
+    return {"timed": table([_scans(row) for row in figures["rows"]], TIMED_HEADS)}
+
+
+def _scans(row: Json) -> Json:
+    shown = {
+        "way": f"{row['queued']} queued" if row["queued"] else "today's scan",
+        "spacing": f"{row['spacing_p999_us']:,.0f}",
+    }
+    return row | shown | {key: f"{row[key]:.1f}" for key in row if key.startswith("late_")}
+
+
 if __name__ == "__main__":
-    refresh(sys.argv[2], {Path(sys.argv[1]): tables})
+    refresh(sys.argv[3], {Path(sys.argv[1]): tables, Path(sys.argv[2]): timed})

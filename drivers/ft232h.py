@@ -130,21 +130,7 @@ class Ft232h(UsbBridge):
             )
 
     def _carry(self, transfers: Sequence[Transfer]) -> list[Reply]:
-        commands = b"".join(_commands(transfer) for transfer in transfers)
-        expected = sum(_answers(transfer) for transfer in transfers)
-        look = bytes([GET_LOW_PINS])
-        answer = self._ask(look + commands + look, expected + 2)
-        if any(pins & (SCL | SDA_IN) != SCL | SDA_IN for pins in (answer[0], answer[-1])):
-            raise BusStuck(
-                "SCL or SDA is held low",
-                where=self.name,
-                cause="a chip was interrupted in the middle of a byte",
-            )
-        replies, at = [], 1
-        for transfer in transfers:
-            replies.append(_reply(transfer, answer[at : at + _answers(transfer)]))
-            at += _answers(transfer)
-        return replies
+        return replies_of(transfers, self._ask(*batch_of(transfers)))
 
     def _ask(self, commands: bytes, expected: int) -> bytes:
         """Send commands and return their answer. After a failure, discard old answers first.
@@ -180,6 +166,31 @@ class Ft232h(UsbBridge):
         if len(found) > expected:
             raise TransferFailed(f"{len(found)} bytes arrived, not {expected}", where=self.name)
         return found
+
+
+def batch_of(transfers: Sequence[Transfer]) -> tuple[bytes, int]:
+    """The commands that carry the transfers out and look at the idle lines before and after.
+
+    And how many bytes they answer.
+    """
+    look = bytes([GET_LOW_PINS])
+    commands = b"".join(_commands(transfer) for transfer in transfers)
+    return look + commands + look, sum(_answers(transfer) for transfer in transfers) + 2
+
+
+def replies_of(transfers: Sequence[Transfer], answer: bytes) -> list[Reply]:
+    """The replies in a batch's answer. Raises BusStuck where a line was low."""
+    if any(pins & (SCL | SDA_IN) != SCL | SDA_IN for pins in (answer[0], answer[-1])):
+        raise BusStuck(
+            "SCL or SDA is held low",
+            where=Ft232h.name,
+            cause="a chip was interrupted in the middle of a byte",
+        )
+    replies, at = [], 1
+    for transfer in transfers:
+        replies.append(_reply(transfer, answer[at : at + _answers(transfer)]))
+        at += _answers(transfer)
+    return replies
 
 
 @lru_cache(maxsize=64)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol
 
 
@@ -15,6 +17,10 @@ class Clock(Protocol):
 
     def spend(self, duration_ns: int) -> None:
         """Let time pass."""
+        ...
+
+    def at(self, t_ns: int) -> AbstractContextManager[None]:
+        """Within the block: what a device did by itself at t_ns, while its host was away."""
         ...
 
 
@@ -36,6 +42,18 @@ class VirtualClock:
         """Let time pass until t_ns."""
         self._now_ns = max(self._now_ns, t_ns)
 
+    def at(self, t_ns: int) -> AbstractContextManager[None]:
+        """It is t_ns within the block."""
+        return self._moved(t_ns)
+
+    @contextmanager
+    def _moved(self, t_ns: int) -> Iterator[None]:
+        now_ns, self._now_ns = self._now_ns, t_ns
+        try:
+            yield
+        finally:
+            self._now_ns = now_ns
+
 
 class WallClock:
     """Real time: a bridge's transfers take as long as on real hardware."""
@@ -48,3 +66,7 @@ class WallClock:
         """Sleep."""
         if duration_ns > 0:
             time.sleep(1e-9 * duration_ns)
+
+    def at(self, t_ns: int) -> AbstractContextManager[None]:
+        """Real time cannot go back: the device is late."""
+        return nullcontext()

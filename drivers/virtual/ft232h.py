@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 from functools import lru_cache
 
 from drivers.virtual.descriptors import Interface, endpoints
@@ -23,7 +25,10 @@ libftdi calls 1 SIO_TCOFLUSH.
 """
 MPSSE = 2
 SET_PINS = 0x80
-LENGTHS = dict.fromkeys((SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13), 3) | {
+IDLE_BYTES = 0x8F
+LENGTHS = dict.fromkeys(
+    (SET_PINS, 0x82, 0x86, 0x9E, 0x10, 0x11, 0x20, 0x24, 0x12, 0x13, IDLE_BYTES), 3
+) | {
     0x22: 2,
     0x26: 2,
 }
@@ -38,6 +43,10 @@ SENT, GOT = 0x100, 0x101
 A byte out and its acknowledge in, or a byte in and its acknowledge out.
 """
 SIMPLE = {0x81, 0x83, 0x84, 0x85, 0x87, 0x8A, 0x8B, 0x8C, 0x8D, 0x96, 0x97}
+
+
+Command = tuple[int, bytes]
+"""An opcode and its arguments."""
 
 
 @lru_cache(maxsize=64)
@@ -105,6 +114,9 @@ class VirtualFt232h(Device):
         self._flushed = False
         self._pins = BusLines(self.hand.wire)
         self._divider, self._by_five, self._phases, self._loopback = 0, True, 2, False
+        self._queued: deque[Command] = deque()
+        self._coming: deque[tuple[int, bytes]] = deque()
+        self._free_ns = 0
 
     # -- control requests
 
@@ -142,7 +154,8 @@ class VirtualFt232h(Device):
     def write(self, endpoint: int, data: bytes) -> None:
         """Commands; an incomplete one waits for its rest.
 
-        Our computing time counts as transfer time.
+        Our computing time counts as transfer time. Commands with idle clocks among them take their
+        time while the host does something else.
         """
         self.hand.clock.spend(TRANSFER_NS)
         if self._mode != MPSSE:
@@ -152,6 +165,9 @@ class VirtualFt232h(Device):
         bits, from_ns = self.hand.wire.bits, self.hand.clock.now_ns()
         commands, used = parsed(self._commands)
         self._commands = self._commands[used:]
+        if self._queued or any(opcode == IDLE_BYTES for opcode, _ in commands):
+            self._queue(commands)
+            return
         for opcode, arguments in commands:
             self._carry_out(opcode, arguments)
         lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
@@ -160,6 +176,7 @@ class VirtualFt232h(Device):
     def read(self, endpoint: int, length: int) -> bytes:
         """Packets, each with its status; without a flush they wait for the latency timer."""
         self.hand.clock.spend(TRANSFER_NS)
+        self._await_queued()
         if not self._flushed:
             self.hand.clock.spend(1_000_000 * self._latency_ms)
         packets = b""
@@ -171,6 +188,56 @@ class VirtualFt232h(Device):
                 break
         self._flushed = self._flushed and bool(self._answers)
         return packets
+
+    # -- commands with idle clocks: carried out by the engine's own time
+
+    def _queue(self, commands: Sequence[Command]) -> None:
+        """Begin with these when the ones before are done; with none before, now."""
+        self._catch_up()
+        if not self._queued:
+            self._free_ns = max(self._free_ns, self.hand.clock.now_ns())
+        self._queued.extend(commands)
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Carry out what the engine has begun by now, each part at its own time."""
+        now_ns = self.hand.clock.now_ns()
+        while self._queued and (begin_ns := self._next_begin_ns()) <= now_ns:
+            part = [self._queued.popleft()]
+            while self._queued and self._queued[0][0] != IDLE_BYTES:
+                part.append(self._queued.popleft())
+            kept, self._answers = self._answers, bytearray()
+            flushed, bits = self._flushed, self.hand.wire.bits
+            with self.hand.clock.at(begin_ns):
+                for opcode, arguments in part:
+                    self._carry_out(opcode, arguments)
+            lasts_ns = round(1e9 * (self.hand.wire.bits - bits) / self._bus_hz())
+            self._free_ns = begin_ns + lasts_ns
+            if self._answers:
+                self._coming.append((self._free_ns, bytes(self._answers)))
+            self._answers, self._flushed = kept, flushed
+
+    def _next_begin_ns(self) -> int:
+        """When the engine comes to what follows the idle clocks at the head of the queue."""
+        opcode, arguments = self._queued[0]
+        bits = 8 * (int.from_bytes(arguments, "little") + 1) if opcode == IDLE_BYTES else 0
+        return self._free_ns + round(1e9 * bits / self._bus_hz())
+
+    def _await_queued(self) -> None:
+        """Wait for the next answer of the queue, at most the latency timer's time."""
+        until_ns = self.hand.clock.now_ns() + 1_000_000 * self._latency_ms
+        while self._queued or self._coming:
+            self._catch_up()
+            now_ns = self.hand.clock.now_ns()
+            while self._coming and self._coming[0][0] <= now_ns:
+                self._answers += self._coming.popleft()[1]
+                self._flushed = True
+            if self._flushed or not (self._coming or self._queued):
+                return
+            next_ns = self._coming[0][0] if self._coming else self._next_begin_ns()
+            if next_ns > until_ns:
+                return
+            self.hand.clock.spend(next_ns - now_ns)
 
     # -- the engine
 
