@@ -60,6 +60,11 @@ class TrialCounts:
     redone: int
     interrupted: int
 
+    @property
+    def of_plan(self) -> int:
+        """Kept trials that the plan asks for; further ones do not make up for other tasks."""
+        return min(self.planned, self.kept)
+
 
 @dataclass(frozen=True)
 class StudyOutcome:

@@ -45,14 +45,18 @@ def write_report(home: Path, of: StudyOutcome) -> Path:
 
 
 def _head(of: StudyOutcome) -> str:
-    kept, planned = (sum(getattr(one, n) for one in of.trials) for n in ("kept", "planned"))
+    kept, planned = (sum(getattr(one, n) for one in of.trials) for n in ("of_plan", "planned"))
     spent_s = sum(one.spent_s or 0.0 for one in of.parts)
     planned_s = sum(one.planned_s for one in of.parts)
     boxes = [
         (f"{kept} of {planned}", "trials kept"),
-        (f"{spent_s / 60.0:.0f} of {planned_s / 60.0:g}", "minutes, pauses left out"),
+        (f"{spent_s / 60.0:.1f} of {planned_s / 60.0:g}", "minutes, pauses left out"),
         *_answer_boxes(of.figures),
-        *((number(one["score"], 1), f"{one['title']}, 0 to 100") for one in of.questionnaires),
+        *(
+            (number(one["score"], 1), f"{one['title']}, 0 to 100")
+            for one in of.questionnaires
+            if one["score"] is not None
+        ),
     ]
     shown = "".join(f"<div><b>{value}</b>{html.escape(label)}</div>" for value, label in boxes)
     state = "" if of.finished else "<strong>The study is not finished.</strong> "
@@ -115,9 +119,9 @@ def _labels(figures: ParticipantFigures) -> str:
     without = figures.whole.trials - figures.whole.labelled
     by = ", ".join(f"{name} {count}" for name, count in figures.labels_by.items()) or "none"
     missing = (
-        f" <strong>{without} trials have no label of their action</strong> (no key l, no camera): "
-        "whether these were recognised is not known, and an alarm in a pull or fall among them is "
-        "neither right nor false."
+        f" <strong>Trials without a label of their action: {without}</strong> (no key l, no "
+        "camera). Whether these were recognised is not known, and an alarm in a pull or fall among "
+        "them is neither right nor false."
         if without
         else ""
     )
@@ -237,7 +241,7 @@ def _step(step: int | None) -> str:
 
 def in_words(of: StudyOutcome, page: Path) -> Sequence[str]:
     """The outcome as lines for the operator."""
-    kept, planned = (sum(getattr(one, n) for one in of.trials) for n in ("kept", "planned"))
+    kept, planned = (sum(getattr(one, n) for one in of.trials) for n in ("of_plan", "planned"))
     lines = [f"{of.person}: {kept} of {planned} trials kept, {len(of.adverse)} adverse events"]
     if of.figures is None:
         lines.append(f"no figures of a model: {of.no_figures}")

@@ -133,7 +133,13 @@ def number(folder: Path) -> int:
 
 
 def discard(root: Path, person: str, folder: Path) -> Path:
-    """Move a trial to the person's discarded ones; returns its new path. Raises OutputError."""
+    """Move a trial to the person's discarded ones; returns its new path. Raises OutputError.
+
+    A kept trial is marked as redone first: training reads whatever is kept, wherever it lies.
+    """
+    meta = read_meta(folder)
+    if meta.get("state") == KEPT:
+        write_whole(folder / META, json.dumps({**meta, "state": REDONE}, indent=1) + "\n")
     place = root / person / DISCARDED / folder.parent.relative_to(root / person)
     try:
         place.mkdir(parents=True, exist_ok=True)

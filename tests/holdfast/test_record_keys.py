@@ -139,6 +139,8 @@ def test_after_its_figures_a_kept_trial_can_still_be_done_again(tmp_path, pressi
     kept, messages = session(tmp_path, hand, keys, [PULL, Task("my-cup", "pass")], at_once=False)
     assert kept == 0, "space, k; r does it again; the second r finds none; space, q keeps and stops"
     assert any("no trial to repeat yet" in line for line in messages)
+    (moved,) = (tmp_path / "p01/discarded").rglob("meta.json")
+    assert meta_of(moved.parent)["state"] == "redone", "training reads what is kept"
 
 
 def test_stop_between_trials_stops_and_so_does_an_operator_who_is_gone(tmp_path, pressing):

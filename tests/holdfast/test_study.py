@@ -27,6 +27,7 @@ from holdfast.human_study import journal as log
 from holdfast.human_study.desk import QUIT, TrialKeys, letter_of
 from holdfast.human_study.journal import Journal, progress_of
 from holdfast.human_study.runner import FINISHED, WITHDRAWN
+from training.datasets import load
 
 WHOLE_TALK = "   " + SUS_ANSWERS
 
@@ -296,7 +297,9 @@ def test_r_moves_the_last_trial_of_a_step_away_and_records_it_again(scene: Study
         "soft-ball/pass/trial_1",
         "soft-ball/pass/trial_2",
     ]
+    assert list(scene.states().values()) == ["redone", "kept", "kept"]
     assert scene.done() == [0, 1, 2]
+    assert len(load(scene.out, windows="natural").recordings) == 2
 
 
 def test_a_trial_that_is_redone_waits_for_the_operator_to_begin_again(scene: Study) -> None:

@@ -136,7 +136,7 @@ def test_trials_without_a_label_are_not_recognised_and_not_missed(
     passes = next(one for one in outcome.figures.actions if one.action == "pass")
     assert whole.minutes == passes.minutes > 0.0, "an alarm in a pull may be right"
     page = write_report(study.home, outcome).read_text()
-    assert "4 trials have no label of their action" in page
+    assert "Trials without a label of their action: 4" in page
     assert "not finished" in page
 
 
