@@ -22,6 +22,8 @@ from edge_runtime.reading import Json, json_of, text_of
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"
 TRUTH = "tactile" + TRUTH_SUFFIX
+DISCARDED = "discarded"
+"""A person's folder of trials that were done again: kept on the disk, read by nothing."""
 
 SITUATION_OF_ACTION = MappingProxyType(
     {

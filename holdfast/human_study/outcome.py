@@ -51,12 +51,13 @@ class AdverseEvent:
 
 @dataclass(frozen=True)
 class TrialCounts:
-    """Trials of one object and action by how they ended."""
+    """Trials of one object and action by how they ended. filmed: kept, with a whole video."""
 
     object: str
     action: str
     planned: int
     kept: int
+    filmed: int
     redone: int
     interrupted: int
 
@@ -185,18 +186,26 @@ def _trials(card: StudyCard, home: Path) -> list[TrialCounts]:
         if part.task:
             planned[part.task.thing, part.task.action] += part.repetitions
     states: dict[tuple[str, str], Counter[str]] = {key: Counter() for key in planned}
+    filmed: Counter[tuple[str, str]] = Counter()
     for path in home.rglob(f"trial_*/{META}"):
         meta = read_meta(path.parent)
         key = str(meta.get("object")), str(meta.get("action"))
         states.setdefault(key, Counter())[str(meta.get("state"))] += 1
+        filmed[key] += meta.get("state") == KEPT and _is_whole(meta.get("camera"))
     return [
         TrialCounts(
             thing,
             action,
             planned[thing, action],
             of[KEPT],
+            filmed[thing, action],
             of[REDONE],
             of.total() - of[KEPT] - of[REDONE],
         )
         for (thing, action), of in states.items()
     ]
+
+
+def _is_whole(camera: Any) -> bool:
+    """Whether a trial's entry on its camera is one of a whole video."""
+    return isinstance(camera, dict) and not camera.get("void")

@@ -46,11 +46,11 @@ def write_report(home: Path, of: StudyOutcome) -> Path:
 
 def _head(of: StudyOutcome) -> str:
     kept, planned = (sum(getattr(one, n) for one in of.trials) for n in ("of_plan", "planned"))
-    spent_s = sum(one.spent_s or 0.0 for one in of.parts)
+    spent_s = sum(one.spent_s or 0.0 for one in of.parts if one.planned_s)
     planned_s = sum(one.planned_s for one in of.parts)
     boxes = [
         (f"{kept} of {planned}", "trials kept"),
-        (f"{spent_s / 60.0:.1f} of {planned_s / 60.0:g}", "minutes, pauses left out"),
+        (f"{spent_s / 60.0:.1f} of {planned_s / 60.0:g}", "minutes of the planned steps"),
         *_answer_boxes(of.figures),
         *(
             (number(one["score"], 1), f"{one['title']}, 0 to 100")
@@ -68,7 +68,8 @@ def _head(of: StudyOutcome) -> str:
     )
     runs = "one run" if of.runs == 1 else f"{of.runs} runs"
     return f"""<h1>{html.escape(of.person)}: {html.escape(of.title)}</h1>
-<p>{state}{rehearsal}{of.began} to {of.ended}, {runs}.</p><div class=answer>{shown}</div>"""
+<p>{state}{rehearsal}{_when(of.began)} to {_when(of.ended)}, {runs}.</p>
+<div class=answer>{shown}</div>"""
 
 
 def _answer_boxes(figures: ParticipantFigures | None) -> list[tuple[str, str]]:
@@ -85,8 +86,8 @@ def _adverse(of: StudyOutcome) -> str:
     if not of.adverse:
         return "<p>No adverse event was noted.</p>"
     rows = "".join(
-        f"<p><strong>{html.escape(one.severity or 'severity not given')}</strong>, {one.at}, "
-        f"{_step(one.step)}{html.escape(one.title)}: "
+        f"<p><strong>{html.escape(one.severity or 'severity not given')}</strong>, "
+        f"{_when(one.at)}, {_step(one.step)}{html.escape(one.title)}: "
         f"{html.escape(one.text) or 'no description was given'}</p>"
         for one in of.adverse
     )
@@ -184,12 +185,12 @@ def _questionnaires(of: StudyOutcome) -> str:
 
 
 def _trials(of: StudyOutcome) -> str:
-    heads = ["object, action", "planned", "kept", "done again", "interrupted"]
+    heads = ["object, action", "planned", "kept", "filmed", "done again", "interrupted"]
     rows = [
         Row(
             [
                 html.escape(f"{one.object}, {one.action}"),
-                *map(str, (one.planned, one.kept, one.redone, one.interrupted)),
+                *map(str, (one.planned, one.kept, one.filmed, one.redone, one.interrupted)),
             ],
             "warning" if one.kept < one.planned else "",
         )
@@ -204,7 +205,7 @@ def _steps(of: StudyOutcome) -> str:
         Row(
             [
                 _step(one.step) + html.escape(one.title),
-                clock_text(one.planned_s),
+                clock_text(one.planned_s) if one.planned_s else "-",
                 "-" if one.spent_s is None else clock_text(one.spent_s),
                 str(one.begun),
                 one.state,
@@ -220,7 +221,7 @@ def _notes(of: StudyOutcome) -> str:
     if not of.notes:
         return ""
     lines = "".join(
-        f"<li>{one['at']}, {_step(one['step'])}{html.escape(one['title'])}: "
+        f"<li>{_when(one['at'])}, {_step(one['step'])}{html.escape(one['title'])}: "
         f"{html.escape(one['text'])}"
         for one in of.notes
     )
@@ -233,6 +234,11 @@ def _made(of: StudyOutcome) -> str:
     return f"""<h2>How this was made</h2><p class=note>Model {of.figures.model_id} as deployed;
 every sample is answered by the file itself, from a fresh state at the start of each trial.
 {html.escape(of.figures.caveat)}</p>"""
+
+
+def _when(at: str) -> str:
+    """A date of the journal for people."""
+    return html.escape(at.replace("T", " ").replace("Z", " UTC"))
 
 
 def _step(step: int | None) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import UsageError
-from edge_runtime.trial_layout import META
+from edge_runtime.trial_layout import DISCARDED, META
 from holdfast.human_study.card import StudyCard
 from holdfast.human_study.desk import TrialKeys
 from holdfast.human_study.virtual import url_for
@@ -120,7 +120,7 @@ class Trials:
         """How many trials of a task were begun, the discarded ones counted too."""
         place = task_folder(self._root, self._person, task)
         home = self._root / self._person
-        moved = home / "discarded" / place.relative_to(home)
+        moved = home / DISCARDED / place.relative_to(home)
         return sum(1 for folder in (place, moved) for _ in folder.glob("trial_*"))
 
     def _options(self, url: str) -> argparse.Namespace:

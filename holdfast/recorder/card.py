@@ -31,10 +31,10 @@ from typing import Any
 from edge_runtime.card_file import CardReader, read_toml
 from edge_runtime.errors import DataNotFound, UsageError
 from edge_runtime.reading import Json, require_file
-from edge_runtime.trial_layout import SITUATION_OF_ACTION
+from edge_runtime.trial_layout import DISCARDED, SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
-NOTHING, DISCARDED = "nothing", "discarded"
+NOTHING = "nothing"
 WORD = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*")
 LONGEST_WORD = 24
 MOST_TRIALS = 10_000

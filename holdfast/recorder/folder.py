@@ -10,9 +10,9 @@ from pathlib import Path
 
 from edge_runtime.errors import DataNotFound, OutputError, UnitError, UsageError
 from edge_runtime.reading import Json
-from edge_runtime.trial_layout import META, TACTILE
+from edge_runtime.trial_layout import DISCARDED, META, TACTILE
 from edge_runtime.writing import require_writable, write_whole
-from holdfast.recorder.card import DISCARDED, NOTHING, Task
+from holdfast.recorder.card import NOTHING, Task
 from holdfast.recorder.labels import read_meta
 
 FORMAT = 1

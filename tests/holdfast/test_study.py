@@ -300,6 +300,9 @@ def test_r_moves_the_last_trial_of_a_step_away_and_records_it_again(scene: Study
     assert list(scene.states().values()) == ["redone", "kept", "kept"]
     assert scene.done() == [0, 1, 2]
     assert len(load(scene.out, windows="natural").recordings) == 2
+    moved = scene.home / "discarded/soft-ball/pass/trial_2-1/meta.json"
+    moved.write_text(moved.read_text().replace("redone", "kept"))
+    assert len(load(scene.out, windows="natural").recordings) == 2
 
 
 def test_a_trial_that_is_redone_waits_for_the_operator_to_begin_again(scene: Study) -> None:

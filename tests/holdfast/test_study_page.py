@@ -41,7 +41,7 @@ def test_the_page_s_card_and_commands_run_and_print_what_it_shows(
 def test_the_page_s_commands_with_a_hand_have_options_that_exist() -> None:
     lines = [line for kind, text in BLOCK.findall(PAGE.read_text()) for line in text.splitlines()]
     commands = [line for line in lines if line.startswith("holdfast study thesis")]
-    assert len(commands) == 5
+    assert len(commands) == 6
     for line in commands:
         options(Path("thesis"), Path("out"), *shlex.split(line)[3:])
     assert read_study("thesis").minutes == 49.0

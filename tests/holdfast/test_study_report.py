@@ -129,8 +129,12 @@ def test_trials_without_a_label_are_not_recognised_and_not_missed(
     study.run("  " + "   " + " " + "   " + "q")
     for truth in study.home.rglob("tactile.truth.json"):
         truth.write_text(json.dumps(json.loads(truth.read_text()) | {"phases": []}))
+    for number, void in ((1, None), (2, "the camera was unplugged")):
+        meta = study.home / f"soft-ball/pass/trial_{number}/meta.json"
+        meta.write_text(json.dumps(json.loads(meta.read_text()) | {"camera": {"void": void}}))
     outcome = outcome_of(study.out, "p01", study.card, eight_classes.model)
     assert outcome.figures is not None
+    assert [(one.kept, one.filmed) for one in outcome.trials] == [(2, 1), (2, 0), (0, 0)]
     whole = outcome.figures.whole
     assert (whole.trials, whole.labelled, whole.recognised) == (4, 0, 0)
     passes = next(one for one in outcome.figures.actions if one.action == "pass")

@@ -17,7 +17,7 @@ from pathlib import Path
 from edge_runtime.errors import DataNotFound, LabelError, UnitError
 from edge_runtime.reading import Json
 from edge_runtime.trial_file import Trial
-from edge_runtime.trial_layout import META, TACTILE, truth_path
+from edge_runtime.trial_layout import DISCARDED, META, TACTILE, truth_path
 from training.datasets import thesis
 from training.datasets.places import EMPTY_HAND, Fault, TrialPlace, refuse
 from training.datasets.trial_readers import TrialReader, read_all
@@ -73,7 +73,11 @@ def readers(root: Path, fault: Fault = refuse) -> list[TrialReader]:
     Raises DataNotFound without any, and UnitError for several units.
     """
     found = _found(root)
-    kept = [(path, meta) for path, meta in found if meta.get("state") == KEPT]
+    kept = [
+        (path, meta)
+        for path, meta in found
+        if meta.get("state") == KEPT and DISCARDED not in path.relative_to(root).parts
+    ]
     if not kept:
         raise DataNotFound(
             f"no kept trial among {len(found)}",
