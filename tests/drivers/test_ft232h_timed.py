@@ -22,23 +22,25 @@ PERIOD_NS = round(1e9 / 150)
 
 def began(clock: DeviceTimes, scans: Sequence[TimedScan]) -> np.ndarray:
     """When the device really began these scans, the last that it began, ns."""
-    times = np.array(clock.began_ns)
-    return times[[int(np.abs(times - one.t_ns).argmin()) for one in scans]]
+    times, planned = np.array(clock.began_ns), np.array([one.t_ns for one in scans])
+    after = np.clip(np.searchsorted(times, planned), 1, len(times) - 1)
+    return times[after - (planned - times[after - 1] < times[after] - planned)]
 
 
-def test_samples_are_regular_and_none_is_lost_while_the_host_is_away():
+@pytest.mark.parametrize("n", [600, pytest.param(200_000, marks=pytest.mark.soak)])
+def test_samples_are_regular_and_none_is_lost_while_the_host_is_away(n: int):
     bus, clock = started()
     bus.begin(bus.last, PERIOD_NS)
     scans = []
-    for k in range(600):
+    for k in range(n):
         clock.spend(40_000_000 if k % 100 == 99 else 0)
         scans.append(bus.next())
-    assert [one.number for one in scans] == list(range(600))
+    assert [one.number for one in scans] == list(range(n))
     assert all(reply.acked for one in scans for reply in one.replies)
     times = began(clock, scans)
     steps = np.abs(np.diff(times) - PERIOD_NS)
     assert steps.max() < 25_000, "the idle clocks come in steps of 20 us"
-    assert np.abs([one.t_ns - at for one, at in zip(scans, times, strict=True)]).max() < 300_000
+    assert np.abs([one.t_ns - at for one, at in zip(scans, times, strict=True)]).max() < 700_000
     assert abs(np.diff(times).mean() - PERIOD_NS) < 5_000
 
 
