@@ -7,6 +7,7 @@ was killed at any moment loses at most the line that it was writing.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -118,7 +119,8 @@ class Journal:
         try:
             handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
             try:
-                os.write(handle, line)
+                if os.write(handle, line) < len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 os.fsync(handle)
             finally:
                 os.close(handle)

@@ -54,6 +54,8 @@ def checked(args: argparse.Namespace, card: StudyCard) -> argparse.Namespace:
                 where=args.out / args.person,
                 next_step="check --out and --person",
             )
+        if args.report:
+            _require_same_card(args.out / args.person / JOURNAL, card)
         return args
     require_not_withdrawn(args.out, args.person)
     require_camera(args)
@@ -151,7 +153,9 @@ def _open(args: argparse.Namespace, card: StudyCard, desk: AnyDesk, journal: Jou
     rehearsal = {"rehearsal": True} if desk.rehearsal else {}
     journal.append(log.OPENED, card=card.name, sha256=card.sha256, **rehearsal)
     desk.say(f"{card.title} ({args.person})")
-    if again:
+    if journal.progress.part == len(card.parts):
+        desk.say("every step of this person's study is done")
+    elif again:
         desk.say("this person's study goes on where it ended")
     else:
         for line in card.before:

@@ -27,6 +27,7 @@ from holdfast.human_study import journal as log
 from holdfast.human_study.desk import QUIT, TrialKeys, letter_of
 from holdfast.human_study.journal import Journal, progress_of
 from holdfast.human_study.runner import FINISHED, WITHDRAWN
+from holdfast.human_study.starting import checked
 from training.datasets import load
 
 WHOLE_TALK = "   " + SUS_ANSWERS
@@ -197,6 +198,9 @@ def test_a_card_that_was_edited_in_between_is_refused_with_the_one_to_go_on_with
     other = Study(talk.path.parent, TALK + "\n")
     with pytest.raises(CardError, match=r"not the one.*p01/protocol\.toml"):
         other.run(" ")
+    other.args.report = True
+    with pytest.raises(CardError, match=r"protocol\.toml"):
+        checked(other.args, other.card)
     shutil.copy(talk.home / "protocol.toml", talk.path)
     assert talk.run("  " + SUS_ANSWERS) == FINISHED
 
@@ -217,6 +221,23 @@ def test_where_no_key_can_be_pressed_any_more_the_study_can_go_on_later(talk: St
     assert talk.entries("note") == []
     assert talk.run(" " + SUS_ANSWERS[:8]) == QUIT
     assert talk.run(SUS_ANSWERS[8:]) == FINISHED
+
+
+def test_a_study_that_is_finished_stays_finished(talk: Study) -> None:
+    talk.run(WHOLE_TALK)
+    assert talk.run("q") == FINISHED
+    assert said(talk.messages, "every step of this person's study is done")
+    assert talk.done() == [0, 1, 2, 3]
+
+
+def test_a_full_disk_ends_the_study_with_an_error_and_loses_no_earlier_line(
+    talk: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(log.os, "write", lambda handle, line: os.pwrite(handle, line[:9], 0) * 0)
+        with pytest.raises(OutputError, match=r"study\.jsonl: cannot write \(No space left"):
+            talk.run(" ")
+    assert talk.run(WHOLE_TALK) == FINISHED
 
 
 def test_a_signal_ends_it_as_q_does(talk: Study) -> None:
