@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from command_line import fails
+from hazard_marks import ADVERSE_EVENT, CUT_OFF_STUDY, WITHDRAWAL
 from recorder_bench import (
     ROOT,
     Killed,
@@ -28,6 +29,7 @@ from holdfast.human_study.desk import QUIT, TrialKeys, letter_of
 from holdfast.human_study.journal import Journal, progress_of
 from holdfast.human_study.runner import FINISHED, WITHDRAWN
 from holdfast.human_study.starting import checked
+from holdfast.human_study.withdrawal import withdraw
 from training.datasets import load
 
 WHOLE_TALK = "   " + SUS_ANSWERS
@@ -130,6 +132,7 @@ def test_a_study_that_was_quit_goes_on_in_its_step(talk: Study) -> None:
     assert said(talk.messages, "goes on where it ended")
 
 
+@CUT_OFF_STUDY.mark
 def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,6 +161,7 @@ def test_a_study_that_is_killed_after_any_line_goes_on_and_ends_the_same(
         assert found.runs == 2
 
 
+@CUT_OFF_STUDY.mark
 def test_a_line_that_was_torn_is_moved_aside_and_its_step_is_done_again(talk: Study) -> None:
     talk.run(" q")
     journal = talk.home / "study.jsonl"
@@ -230,6 +234,7 @@ def test_a_study_that_is_finished_stays_finished(talk: Study) -> None:
     assert talk.done() == [0, 1, 2, 3]
 
 
+@CUT_OFF_STUDY.mark
 def test_a_full_disk_ends_the_study_with_an_error_and_loses_no_earlier_line(
     talk: Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,6 +343,7 @@ def test_one_step_back_leads_to_the_trials_that_are_kept_and_not_to_new_ones(sce
     assert scene.done() == [0, 1, 2, 2]
 
 
+@ADVERSE_EVENT.mark
 def test_an_adverse_event_stops_the_trial_at_once_and_is_written_before_it_is_described(
     scene: Study,
 ) -> None:
@@ -354,6 +360,7 @@ def test_an_adverse_event_stops_the_trial_at_once_and_is_written_before_it_is_de
     assert meta["quality"]["samples"] == 30
 
 
+@ADVERSE_EVENT.mark
 def test_after_an_adverse_event_the_study_ends_unless_the_operator_goes_on(scene: Study) -> None:
     assert scene.run("a" + "faint\n3\nn\n") == QUIT
     assert scene.entries("adverse_detail")[0]["severity"] == "severe"
@@ -361,6 +368,7 @@ def test_after_an_adverse_event_the_study_ends_unless_the_operator_goes_on(scene
     assert len(scene.entries("adverse")) == 2
 
 
+@CUT_OFF_STUDY.mark
 def test_a_trial_that_is_killed_is_marked_and_recorded_again(scene: Study) -> None:
     def cut(trial: object, measured: object, now_ns: int) -> None:
         if trial.quality.times_ns[40:]:  # type: ignore[attr-defined]
@@ -448,6 +456,7 @@ def test_the_recorder_gets_the_options_of_the_study(
 # -- withdrawal
 
 
+@WITHDRAWAL.mark
 def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(scene: Study) -> None:
     scene.run("  " + "  " + "nsecret\n" + " q")
     other = shutil.copytree(scene.home, scene.out / "p02")
@@ -467,12 +476,14 @@ def test_withdrawing_deletes_everything_of_the_person_and_says_each_file(scene: 
         scene.run(" ")
 
 
+@WITHDRAWAL.mark
 def test_a_withdrawal_needs_the_pseudonym(talk: Study) -> None:
     assert talk.run("w" + "p02\n" + "w" + "\n" + " q") == QUIT
     assert said(talk.messages, "nothing is deleted")
     assert talk.done() == [0]
 
 
+@WITHDRAWAL.mark
 def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
     talk: Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -492,8 +503,13 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_rest_is_deleted(
     assert [path.name for path in talk.home.iterdir()] == ["stuck.txt"]
     with pytest.raises(UsageError, match=r"deletion did not end.*--withdraw"):
         talk.run(" ")
+    withdraw(talk.out, "p01", talk.messages.append, str)
+    assert not talk.home.exists()
+    with pytest.raises(UsageError, match=r"has withdrawn; next: give a pseudonym that is new"):
+        talk.run(" ")
 
 
+@WITHDRAWAL.mark
 def test_a_person_is_not_deleted_while_another_terminal_runs_their_study(
     talk: Study, tmp_path: Path
 ) -> None:
@@ -534,6 +550,7 @@ def start(*words: object, stdin: int) -> Killed:
     )
 
 
+@CUT_OFF_STUDY.mark
 def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) -> None:
     words = (card_of(tmp_path, TALK), "--source", "virtual://ft232h", "--out", tmp_path / "study")
     reading, writing = os.pipe()
@@ -551,6 +568,7 @@ def test_a_program_that_is_killed_goes_on_in_the_step_it_was_in(tmp_path: Path) 
     os.close(writing)
 
 
+@CUT_OFF_STUDY.mark
 def test_a_terminal_that_goes_away_leaves_a_study_that_goes_on(talk: Study) -> None:
     master, slave = pty.openpty()
     words = [talk.path, "--source", "virtual://ft232h", "--out", talk.out, "--person", "p01"]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from command_line import Run
+from hazard_marks import ADVERSE_EVENT
 from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
 
 from edge_runtime.engine import ModelChoice
@@ -72,6 +73,7 @@ def test_the_folder_of_a_study_is_evaluated_as_it_is(
     assert re.search(r"recall \d+ of \d+ risky events", out)
 
 
+@ADVERSE_EVENT.mark
 def test_an_adverse_event_comes_before_everything_that_was_recorded(two: Study) -> None:
     figures, page = report_of(two, "p01")
     (event,) = figures["adverse"]

@@ -31,6 +31,7 @@ class Hazard:
 
 RECORDINGS, BUS, LIVE = "Recordings", "Sensors and bus", "The live loop"
 DECISIONS, OUTSIDE = "Decisions", "Input from outside"
+STUDIES = "Studies with people"
 
 DAMAGED_FILE = Hazard(
     RECORDINGS,
@@ -63,6 +64,27 @@ SOURCE_ENDED = Hazard(
     "The source ends in the middle of a trial",
     "The recorder says so and does not keep the trial",
     "Recording the trial again",
+)
+ADVERSE_EVENT = Hazard(
+    STUDIES,
+    "A participant is harmed or feels unwell",
+    "One key ends a trial at once; time and step are on the disk before anything is asked, and the "
+    "report begins with it",
+    "Looking after the person, and the hand's own switch: the study does not control the hand",
+)
+WITHDRAWAL = Hazard(
+    STUDIES,
+    "A participant withdraws, and some of the recordings stay",
+    "Every file of that person is deleted and named; one that cannot be deleted is an error, and a "
+    "deletion that did not end is reported at the next start",
+    "Copies, backups, the list of names on paper, and models trained with the recordings",
+)
+CUT_OFF_STUDY = Hazard(
+    STUDIES,
+    "The program or the terminal dies in the middle of a study",
+    "The same command goes on in the step it was in; at most the line or the sample being "
+    "written is lost",
+    "Running the command again",
 )
 FOREIGN_CHIP = Hazard(
     BUS,
