@@ -23,6 +23,12 @@ EXTRAS = {
     "camera": ("depthai",),
     "completion": ("shtab",),
     "dask": ("distributed",),
+    "lerobot": ("pyarrow",),
+    "lsl": ("pylsl",),
+    "mcap": ("mcap", "mcap-protobuf-support", "foxglove-schemas-protobuf"),
+    "parquet": ("pyarrow",),
+    "ros2": ("rosbags",),
+    "xdf": ("pyxdf",),
 }
 RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
 Status = Literal["ok", "missing", "not built", "broken"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def add_live_options(parser: argparse.ArgumentParser) -> None:
     """--source and --calibration."""
-    urls = "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD"
+    urls = "usb://ft232h, i2c://1, virtual://ft232h?scene=.., sim://CARD, lsl://NAME"
     parser.add_argument("--source", required=True, metavar="URL", help=urls)
     made = "map from field to force, made by holdfast calibrate"
     parser.add_argument("--calibration", type=path_argument, metavar="FILE", help=made)

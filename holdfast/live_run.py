@@ -32,6 +32,7 @@ from holdfast.real_time import RunClock, SceneClock, first_in_line
 from holdfast.stopping import output_from_the_background, stop_signals, until
 
 if TYPE_CHECKING:
+    from drivers.lsl import LslAnswers
     from holdfast.live_grip import GripOutput
     from holdfast.live_page.run_page import RunPage
     from holdfast.view import View
@@ -75,6 +76,7 @@ class _Outputs:
     ) -> None:
         self._beside = beside
         self.page: RunPage | None = None
+        self.lsl: LslAnswers | None = None
         self._view: View | None = enter(_view(model)) if args.view else None
         sinks = _sinks(args, enter)
         n_channels = model.card.n_channels
@@ -104,6 +106,8 @@ class _Outputs:
             dropped += not self._samples.write(sample)
         if self._view:
             self._view.show(prediction, sample, measured)
+        if self.lsl:
+            self.lsl.push(prediction, sample)
         if self.page:
             self.page.show(prediction, sample, measured)
         self._alive(prediction.t_decided_ns)
@@ -117,6 +121,7 @@ def _run_until_stopped(
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_signals())
         outputs = _Outputs(args, model, beside, stack.enter_context, stack.callback)
+        outputs.lsl = _lsl(args, model, clock)
         outlets, tell = outputs.outlets, outputs.tell
         port = command_port(args.commands, tell, clock.now_ns) if args.commands else None
         command = Command if port is None else stack.enter_context(port)
@@ -146,6 +151,15 @@ def _grip(
     from holdfast.live_grip import grip_output
 
     return grip_output(args, model.card, clock, tell)
+
+
+def _lsl(args: argparse.Namespace, model: OpenedModel, clock: RunClock) -> LslAnswers | None:
+    if not args.lsl:
+        return None
+    from drivers.lsl_library import open_answers
+
+    card = model.card
+    return open_answers(args.lsl, card.n_channels // 3, card.unit, card.rate_hz, clock.now_ns)
 
 
 def _sinks(

@@ -4,6 +4,8 @@
     i2c://1                                   the board's own bus, /dev/i2c-1
     virtual://ft232h?scene=pull-soft-ball     the same driver on an emulated bridge; also seed,
               &fault=nack:3@1.5+0.2           trial, and faults (drivers/virtual/faults.py)
+    lsl://NAME?unit=N                         a stream of the lab streaming layer (extra `lsl`);
+              unit and rate_hz where the stream does not say them
     any other source                          a recording or a scene, at its own pace
 
 A hand has more options: layout=mux (drivers/layout.py), averages=32, crc=auto (on: a chip without
@@ -17,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
-from urllib.parse import parse_qs
+from urllib.parse import parse_qs, unquote
 
 import numpy as np
 
@@ -29,7 +31,7 @@ from drivers.layout import read_layout
 from drivers.live_hand import LiveHand
 from drivers.paced import PacedReplay
 from drivers.tmag5273 import Setup
-from edge_runtime.contract import FloatArray
+from edge_runtime.contract import UNITS, FloatArray
 from edge_runtime.errors import UsageError
 from edge_runtime.live import Source
 from holdfast.messages import progress_of, say
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from simulation.scene import Scene, SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
+LSL, LSL_KEYS = "lsl", ("unit", "rate_hz")
 HAND_KEYS = ("layout", "averages", "crc", "burst", "together", "bus_hz", "number")
 CRC_WORDS = ("auto", "on", "off")
 VIRTUAL_KEYS = (*HAND_KEYS, "scene", "trial", "seed", "fault")
@@ -88,6 +91,8 @@ def open_live(
     an impossible URL, and the errors of the hand or the recording.
     """
     source = _source_url(url)
+    if source.scheme == LSL:
+        return _stream(source, clock, say, to_force)
     if source.scheme not in HANDS:
         return PacedReplay(open_source(url), clock.now_ns)
     if source.scheme == "virtual":
@@ -102,8 +107,30 @@ def open_live(
 
 
 def is_hand(url: str) -> bool:
-    """Whether a URL is a hand, which has no end of its own, unlike a recording or a scene."""
-    return split_url(url).scheme in HANDS
+    """Whether a URL is a hand or a stream, which has no end of its own, unlike a recording."""
+    return split_url(url).scheme in (*HANDS, LSL)
+
+
+def _stream(
+    source: SourceUrl, clock: Any, say: Callable[[str], None], to_force: ToForce | None
+) -> Source:
+    _require_known(source, LSL_KEYS)
+    unit, name = source.text("unit", ""), unquote(source.name)
+    if unit not in ("", *UNITS):
+        raise UsageError(f"unit={unit[:40]!r} is not known", next_step=f"unit={'|'.join(UNITS)}")
+    if not name or "'" in name:
+        raise UsageError(f"{name[:40]!r} is no name of a stream", next_step="lsl://NAME")
+    if to_force is not None:
+        raise UsageError(
+            "--calibration is for a hand, not for a stream",
+            next_step="send forces, or leave it out",
+        )
+    from drivers.lsl import LslSource
+    from drivers.lsl_library import LslInlet
+
+    rate_hz = source.number("rate_hz", 0) or None
+    known = next((one for one in UNITS if one == unit), None)
+    return LslSource(LslInlet(name), clock.now_ns, say, known, rate_hz)
 
 
 def open_bus(url: str, clock: Any, say: Callable[[str], None] = say) -> Bus:

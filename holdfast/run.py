@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine_options(parser)
     option("--out", type=path_argument, metavar="FILE", help="also write the JSON lines to FILE")
     option("--udp", metavar="HOST:PORT", help="also send the JSON lines as datagrams")
+    lsl = "also send values and decisions as the LSL streams NAME and NAME-decision"
+    option("--lsl", metavar="NAME", help=lsl)
     commands = "receive the user's commands here: opening, and override of an alarm"
     option("--commands", metavar="HOST:PORT", help=commands)
     add_grip_options(parser)

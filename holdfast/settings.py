@@ -24,7 +24,8 @@ from edge_runtime.command import Parser, path_argument
 from edge_runtime.errors import CardError, DataNotFound
 
 DEFAULT = Path("holdfast.toml")
-HAND, SINKS = ("source", "calibration", "bias", "model"), ("out", "udp", "grip", "feedback", "web")
+HAND = ("source", "calibration", "bias", "model")
+SINKS = ("out", "udp", "lsl", "grip", "feedback", "web")
 FILES = ("calibration", "bias", "model", "out")
 """Whose values are names of files."""
 COMMANDS = ("run", "record", "bias", "study", "replay", "selftest")

@@ -42,7 +42,7 @@ def open_source(
         raise UsageError(
             f"{url!r}: no such source",
             next_step=f"use {REPLAY}PATH or {SIM}CARD; holdfast run and record also read usb://, "
-            "i2c:// and virtual://",
+            "i2c://, virtual:// and lsl://",
         )
     else:
         require_meant(url)

@@ -14,26 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import UNITS, FloatArray, Unit, channel_names
-from edge_runtime.errors import ChannelError, DataNotFound, NotANumber, UnitError
+from drivers.lsl_streams import StreamFacts, order_of, unit_of
+from edge_runtime.contract import UNITS, FloatArray, Unit
+from edge_runtime.errors import DataNotFound, NotANumber
 from edge_runtime.extras import needs_extra
 from edge_runtime.reading import require_file
 from edge_runtime.visible import listed
 
 with needs_extra("xdf"):
     import pyxdf
-
-UNIT_WORDS: dict[str, Unit] = {
-    "n": "N",
-    "newton": "N",
-    "newtons": "N",
-    "ut": "uT",
-    "µt": "uT",
-    "microtesla": "uT",
-    "count": "count",
-    "counts": "count",
-}
-"""What streams write for a unit, in lower case."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +45,11 @@ class Marker:
 
 @dataclass(frozen=True)
 class _Stream:
-    """A stream as the file has it; channels: label and unit of each, empty where not described."""
+    """A stream as the file has it: stamps [T] and rows."""
 
-    name: str
-    is_text: bool
+    facts: StreamFacts
     t_s: FloatArray
     rows: Any
-    channels: list[dict[str, str]]
 
 
 def read_xdf(
@@ -77,13 +64,15 @@ def read_xdf(
     markers = [
         Marker(t_s, str(row[0]))
         for stream in streams
-        if stream.is_text
+        if stream.facts.is_text
         for t_s, row in zip(stream.t_s.tolist(), stream.rows, strict=True)
         if len(row)
     ]
-    chosen = _chosen([one for one in streams if not one.is_text], name, path)
-    values = np.asarray(chosen.rows, dtype=np.float64)[:, _order(chosen.channels, path)]
-    tactile = TactileStream(chosen.name, chosen.t_s, values, unit or _unit(chosen.channels, path))
+    chosen = _chosen([one for one in streams if not one.facts.is_text], name, path)
+    facts, where = chosen.facts, str(path)
+    values = np.asarray(chosen.rows, dtype=np.float64)[:, order_of(facts.labels, where)]
+    unit = unit or unit_of(facts.units, where, f"--unit {' or --unit '.join(UNITS)}")
+    tactile = TactileStream(facts.name, chosen.t_s, values, unit)
     return tactile, sorted(markers, key=lambda one: one.t_s)
 
 
@@ -110,51 +99,31 @@ def _stream(info: Any, stream: Any) -> _Stream:
     groups = (described[0] or {}).get("channels") or [None]
     count = int(info["channel_count"][0])
     found = (groups[0] or {}).get("channel") or [{}] * count
-    channels = [
-        {key: str((one.get(key) or [""])[0] or "") for key in ("label", "unit")} for one in found
-    ]
-    if len(channels) != count:
-        channels = [{"label": "", "unit": ""}] * count
+    if len(found) != count:
+        found = [{}] * count
+    labels, units = (
+        tuple(str((one.get(key) or [""])[0] or "") for one in found) for key in ("label", "unit")
+    )
     is_text = info["channel_format"][0] == "string"
+    rate_hz = float(info["nominal_srate"][0])
     t_s = np.asarray(stream["time_stamps"], dtype=np.float64)
-    return _Stream(str(info["name"][0]), is_text, t_s, stream["time_series"], channels)
+    facts = StreamFacts(str(info["name"][0]), is_text, rate_hz, labels, units)
+    return _Stream(facts, t_s, stream["time_series"])
 
 
 def _chosen(streams: list[_Stream], name: str | None, path: Path) -> _Stream:
     """The stream of this name, else the only one that can be tactile."""
-    fit = [one for one in streams if (one.name == name if name else len(one.channels) % 3 == 0)]
+    fit = [
+        one
+        for one in streams
+        if (one.facts.name == name if name else len(one.facts.labels) % 3 == 0)
+    ]
     if len(fit) == 1 and len(fit[0].t_s):
         return fit[0]
     what = "no stream" if not fit else "no sample in the stream" if len(fit) == 1 else "streams"
     raise DataNotFound(
-        f"{what} to read: {listed([one.name for one in streams]) or 'none'} in the file",
+        f"{what} to read: {listed([one.facts.name for one in streams]) or 'none'} in the file",
         where=path,
         cause="another name, several streams of three channels, or an empty recording",
         next_step="name one: --stream NAME",
     )
-
-
-def _order(channels: list[dict[str, str]], path: Path) -> list[int]:
-    """Where X1, Y1, Z1, .. are: by their labels if these are the layout's, else as they come."""
-    labels, count = [one["label"] for one in channels], len(channels)
-    if count % 3:
-        raise ChannelError(
-            f"{count} channels, not a multiple of three",
-            where=path,
-            next_step="record x, y, z of each sensor, or name another stream: --stream NAME",
-        )
-    names = channel_names(count // 3)
-    return [labels.index(name) for name in names] if set(labels) == {*names} else [*range(count)]
-
-
-def _unit(channels: list[dict[str, str]], path: Path) -> Unit:
-    said = {one["unit"].strip().lower() for one in channels}
-    units = {UNIT_WORDS.get(word) for word in said}
-    (unit,) = units if len(units) == 1 else (None,)
-    if unit is None:
-        raise UnitError(
-            f"the stream does not say its unit ({listed(sorted(said - {''})) or 'nothing'})",
-            where=path,
-            next_step=f"--unit {' or --unit '.join(UNITS)}",
-        )
-    return unit

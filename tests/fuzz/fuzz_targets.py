@@ -102,7 +102,7 @@ MCP2221_REPORTS = (
     b"\x40",
     b"\x70\xab\xcd\xef",
 )
-BOARD = ("usb", "i2c")
+BOARD = ("usb", "i2c", "lsl")
 """Sources on this very machine: their URLs are taken apart as the others are, but nothing of a
 stranger is opened."""
 ERRNOS = (5, 13, 16, 19, 32, 75, 110)

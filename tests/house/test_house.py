@@ -20,7 +20,15 @@ if TYPE_CHECKING:
 
 
 NOT_ON_THE_HAND = {"scipy", "sklearn", "pandas", "onnx", "usb", "depthai", "matplotlib", "rich"}
-OF_ONE_FILE = ("depthai", "foxglove_schemas_protobuf", "mcap", "pyarrow", "pyxdf", "rosbags")
+OF_ONE_FILE = (
+    "depthai",
+    "foxglove_schemas_protobuf",
+    "mcap",
+    "pyarrow",
+    "pylsl",
+    "pyxdf",
+    "rosbags",
+)
 READS_PICKLE = {
     "pickle",
     "_pickle",

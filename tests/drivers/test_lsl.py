@@ -1,0 +1,303 @@
+"""Streams of the lab streaming layer: in with the sender's clock put right, out and back again."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pylsl
+import pytest
+from command_line import fails
+from live_bench import DEFAULT, go
+
+from drivers.lsl import DECISION, LOST, NO_NUMBER, SKIPPED, LslSource, decision_row
+from drivers.lsl_library import LslInlet, LslOutlet, open_answers
+from drivers.lsl_streams import StreamFacts
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.contract import Sample, channel_names
+from edge_runtime.errors import (
+    ChannelError,
+    DeviceLost,
+    DeviceNotFound,
+    LibraryMissing,
+    RateError,
+    UnitError,
+)
+from edge_runtime.monitor import GripMonitor, Model
+
+ROOT = Path(__file__).resolve().parents[2]
+RATE_HZ = 150.0
+PERIOD_S = 1.0 / RATE_HZ
+LABELS = channel_names(6)
+FACTS = StreamFacts("hand", False, RATE_HZ, LABELS, ("N",) * 18)
+BEHIND_S = 1000.0
+"""This machine's LSL clock minus its monotonic clock."""
+LOOPBACK = "[multicast]\nResolveScope = machine\n"
+
+
+class ScriptedInlet:
+    """Sends a sample a period, on a virtual clock; none in `gone`, and it ends at `ends`."""
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        facts: StreamFacts = FACTS,
+        gone: range = range(0),
+        ends: int = 10**9,
+        rows: Callable[[int], np.ndarray] | None = None,
+    ) -> None:
+        self.facts, self.clock, self.gone, self.ends = facts, clock, gone, ends
+        self.rows = rows or (lambda k: 0.02 * np.random.default_rng(k).normal(size=18))
+        self.next, self.closed = 0, False
+
+    def pull(self, timeout_s: float) -> list[tuple[float, list[float]]]:
+        until_ns = self.clock.now_ns() + round(1e9 * timeout_s)
+        while self.next in self.gone:
+            self.next += 1
+        if self.next >= self.ends:
+            raise DeviceLost("the stream ended")
+        if self._sent_ns(self.next) > until_ns:
+            self.clock.wait_until(until_ns)
+            return []
+        self.clock.wait_until(self._sent_ns(self.next))
+        came = []
+        while self.next < self.ends and self._sent_ns(self.next) <= self.clock.now_ns():
+            if self.next not in self.gone:
+                stamp_s = BEHIND_S + 1e-9 * self._sent_ns(self.next)
+                came.append((stamp_s, self.rows(self.next).tolist()))
+            self.next += 1
+        return came
+
+    def _sent_ns(self, k: int) -> int:
+        return round(1e9 * (k + 0.5) * PERIOD_S)
+
+    def clock_s(self) -> float:
+        return BEHIND_S + 1e-9 * self.clock.now_ns()
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def opened(clock: VirtualClock, **script: Any) -> tuple[LslSource, ScriptedInlet, list[str]]:
+    said: list[str] = []
+    inlet = ScriptedInlet(clock, **script)
+    return LslSource(inlet, clock.now_ns, said.append), inlet, said
+
+
+def test_every_sample_is_read_once_and_its_stamp_is_on_our_clock():
+    clock = VirtualClock()
+    source, inlet, _ = opened(clock)
+    readings = [source.read() for _ in range(50)]
+    for k, reading in enumerate(readings):
+        assert abs(reading.t_ns - 1e9 * (k + 0.5) * PERIOD_S) < 200  # of a double near 1000 s
+        np.testing.assert_array_equal(reading.values, inlet.rows(k))
+        assert reading.valid.all()
+    assert (source.unit, source.n_channels, source.rate_hz) == ("N", 18, RATE_HZ)
+
+
+def test_a_missing_sample_is_an_invalid_reading_and_the_stream_goes_on():
+    clock = VirtualClock()
+    source, _, said = opened(clock, gone=range(10, 14))
+    readings = [source.read() for _ in range(20)]
+    silent = [reading for reading in readings if not reading.valid.any()]
+    assert len(silent) in (2, 3)  # it waits 1.5 periods for each of four
+    assert {reading.t_ns for reading in silent} == {readings[9].t_ns}
+    assert silent[0].why == (LOST,) * 6
+    assert readings[-1].valid.all()
+    assert said == []
+
+
+def test_a_reader_that_falls_behind_drops_all_but_the_newest_and_says_so():
+    clock = VirtualClock()
+    source, _, _ = opened(clock)
+    source.read()
+    clock.spend(round(1e9 * 10.2 * PERIOD_S))
+    late, newest, after = (source.read() for _ in range(3))
+    assert (late.why, late.valid.any()) == ((SKIPPED,) * 6, False)
+    assert newest.valid.all()
+    assert clock.now_ns() - newest.t_ns <= 1.5e9 * PERIOD_S
+    assert after.t_ns > newest.t_ns
+
+
+def test_a_value_that_is_no_number_makes_its_finger_invalid_and_labels_give_the_order():
+    def row(k: int) -> np.ndarray:
+        return np.where(np.arange(18) == 4, np.nan, np.arange(18) + 0.001 * k)
+
+    facts = StreamFacts("hand", False, RATE_HZ, LABELS[::-1], ("newton",) * 18)
+    source, _, _ = opened(VirtualClock(), facts=facts, rows=row)
+    reading = source.read()
+    assert reading.values[0] == 17.0
+    assert reading.valid.tolist() == [True] * 4 + [False, True]
+    assert reading.why[4] == NO_NUMBER
+
+
+@pytest.mark.parametrize(
+    ("facts", "error"),
+    [
+        (StreamFacts("hand", False, RATE_HZ, ("",) * 17, ("N",) * 17), ChannelError),
+        (StreamFacts("hand", True, RATE_HZ, ("",), ("N",)), ChannelError),
+        (StreamFacts("hand", False, RATE_HZ, LABELS, ("",) * 18), UnitError),
+        (StreamFacts("hand", False, RATE_HZ, LABELS, (*("N",) * 17, "uT")), UnitError),
+        (StreamFacts("hand", False, 0.0, LABELS, ("N",) * 18), RateError),
+    ],
+)
+def test_a_stream_that_cannot_be_a_hand_is_refused(facts, error):
+    with pytest.raises(error, match=r"lsl://hand"):
+        opened(VirtualClock(), facts=facts)
+
+
+def test_an_opened_stream_that_sends_nothing_is_an_error():
+    with pytest.raises(DeviceNotFound, match="nothing was sent"):
+        opened(VirtualClock(), gone=range(1000))
+
+
+@pytest.mark.parametrize("script", [{"gone": range(300, 450)}, {"ends": 300}])
+def test_a_silent_stream_is_unknown_and_never_safe(script):
+    clock, model = VirtualClock(), Model(DEFAULT)
+    source, inlet, said = opened(clock, **script)
+    summary, answers, _ = go(
+        model, source, clock, stopped=lambda: clock.now_ns() > 1e9 * 620 * PERIOD_S
+    )
+    at = [round(1e-9 * one.t_decided_ns / PERIOD_S) for one in answers]
+    states = dict(zip(at, (one.state for one in answers), strict=True))
+    assert {state for k, state in states.items() if 150 < k < 300} == {"nothing"}
+    assert {state for k, state in states.items() if 302 < k < 450} == {"unknown"}
+    if "ends" in script:
+        assert {state for k, state in states.items() if k > 450} == {"unknown"}
+        assert [line for line in said if "the stream ended" in line] == said
+        assert len(said) == 1
+    else:
+        assert states[max(states)] == "nothing"
+    assert summary.repeated > 0
+    source.close()
+    assert inlet.closed
+
+
+# -- over the network stack of this machine
+
+
+@pytest.fixture(scope="module")
+def name() -> str:
+    """Of streams of this run alone, which stay on this machine."""
+    pylsl.set_config_content(LOOPBACK)
+    return f"holdfast-test-{os.getpid()}"
+
+
+def received(inlet: LslInlet, count: int) -> list[tuple[float, list[float]]]:
+    """So many samples; fewer where none comes for five seconds."""
+    pairs: list[tuple[float, list[float]]] = []
+    while len(pairs) < count and (more := inlet.pull(5.0)):
+        pairs += more
+    return pairs
+
+
+def test_values_and_decisions_go_out_and_come_back(name):
+    clock, model = VirtualClock(), Model(DEFAULT)
+    offset_ns = round(1e9 * pylsl.local_clock())
+    clock.spend(offset_ns)  # the stamps of the samples: the LSL clock itself
+    answers = open_answers(name, 6, "N", RATE_HZ, lambda: round(1e9 * pylsl.local_clock()))
+    inlet, decisions = LslInlet(name), LslInlet(f"{name}-decision")
+    assert inlet.facts == StreamFacts(name, False, RATE_HZ, LABELS, ("N",) * 18)
+    assert decisions.facts.labels == DECISION
+    monitor = GripMonitor(model, None)
+    sent = []
+    for k in range(20):
+        values = np.random.default_rng(k).normal(size=18)
+        valid = np.arange(6) != (3 if k == 7 else -1)
+        sample = Sample(offset_ns + round(1e9 * k * PERIOD_S), values, valid, k)
+        sent.append((sample, monitor.feed(sample)))
+        answers.push(sent[-1][1], sample)
+    came, rows = received(inlet, len(sent)), received(decisions, len(sent))
+    for (sample, prediction), (stamp_s, values), (at_s, row) in zip(sent, came, rows, strict=True):
+        assert abs(stamp_s - 1e-9 * sample.t_ns) < 0.01
+        assert stamp_s == pytest.approx(at_s, abs=1e-3)
+        expected = np.where(np.repeat(sample.valid, 3), sample.values, np.nan)
+        np.testing.assert_array_equal(values, expected)
+        assert row == decision_row(prediction)
+    inlet.close()
+    decisions.close()
+
+
+def test_a_stream_of_this_machine_is_a_source(name):
+    outlet = LslOutlet(f"{name}-in", "Tactile", RATE_HZ, LABELS, ["N"] * 18)
+    inlet = LslInlet(f"{name}-in")
+    rows = [np.random.default_rng(k).normal(size=18).tolist() for k in range(3)]
+    outlet.push(rows[0], pylsl.local_clock())
+    clock = VirtualClock(10**12)
+    source = LslSource(inlet, clock.now_ns, print)
+    readings = [source.read()]
+    for row in rows[1:]:
+        outlet.push(row, pylsl.local_clock())
+        readings.append(next(one for one in iter(source.read, None) if one.valid.any()))
+    assert [reading.values.tolist() for reading in readings] == rows
+    assert all(abs(reading.t_ns - 10**12) < 10**10 for reading in readings)
+    source.close()
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    """liblsl's settings for a process of its own."""
+    path = tmp_path / "lsl_api.cfg"
+    path.write_text(LOOPBACK)
+    return path
+
+
+@pytest.fixture
+def running(name: str, config: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """`holdfast run --lsl` on a simulated trial."""
+    words = ["run", str(DEFAULT), "--source", "sim://thesis", "--quiet", "--lsl", f"{name}-run"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "holdfast", *words],
+        cwd=ROOT,
+        env={**os.environ, "LSLAPICFG": str(config)},
+        stderr=subprocess.PIPE,
+    )
+    yield process
+    process.terminate()
+    process.communicate()
+
+
+def test_a_run_sends_what_another_process_receives(name, running):
+    inlet = next(filter(None, (_found(f"{name}-run-decision") for _ in range(12))))
+    rows = [row for _, row in received(inlet, 30)]
+    assert len(rows) >= 30
+    assert {len(row) for row in rows} == {len(DECISION)}
+    assert all(row[0] in (-1.0, 0.0, 1.0, 2.0, 3.0) for row in rows)
+    inlet.close()
+
+
+def _found(name: str) -> LslInlet | None:
+    try:
+        return LslInlet(name)
+    except DeviceNotFound:
+        return None
+
+
+def test_a_url_that_cannot_be_a_stream_is_a_usage_error(run):
+    for url, says in {
+        "lsl://": "no name",
+        "lsl://a?unit=kg": "unit=N|uT|count",
+        "lsl://a?seed=1": "allowed: unit, rate_hz",
+    }.items():
+        fails(run, 2, "UsageError", "run", DEFAULT, "--source", url, says=says)
+
+
+def test_without_pylsl_the_error_names_the_extra(monkeypatch):
+    monkeypatch.delitem(sys.modules, "drivers.lsl_library")
+    monkeypatch.setitem(sys.modules, "pylsl", None)
+    with pytest.raises(LibraryMissing, match=r"pip install 'holdfast\[lsl\]'"):
+        import drivers.lsl_library  # noqa: F401
+
+
+def test_a_stream_loads_nothing_but_numpy_onnxruntime_and_pylsl():
+    program = "import json, sys, drivers.lsl_library; print(json.dumps([*sys.modules]))"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
+    assert not loaded & {"scipy", "sklearn", "pandas", "onnx", "mne", "rich", "pyarrow"}
