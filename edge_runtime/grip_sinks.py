@@ -10,7 +10,6 @@ does.
 from __future__ import annotations
 
 import errno
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -39,9 +38,10 @@ class LineSink:
         say: Callable[[str], object],
         now_ns: Callable[[], int],
         guardian: Guardian,
+        effect: str = "the hand holds its grip",
     ) -> None:
         self._link, self._last, self._say, self._now_ns = link, last, say, now_ns
-        self._guardian = guardian
+        self._guardian, self._effect = guardian, effect
         guardian.hold(link.handle)
         self.name, self.dropped, self._guarded = link.name, 0, True
         self.most_hz = link.most_hz
@@ -64,6 +64,11 @@ class LineSink:
             self._retry(now_ns)
         self.dropped += not taken
         return taken
+
+    def look(self) -> None:
+        """Try a wire that failed again, where there is no line to pass on."""
+        if not self._works:
+            self._retry(self._now_ns())
 
     def finish(self, reason: str) -> None:
         """Say the last line, once, and let the guardian go."""
@@ -97,7 +102,7 @@ class LineSink:
         if self._works:
             self._failed_ns, self._wait_ns = now_ns, FIRST_RETRY_NS
             reason = error.strerror or error
-            self._say(f"{self.name}: no command arrives ({reason}); the hand holds its grip")
+            self._say(f"{self.name}: no line arrives ({reason}); {self._effect}")
         else:
             self._wait_ns = min(2 * self._wait_ns, LAST_RETRY_NS)
         if isinstance(self._link, SerialLink) and error.errno != errno.EAGAIN:
@@ -121,17 +126,25 @@ class LineSink:
         if self._trials >= TRIALS:
             self._works, self._full_since_ns = True, None
             after_s = 1e-9 * (now_ns - self._failed_ns)
-            self._say(f"{self.name}: commands arrive again, after {after_s:.1f} s")
+            self._say(f"{self.name}: lines arrive again, after {after_s:.1f} s")
 
 
 @contextmanager
 def line_sink(
-    url: str, option: str, last: LastLine, say: Callable[[str], object], now_ns: Callable[[], int]
+    url: str,
+    option: str,
+    last: LastLine,
+    say: Callable[[str], object],
+    now_ns: Callable[[], int],
+    **effect: str,
 ) -> Iterator[LineSink]:
-    """An open wire that ends with its last line. Raises UsageError, DeviceError, OutputError."""
+    """An open wire that ends with its last line. effect: of a wire that fails, for people.
+
+    Raises UsageError, DeviceError, OutputError.
+    """
     link = open_link(url, option)
     text = _template(last(-7, -8, DIED), is_serial=link.is_serial)
-    sink = LineSink(link, last, say, now_ns, Guardian(text))
+    sink = LineSink(link, last, say, now_ns, Guardian(text), **effect)
     try:
         yield sink
     except BaseException:
@@ -145,14 +158,3 @@ def _template(line: str, *, is_serial: bool) -> str:
     """The guardian's line: numbers are filled in; a serial line stands between line feeds."""
     text = line.replace("%", "%%").replace("-7", "%(sequence)d").replace("-8", "%(t_ns)d")
     return f"\n{text}\n" if is_serial else text
-
-
-def last_feedback(sequence: int, t_ns: int, reason: str) -> str:
-    """The line that ends the wearer's cue."""
-    return feedback_line(sequence, t_ns, 0.0)
-
-
-def feedback_line(sequence: int, t_ns: int, feedback: float) -> str:
-    """One JSON line of the wearer's cue, 0 to 1."""
-    line = {"sequence": sequence, "t_ns": t_ns, "feedback": round(feedback, 4)}
-    return json.dumps(line, separators=(",", ":"))

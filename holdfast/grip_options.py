@@ -1,4 +1,4 @@
-"""The options of a run that moves a hand, and where they lead.
+"""The options of a run that moves a hand or gives cues, and where they lead.
 
 --grip udp://HOST:PORT | serial:///dev/ttyX?baud=115200 | virtual?lag_ms=50&ceiling_n=70
 """
@@ -10,7 +10,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
-from edge_runtime.command import positive
+from edge_runtime.command import path_argument, positive
 from edge_runtime.errors import UsageError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ LARGEST = 1e4
 
 
 def add_grip_options(parser: argparse.ArgumentParser) -> None:
-    """--grip, --controller, --ceiling, --feedback."""
+    """--grip, --controller, --ceiling, --feedback, --cues."""
     option = parser.add_argument
     grip = "send a grip command at every sample: udp://HOST:PORT, serial:///dev/ttyX?baud=115200, "
     option(
@@ -33,13 +33,20 @@ def add_grip_options(parser: argparse.ArgumentParser) -> None:
     option("--controller", metavar="NAME", help=f"grip controller: {names}")
     ceiling = "largest grip of the hand, N of either side (default: 70)"
     option("--ceiling", type=positive, metavar="N", help=ceiling)
-    cue = "send the wearer's vibration cue when it changes: udp://.. or serial://.."
+    cue = "send vibration cues for the wearer: udp://HOST:PORT or serial:///dev/ttyX?baud=115200"
     option("--feedback", metavar="URL", help=cue)
+    cues = "patterns of the cues (TOML; default: the shipped card, docs/feedback.md)"
+    option("--cues", type=path_argument, metavar="FILE", help=cues)
 
 
 def require_grip(args: argparse.Namespace) -> None:
-    """Raise UsageError where an option of the controller stands without --grip."""
-    for option in ("controller", "ceiling", "feedback"):
+    """Raise UsageError where an option stands without the one that it belongs to."""
+    if args.cues and not args.feedback:
+        raise UsageError(
+            "--cues needs --feedback, which sends the cues",
+            next_step="--feedback udp://127.0.0.1:9002",
+        )
+    for option in ("controller", "ceiling"):
         if getattr(args, option) and not args.grip:
             raise UsageError(
                 f"--{option} needs --grip, which runs the controller",

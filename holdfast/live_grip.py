@@ -1,7 +1,7 @@
 """The acting end of a run: one grip command a sample, to a hand or to a scene.
 
-The controller runs in the live loop, right after the prediction. Where its commands or the wearer's
-cue do not arrive, the run goes on and reports it (edge_runtime/grip_sinks.py).
+The controller runs in the live loop, right after the prediction. Where its commands do not arrive,
+the run goes on and reports it (edge_runtime/grip_sinks.py).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from edge_runtime.contract import Prediction, Sample
 from edge_runtime.errors import ChannelError
 from edge_runtime.grip_command import GripCommand, last_line, to_line
 from edge_runtime.grip_control import GripControl
-from edge_runtime.grip_sinks import LineSink, feedback_line, last_feedback, line_sink
+from edge_runtime.grip_sinks import LineSink, line_sink
 from edge_runtime.live import Source
 from edge_runtime.model_file import ModelCard
 from edge_runtime.supervisor import Limits
@@ -25,10 +25,6 @@ from holdfast.grip_options import DEFAULT_CONTROLLER, drive_of, is_virtual
 if TYPE_CHECKING:
     from holdfast.live_scene import LiveScene
 
-FEEDBACK_NS = 50_000_000
-"""At least this long between two lines of the cue: faster than a person feels."""
-FEEDBACK_STEP = 0.02
-"""A cue that changed by less is the same."""
 FINGERS = 6
 """The controllers take half of the sum of all normal forces as the grip of either side."""
 Say = Callable[[str], None]
@@ -55,25 +51,8 @@ def controller_for(
     return control
 
 
-class Cue:
-    """The wearer's vibration cue on its own wire: a line when it changes, at most 20 a second."""
-
-    def __init__(self, sink: LineSink) -> None:
-        self.sink, self._sent, self._sent_ns = sink, 0.0, -FEEDBACK_NS
-
-    def show(self, command: GripCommand, now_ns: int) -> None:
-        """Send the cue where it changed."""
-        changed = abs(command.feedback - self._sent) >= FEEDBACK_STEP
-        ends = command.feedback == 0.0 != self._sent
-        if not (changed or ends) or now_ns - self._sent_ns < FEEDBACK_NS:
-            return
-        line = feedback_line(command.sequence, command.t_ns, command.feedback)
-        if self.sink(line, command.sequence):
-            self._sent, self._sent_ns = command.feedback, now_ns
-
-
 class GripOutput:
-    """Controller, wire and cue of a run. field: what a virtual hand's chips measure, or None.
+    """Controller and wire of a run. field: what a virtual hand's chips measure, or None.
 
     newest: the command of the last sample, None before the first.
     """
@@ -86,12 +65,10 @@ class GripOutput:
         *,
         wire: LineSink | None = None,
         scene: LiveScene | None = None,
-        cue: Cue | None = None,
     ) -> None:
         self._controller, self._clock = controller, clock
-        self._say, self._wire, self.field, self._cue = say, wire, scene, cue
+        self._say, self._wire, self.field = say, wire, scene
         self.newest: GripCommand | None = None
-        self._sinks = [sink for sink in (wire, None if cue is None else cue.sink) if sink]
 
     def before(self, emit: Emit) -> Emit:
         """An emit that first sends the command of a sample, and then calls another emit."""
@@ -108,8 +85,6 @@ class GripOutput:
         self.newest = command
         if self._wire is not None:
             self._wire(to_line(command), command.sequence)
-        if self._cue is not None:
-            self._cue.show(command, self._clock.now_ns())
         if self.field is not None:
             self.field.obey(command, self._clock.now_ns())
 
@@ -123,10 +98,10 @@ class GripOutput:
             yield
             reason = "stopped"
         finally:
-            for sink in self._sinks:
-                sink.finish(reason)
-                if sink.dropped:
-                    self._say(f"{sink.name}: {sink.dropped} lines did not leave")
+            if self._wire is not None:
+                self._wire.finish(reason)
+                if self._wire.dropped:
+                    self._say(f"{self._wire.name}: {self._wire.dropped} lines did not leave")
             if self.field is not None:
                 self._say(self.field.outcome().line())
 
@@ -141,17 +116,14 @@ def grip_output(
     """
     name = args.controller or DEFAULT_CONTROLLER
     control = controller_for(name, card, say, ceiling_n=args.ceiling)
-    scene = wire = cue = None
+    scene = wire = None
     with ExitStack() as stack:
         if is_virtual(args.grip):
             scene = _scene(args, clock)
         else:
             wire = stack.enter_context(line_sink(args.grip, "--grip", last_line, say, clock.now_ns))
             _report_slow_wire(wire, card.rate_hz, say)
-        if args.feedback:
-            port = line_sink(args.feedback, "--feedback", last_feedback, say, clock.now_ns)
-            cue = Cue(stack.enter_context(port))
-        yield GripOutput(control, clock, say, wire=wire, scene=scene, cue=cue)
+        yield GripOutput(control, clock, say, wire=wire, scene=scene)
 
 
 def _report_slow_wire(wire: LineSink, rate_hz: float, say: Say) -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 import errno
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from edge_runtime.commands import command_port
@@ -33,6 +33,7 @@ from holdfast.stopping import output_from_the_background, stop_signals, until
 
 if TYPE_CHECKING:
     from drivers.lsl import LslAnswers
+    from holdfast.live_cues import CueOutput
     from holdfast.live_grip import GripOutput
     from holdfast.live_page.run_page import RunPage
     from holdfast.view import View
@@ -128,16 +129,18 @@ def _run_until_stopped(
         grip = stack.enter_context(_grip(args, model, clock, tell))
         if grip is not None and outputs.page is not None:
             outputs.page.newest_command = lambda: grip.newest
+        cues = stack.enter_context(_cues(args, clock, tell))
         field = None if grip is None else grip.field
         to_force = force_of(args.calibration)
         source = open_live(args.source, clock=clock, say=tell, to_force=to_force, field=field)
         stack.enter_context(first_in_line(tell))
-        with closing(source), nullcontext() if grip is None else grip.running(source):
+        with closing(source), _acting(grip, cues, source, tell):
             resting = resting_of(args.bias, source)
             if resting is None:
                 tell(UNLOADED)
             stop = until(lambda: stopped() or outlets.none_acts(), clock, args.seconds)
-            emit = outputs.emit if grip is None else grip.before(outputs.emit)
+            emit = outputs.emit if cues is None else cues.before(outputs.emit)
+            emit = emit if grip is None else grip.before(emit)
             summary = answer(source, model, clock, emit, stop, resting=resting, command=command)
     summary.dropped, summary.lost_sinks = outlets.dropped, outlets.lost()
     return summary, outlets.failures
@@ -160,6 +163,32 @@ def _lsl(args: argparse.Namespace, model: OpenedModel, clock: RunClock) -> LslAn
 
     card = model.card
     return open_answers(args.lsl, card.n_channels // 3, card.unit, card.rate_hz, clock.now_ns)
+
+
+def _cues(
+    args: argparse.Namespace, clock: RunClock, tell: Callable[[str], None]
+) -> AbstractContextManager[CueOutput | None]:
+    if not args.feedback:
+        return nullcontext()
+    from holdfast.live_cues import cue_output
+
+    return cue_output(args, clock, tell)
+
+
+@contextmanager
+def _acting(
+    grip: GripOutput | None,
+    cues: CueOutput | None,
+    source: Source,
+    tell: Callable[[str], None],
+) -> Iterator[None]:
+    """The time of the loop, after which hand and wearer get their last lines."""
+    with ExitStack() as stack:
+        if cues is not None:
+            stack.enter_context(cues.running(tell))
+        if grip is not None:
+            stack.enter_context(grip.running(source))
+        yield
 
 
 def _sinks(

@@ -25,8 +25,8 @@ from edge_runtime.errors import CardError, DataNotFound
 
 DEFAULT = Path("holdfast.toml")
 HAND = ("source", "calibration", "bias", "model")
-SINKS = ("out", "udp", "lsl", "grip", "feedback", "web")
-FILES = ("calibration", "bias", "model", "out")
+SINKS = ("out", "udp", "lsl", "grip", "feedback", "cues", "web")
+FILES = ("calibration", "bias", "model", "out", "cues")
 """Whose values are names of files."""
 COMMANDS = ("run", "record", "bias", "study", "replay", "selftest")
 """Those that settings hold for."""

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from hazard_marks import LOST_SENSOR
+from made_prediction import prediction
 
-from edge_runtime.contract import BoolArray, FloatArray, Prediction
+from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import UsageError
 from edge_runtime.grip import Holdfast
 from edge_runtime.grip_command import EXPIRES_MS, MODES, GripCommand, last_line, to_line
@@ -21,38 +22,6 @@ ALL = np.ones(6, dtype=np.bool_)
 HELD = np.tile([0.1, 0.0, 1.0], 6)
 """Six fingers press with 1 N each: 3 N a side, 0.6 N along the skin."""
 AWKWARD = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e200, 5e-324, -1.0)
-
-
-def prediction(sequence: int = 7, **changes: Any) -> Prediction:
-    """A grasp that nothing disturbs; changes: other fields."""
-    p_risky = changes.pop("p_risky", 0.0)
-    shares = {"nothing": 0.0, "grasp": 1.0 - p_risky, "safe_slip": 0.0, "risky_slip": p_risky}
-    grasp: dict[str, Any] = {
-        "sequence": sequence,
-        "t_acquired_ns": 10**9,
-        "t_decided_ns": 10**9,
-        "latency_us": 0.0,
-        "state": "grasp",
-        "why": "",
-        "p_situation": shares,
-        "p_risky": p_risky,
-        "p_class": None,
-        "weight": None,
-        "extra": {},
-        "detectors": {"band_pass": False},
-        "arm": False,
-        "act": False,
-        "act_ended": None,
-        "opening": False,
-        "overridden": False,
-        "commands": "none",
-        "late": False,
-        "started_loaded": None,
-        "degraded": False,
-        "settled": True,
-        "model_id": "m",
-    }
-    return Prediction(**(grasp | changes))
 
 
 RISKY: dict[str, Any] = {"state": "risky_slip", "p_risky": 1.0}

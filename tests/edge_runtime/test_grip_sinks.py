@@ -13,7 +13,6 @@ from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
 from edge_runtime.errors import DeviceNotFound, UsageError
 from edge_runtime.grip_links import open_link
-from edge_runtime.grip_sinks import feedback_line, last_feedback, line_sink
 from edge_runtime.guardian import Guardian
 
 A_WHILE_NS = 3_000_000_000
@@ -103,7 +102,7 @@ def test_a_port_without_a_receiver_is_reported_once_and_its_return_begins_with_h
             clock.ns += A_WHILE_NS
             send(sink, k)
         assert len(messages) == 1
-        assert "no command arrives" in messages[0]
+        assert "no line arrives" in messages[0]
         again = UdpReceiver(receiver.port)
         for k in range(40, 50):
             clock.ns += A_WHILE_NS
@@ -265,12 +264,3 @@ def test_an_address_that_cannot_be_is_a_usage_error(url):
 def test_what_is_not_a_serial_port_is_a_device_error(path):
     with pytest.raises(DeviceNotFound, match="serial"):
         open_link(f"serial://{path}", "--grip")
-
-
-def test_the_cue_ends_with_zero():
-    receiver = UdpReceiver()
-    with line_sink(receiver.url, "--feedback", last_feedback, print, Hands().now_ns) as sink:
-        sink(feedback_line(7, 70, 0.5), 7)
-    assert receiver.next() == {"sequence": 7, "t_ns": 70, "feedback": 0.5}
-    assert receiver.next() == {"sequence": 8, "t_ns": 1_000_000_000, "feedback": 0.0}
-    receiver.close()

@@ -1,4 +1,4 @@
-"""The example receivers of grip commands do what docs/shared-control.md says."""
+"""The example receivers do what docs/shared-control.md and docs/feedback.md say."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from grip_bench import ROOT, Hands, command, opened, send
 
+from edge_runtime.cues import QUIET, SILENCE, Pattern, cue_line
 from edge_runtime.grip_command import to_line
 from edge_runtime.grip_links import open_link
 
@@ -90,3 +91,14 @@ def test_the_page_shows_the_receivers_as_they_are():
     for name in ("grip_receiver.py", "grip_receiver.c"):
         assert f"(../examples/{name})" in page
         assert Path(EXAMPLES / name).is_file()
+
+
+def test_the_cue_receiver_plays_cues_and_skips_signs_of_life():
+    act = cue_line(1, 1, "act", Pattern(3, 60, 40, 1.0))
+    with listening([sys.executable, str(EXAMPLES / "cue_receiver.py")]) as (lines, url):
+        link = open_link(url, "--feedback")
+        for line in (cue_line(0, 0, QUIET, SILENCE), act[:20], act):
+            link.write(line.encode())
+        link.close()
+        assert next(lines) == "act: 3 x 60 ms on, 40 ms off, strength 1"
+        assert next(lines) == "link lost: 1 x 1500 ms on, 0 ms off, strength 0.5"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import signal
@@ -24,7 +23,7 @@ from edge_runtime.grip import CONTROLLERS
 from edge_runtime.grip_command import GripCommand
 from edge_runtime.model import Model
 from holdfast.grip_options import drive_of
-from holdfast.live_grip import Cue, GripOutput, controller_for, grip_output
+from holdfast.live_grip import GripOutput, controller_for, grip_output
 from holdfast.live_run import answer
 from holdfast.live_sources import open_live
 
@@ -45,7 +44,7 @@ def receiver() -> Iterator[UdpReceiver]:
 
 
 def options(grip: str, **more: Any) -> Namespace:
-    given = {"controller": None, "ceiling": None, "feedback": None, "source": REST}
+    given = {"controller": None, "ceiling": None, "source": REST}
     return Namespace(grip=grip, **(given | more))
 
 
@@ -230,7 +229,8 @@ def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
     [
         (["--grip", "tcp://x:1"], "is not an address"),
         (["--grip", "udp://127.0.0.1:9000", "--controller", "best"], "ismsp"),
-        (["--grip", "udp://127.0.0.1:9000", "--feedback", "9000"], "--feedback"),
+        (["--feedback", "9000"], "--feedback"),
+        (["--cues", "cues.toml"], "--cues needs --feedback"),
         (["--controller", "smsp"], "--controller needs --grip"),
         (["--ceiling", "20"], "--ceiling needs --grip"),
         (["--grip", "virtual"], "has no scene"),
@@ -295,41 +295,9 @@ def test_a_port_too_slow_for_every_command_is_reported(model):
     tty.close()
 
 
-# -- the wearer's cue
-
-
-class Kept:
-    """A wire that keeps its lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[dict[str, Any]] = []
-
-    def __call__(self, line: str, sequence: int) -> bool:
-        self.lines.append(json.loads(line))
-        return True
-
-
-def test_the_cue_is_sent_when_it_changes_and_at_most_20_times_a_second():
-    wire: Any = Kept()
-    cue = Cue(wire)
-    strengths = [0.0] * 10 + [0.1 + 0.01 * k for k in range(60)] + [0.7] * 30 + [0.0] * 30
-    for k, strength in enumerate(strengths):
-        command = GripCommand(k, 0, "tighten", 9.0, 400.0, strength, "risky slip")
-        cue.show(command, round(k * PERIOD_NS))
-    assert wire.lines[0]["sequence"] == 10
-    assert wire.lines[-1]["feedback"] == 0.0
-    gaps = [b["sequence"] - a["sequence"] for a, b in zip(wire.lines, wire.lines[1:], strict=False)]
-    assert min(gaps) >= 8
-    assert len(wire.lines) < 12
-
-
-def test_a_run_with_a_cue_leaves_no_guardian_behind(model, receiver):
-    cue = UdpReceiver()
-    chosen = options(receiver.url, feedback=cue.url)
-    with grip_output(chosen, model.card, VirtualClock(), print) as grip:
-        guardians = [sink._guardian.pid for sink in grip._sinks]
+def test_a_run_leaves_no_guardian_behind(model, receiver):
+    with grip_output(options(receiver.url), model.card, VirtualClock(), print) as grip:
+        assert grip._wire is not None
+        guardian = grip._wire._guardian.pid
         run_on(grip, model, REST, 0.1)
-    for pid in guardians:
-        wait_for_the_end_of(pid)
-    assert cue.next()["feedback"] == 0.0
-    cue.close()
+    wait_for_the_end_of(guardian)

@@ -162,6 +162,13 @@ LOST_SENSOR = Hazard(
     "The state is `unknown` unless the model declares that the others are enough; it is never safe",
     "The hand holds its grip on `unknown`",
 )
+SILENT_CUES = Hazard(
+    LIVE,
+    "The wearer takes the silence of the vibration motor for a safe grip",
+    "The unknown state has a cue of its own, which repeats and ends every run; lines go on "
+    "while no cue is due, and say after which time a device must take the link for lost",
+    "A device that vibrates where no line comes, and a motor that can be felt",
+)
 OVERRIDE = Hazard(
     DECISIONS,
     "The user overrides, and the alarm comes back at once",

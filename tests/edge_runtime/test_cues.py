@@ -1,0 +1,221 @@
+"""Vibration cues: which is sent when, and what a card of them may say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hazard_marks import SILENT_CUES
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_prediction import prediction
+
+from edge_runtime.contract import Prediction
+from edge_runtime.cue_card import KEYS, SHIPPED, read_cues
+from edge_runtime.cues import KINDS, CueRule, Cues, CueTable, Pattern, cue_line
+from edge_runtime.errors import CardError, DataNotFound
+
+ROOT = Path(__file__).resolve().parents[2]
+MS = 1_000_000
+SHIPPED_TABLE = read_cues()
+KNOWN = ("nothing", "grasp", "safe_slip", "risky_slip")
+
+
+def at(ms: int, state: str = "grasp", *, act: bool = False, arm: bool = False) -> Prediction:
+    return prediction(state=state, act=act, arm=arm, t_decided_ns=ms * MS)
+
+
+def played(table: CueTable, stream: list[Prediction]) -> list[tuple[int, str]]:
+    """(ms, kind) of all cues that are sent."""
+    cues, out = Cues(table), []
+    for one in stream:
+        kind = cues.due(one)
+        if kind is not None:
+            cues.sent(kind, one.t_decided_ns)
+            out.append((one.t_decided_ns // MS, kind))
+    return out
+
+
+def table(most_per_s: int = 3, **rules: CueRule) -> CueTable:
+    return CueTable({"unknown": CueRule(Pattern(1, 600, 0, 0.5)), **rules}, most_per_s)
+
+
+SHORT = Pattern(1, 10, 0, 0.5)
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> CueTable:
+    patterns = st.builds(
+        Pattern, st.integers(1, 4), st.integers(10, 300), st.integers(0, 200), st.just(0.5)
+    )
+    times = st.sampled_from([0, 0, 30, 400])
+    rules = st.builds(CueRule, patterns, times, times, st.booleans())
+    kinds = draw(st.dictionaries(st.sampled_from(KINDS[1:]), rules))
+    return CueTable(kinds | {"unknown": draw(rules)}, draw(st.integers(1, 5)))
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> list[Prediction]:
+    """States that flicker, and last, at up to 150 samples a second."""
+    runs = st.tuples(st.sampled_from(("unknown", *KNOWN)), st.booleans(), st.integers(1, 40))
+    now, out = 0, []
+    for state, act, length in draw(st.lists(runs, max_size=40)):
+        for _ in range(length):
+            now += draw(st.sampled_from([7, 7, 7, 50]))
+            out.append(at(now, state, act=act))
+    return out
+
+
+@settings(deadline=None, max_examples=60)
+@given(tables(), streams())
+def test_at_most_so_many_cues_a_second_and_urgent_ones_never_overlap(cards, stream):
+    out = played(cards, stream)
+    for k, (ms, kind) in enumerate(out):
+        rule, before = cards.rules[kind], out[:k]
+        if rule.urgent:
+            ends = [t + cards.rules[one].pattern.length_ns / MS for t, one in before]
+            urgent = [end for end, (_, one) in zip(ends, before, strict=True) if _is(cards, one)]
+            assert not urgent or urgent[-1] <= ms
+        else:
+            assert sum(ms - t < 1000 for t, _ in before) < cards.most_per_s
+            assert not before or before[-1][0] + _length_ms(cards, before[-1][1]) <= ms
+
+
+def _is(cards: CueTable, kind: str) -> bool:
+    return cards.rules[kind].urgent
+
+
+def _length_ms(cards: CueTable, kind: str) -> float:
+    return cards.rules[kind].pattern.length_ns / MS
+
+
+@settings(deadline=None, max_examples=60)
+@given(tables(), streams())
+def test_the_cue_that_is_sent_is_the_first_that_applies(cards, stream):
+    now = {one.t_decided_ns // MS: one for one in stream}
+    for ms, kind in played(cards, stream):
+        one = now[ms]
+        applies = {one.state, *(["act"] if one.act else [])}
+        assert kind == next(name for name in KINDS if name in applies and name in cards.rules)
+
+
+def test_an_urgent_cue_passes_a_limit_that_is_used_up():
+    cards = table(1, grasp=CueRule(SHORT), act=CueRule(SHORT, urgent=True))
+    stream = [at(0), at(20, act=True), at(40), at(60, act=True), at(80), at(1070)]
+    assert played(cards, stream) == [(0, "grasp"), (20, "act"), (60, "act"), (1070, "grasp")]
+
+
+def test_a_cue_that_waited_is_sent_only_if_it_still_applies():
+    cards = table(1, grasp=CueRule(SHORT), nothing=CueRule(SHORT))
+    stream = [at(0), at(100, "nothing"), at(500, "safe_slip"), at(1100, "safe_slip")]
+    assert played(cards, stream) == [(0, "grasp")]
+
+
+def test_a_blink_of_a_state_is_no_cue():
+    cards = table(grasp=CueRule(SHORT, after_ms=50))
+    blink = [at(0, "nothing"), at(7), at(14), at(21, "nothing")]
+    assert played(cards, blink) == []
+    assert played(cards, [at(ms) for ms in (0, 7, 49, 50, 57)]) == [(50, "grasp")]
+
+
+def test_a_cue_that_did_not_leave_stays_due():
+    cues = Cues(SHIPPED_TABLE)
+    assert cues.due(at(0, "risky_slip", act=True)) == "act"
+    assert cues.due(at(7, "risky_slip", act=True)) == "act"
+    cues.sent("act", 7 * MS)
+    assert cues.due(at(14, "risky_slip", act=True)) is None
+
+
+@SILENT_CUES.mark
+def test_an_unknown_state_has_its_own_cue_also_during_a_request_and_repeats_it():
+    stream = [at(7 * k, "unknown", act=True) for k in range(1000)]
+    out = played(SHIPPED_TABLE, stream)
+    assert [kind for _, kind in out] == ["unknown", "unknown"]
+    own = SHIPPED_TABLE.rules["unknown"].pattern
+    assert all(one.pattern != own for name, one in SHIPPED_TABLE.rules.items() if name != "unknown")
+
+
+def test_a_request_to_tighten_comes_at_once_with_the_shipped_card():
+    stream = [at(7 * k) for k in range(60)] + [at(420, "risky_slip", act=True)]
+    assert played(SHIPPED_TABLE, stream)[-1] == (420, "act")
+
+
+def test_a_line_is_whole_json_with_every_figure_of_its_pattern():
+    line = json.loads(cue_line(812, 5413333333, "act", Pattern(3, 60, 40, 1.0)))
+    assert line == {
+        "sequence": 812,
+        "t_ns": 5413333333,
+        "cue": "act",
+        "pulses": 3,
+        "on_ms": 60,
+        "off_ms": 40,
+        "strength": 1.0,
+        "expires_ms": 3000,
+    }
+
+
+# -- cards
+
+UNKNOWN = "[cues.unknown]\npulses = 1\non_ms = 600\noff_ms = 0\nstrength = 0.5\n"
+ACT = "[cues.act]\npulses = 2\non_ms = 60\noff_ms = 40\nstrength = 1.0\n"
+WHOLE = f"most_per_s = 3\n{UNKNOWN}{ACT}"
+
+
+def test_the_users_own_card_counts(tmp_path):
+    card = tmp_path / "cues.toml"
+    card.write_text(WHOLE, encoding="utf-8")
+    assert read_cues(card).rules["act"] == CueRule(Pattern(2, 60, 40, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("pulses = 2", "pulses = 0", "whole number from 1 to 10"),
+        ("pulses = 2", "pulses = 2.0", "cues.act.pulses"),
+        ("pulses = 2", "pulses = true", "cues.act.pulses"),
+        ("on_ms = 60\n", "", r"cues.act.on_ms = None"),
+        ("off_ms = 40", "off_ms = 0", "cues.act.off_ms"),
+        ("strength = 1.0", "strength = 1.5", "at most 1"),
+        ("strength = 1.0", "strength = nan", "at most 1"),
+        ("strength = 1.0", 'strength = "much"', "at most 1"),
+        ("strength = 1.0", "strength = 1\nurgent = 1", "true or false"),
+        ("strength = 1.0", "strength = 1\ncolour = 1", "colour"),
+        ("cues.act", "cues.sliding", "sliding"),
+        ("most_per_s = 3", "most_per_s = 50", "most_per_s"),
+        ("most_per_s = 3", "", "most_per_s"),
+        (UNKNOWN, "", r"no \[cues.unknown\]"),
+        ("pulses = 2\non_ms = 60", "pulses = 1\non_ms = 600", "same pulses"),
+        ("[cues.act]", "[cues.act", "not valid TOML"),
+    ],
+)
+def test_a_card_that_cannot_be_is_refused_with_its_place(tmp_path, old, new, what):
+    card = tmp_path / "cues.toml"
+    assert old in WHOLE
+    card.write_text(WHOLE.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(CardError, match=what) as refused:
+        read_cues(card)
+    assert "cues.toml" in str(refused.value)
+
+
+def test_a_card_that_is_missing_is_an_error(tmp_path):
+    with pytest.raises(DataNotFound, match="cues"):
+        read_cues(tmp_path / "none.toml")
+
+
+def test_the_shipped_card_has_every_key_that_a_card_may_have():
+    text = SHIPPED.read_text("utf-8")
+    assert all(f"{key} = " in text for key in KEYS)
+
+
+def test_the_page_has_the_shipped_table():
+    page = (ROOT / "docs" / "feedback.md").read_text("utf-8")
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
+    shown = {row[0].split("`")[1]: row for row in rows if len(row) == 8}
+    assert list(shown) == list(SHIPPED_TABLE.rules)
+    for kind, rule in SHIPPED_TABLE.rules.items():
+        one = rule.pattern
+        figures = (one.pulses, one.on_ms, one.off_ms, one.strength, rule.after_ms)
+        assert [float(cell) for cell in shown[kind][2:7]] == list(figures)
+        assert shown[kind][7] == (str(rule.repeat_ms) if rule.repeat_ms else "-")
+        assert ("urgent" in shown[kind][0]) == rule.urgent

@@ -1,0 +1,112 @@
+"""`holdfast run --feedback`: the wearer's cues on their own wire."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+from argparse import Namespace
+from typing import Any
+
+from grip_bench import ROOT, TtyReceiver, UdpReceiver, wait_for_the_end_of
+from hazard_marks import SILENT_CUES
+from live_bench import RUN
+from made_prediction import prediction
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.cue_card import read_cues
+from edge_runtime.cues import QUIET_NS
+from holdfast.live_cues import CueOutput, cue_output
+
+PERIOD_NS = 6_666_667
+UNKNOWN = read_cues().rules["unknown"].pattern
+
+
+def options(url: str, **more: Any) -> Namespace:
+    return Namespace(feedback=url, **({"cues": None} | more))
+
+
+RISKY: dict[str, Any] = {"state": "risky_slip", "act": True}
+
+
+def show(cues: CueOutput, samples: int, **changes: Any) -> None:
+    for k in range(samples):
+        cues.show(prediction(k, t_decided_ns=k * PERIOD_NS, **changes))
+
+
+def test_cues_are_lines_of_their_pattern_on_either_wire():
+    for receiver in (UdpReceiver(), TtyReceiver()):
+        with cue_output(options(receiver.url), VirtualClock(), print) as cues:
+            show(cues, 1, **RISKY)
+        line = receiver.next()
+        assert (line["cue"], line["pulses"], line["on_ms"], line["strength"]) == ("act", 3, 60, 1.0)
+        receiver.close()
+
+
+@SILENT_CUES.mark
+def test_lines_go_on_while_no_cue_is_due():
+    receiver = UdpReceiver()
+    with cue_output(options(receiver.url), VirtualClock(), print) as cues:
+        show(cues, 3 * QUIET_NS // PERIOD_NS, state="safe_slip")
+    lines = receiver.waiting()
+    assert [one["cue"] for one in lines] == ["quiet"] * 3 + ["unknown"]
+    assert all(1_000_000 * one["expires_ms"] > 2 * QUIET_NS for one in lines)
+    receiver.close()
+
+
+@SILENT_CUES.mark
+def test_the_last_line_is_the_cue_unknown_also_where_the_process_dies():
+    receiver = UdpReceiver()
+    for how in (signal.SIGTERM, signal.SIGKILL):
+        command = [*RUN, "--quiet", "--feedback", receiver.url]
+        with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as run:
+            first = receiver.next()
+            run.send_signal(how)
+            run.wait(300)
+        assert first["cue"] in ("quiet", "unknown")
+        last = receiver.next()
+        while last["cue"] != "unknown" or last["sequence"] <= first["sequence"]:
+            last = receiver.next()
+        assert (last["pulses"], last["on_ms"]) == (UNKNOWN.pulses, UNKNOWN.on_ms)
+    receiver.close()
+
+
+def test_a_dead_link_is_reported_once_and_no_cue_waits_for_it():
+    receiver, clock, messages = UdpReceiver(), VirtualClock(), []
+    receiver.close()
+    with cue_output(options(receiver.url), clock, messages.append) as cues:
+        with cues.running(messages.append):
+            show(cues, 300, **RISKY)
+        guardian = cues._sink._guardian.pid
+    assert [one for one in messages if "no line arrives" in one] == [messages[0]]
+    assert "the wearer feels no cue" in messages[0]
+    assert "did not leave" in messages[-1]
+    assert clock.now_ns() == VirtualClock().now_ns()  # nothing slept
+    wait_for_the_end_of(guardian)
+
+
+def test_a_receiver_that_comes_back_gets_the_cue_that_applies():
+    receiver, clock = UdpReceiver(), VirtualClock()
+    port = receiver.port
+    receiver.close()
+    with cue_output(options(receiver.url), clock, lambda line: None) as cues:
+        for k in range(300):
+            clock.spend(PERIOD_NS)
+            cues.show(prediction(k, t_decided_ns=clock.now_ns(), **RISKY))
+            if k == 20:
+                again = UdpReceiver(port)
+    kinds = [line["cue"] for line in again.waiting()]
+    assert kinds[:3] == ["unknown"] * 3
+    assert "act" in kinds[3:]
+    again.close()
+
+
+def test_the_users_own_card_is_played(tmp_path):
+    card = tmp_path / "cues.toml"
+    rule = "pulses = 1\noff_ms = 0\nstrength = 1\non_ms"
+    card.write_text(f"most_per_s = 1\n[cues.unknown]\n{rule} = 900\n[cues.act]\n{rule} = 45\n")
+    receiver = UdpReceiver()
+    with cue_output(options(receiver.url, cues=card), VirtualClock(), print) as cues:
+        show(cues, 1, **RISKY)
+    assert [json.dumps(one["on_ms"]) for one in receiver.waiting()] == ["45", "900"]
+    receiver.close()
