@@ -14,6 +14,7 @@ from edge_runtime.errors import DataError
 from edge_runtime.live import Source
 
 RATE_HZ = 100.0
+"""Of a hand, which has no rate of its own."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,10 @@ def require_good(measured: MeasuredBias, consequence: str) -> None:
 
 
 def read_rows(source: Source, clock: Any, seconds: float) -> FloatArray:
-    """[T, C] of a source at 100 Hz, nan where a sensor is not valid."""
-    start_ns, rows = clock.now_ns(), []
-    for k in range(round(seconds * RATE_HZ)):
-        clock.wait_until(start_ns + round(k * 1e9 / RATE_HZ))
+    """[T, C] of a source at its own rate or at RATE_HZ, nan where a sensor is not valid."""
+    start_ns, rows, rate_hz = clock.now_ns(), [], source.rate_hz or RATE_HZ
+    for k in range(round(seconds * rate_hz)):
+        clock.wait_until(start_ns + round(k * 1e9 / rate_hz))
         measured = source.read()
         if measured is None:
             break

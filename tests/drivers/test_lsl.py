@@ -30,6 +30,7 @@ from edge_runtime.errors import (
     UnitError,
 )
 from edge_runtime.monitor import GripMonitor, Model
+from holdfast.hand_bias import read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 RATE_HZ = 150.0
@@ -123,6 +124,13 @@ def test_a_reader_that_falls_behind_drops_all_but_the_newest_and_says_so():
     assert newest.valid.all()
     assert clock.now_ns() - newest.t_ns <= 1.5e9 * PERIOD_S
     assert after.t_ns > newest.t_ns
+
+
+def test_the_bias_of_a_stream_is_measured_from_every_sample():
+    clock = VirtualClock()
+    source, inlet, _ = opened(clock)
+    rows = read_rows(source, clock, 1.0)
+    np.testing.assert_array_equal(rows, [inlet.rows(k) for k in range(150)])
 
 
 def test_a_value_that_is_no_number_makes_its_finger_invalid_and_labels_give_the_order():
