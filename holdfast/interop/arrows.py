@@ -18,8 +18,8 @@ HALF_GAP_M = 0.03
 """From the middle of the object to each row."""
 ONE_ROW_M = 0.022
 """Between two pads of a hand without six sensors, which are one row."""
-METRES_PER_UNIT = MappingProxyType({"N": 5e-3, "uT": 1e-5, "count": 1e-5})
-"""Length of an arrow: 10 N is 5 cm long."""
+METRES_PER_UNIT = MappingProxyType({"N": 1e-2, "uT": 1e-5, "count": 1e-5})
+"""Length of an arrow: 1 N is 1 cm long, and so is 1000 uT, about the field of 1 N."""
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def test_an_arrow_is_as_long_as_the_force_and_points_along_it(converted, recorde
         side = -1.0 if sensor < 2 else 1.0  # the thumb has two sensors
         assert arrow.pose.position.y == pytest.approx(0.03 * side)
         size = arrow.shaft_length + arrow.head_length
-        assert size == pytest.approx(5e-3 * np.hypot(np.hypot(x, y), z))
+        assert size == pytest.approx(1e-2 * np.hypot(np.hypot(x, y), z))
         q = arrow.pose.orientation
         towards = [
             1 - 2 * (q.y**2 + q.z**2),
@@ -156,7 +156,7 @@ def test_an_arrow_is_as_long_as_the_force_and_points_along_it(converted, recorde
             2 * (q.x * q.z - q.y * q.w),
         ]
         np.testing.assert_allclose(
-            np.multiply(towards, size / 5e-3), [x, side * z, -side * y], atol=1e-6
+            np.multiply(towards, size / 1e-2), [x, side * z, -side * y], atol=1e-6
         )
 
 
