@@ -1,4 +1,4 @@
-"""The lab streaming layer by pylsl, which brings liblsl and which only this module imports.
+"""The lab streaming layer by pylsl, which only this module imports.
 
 Streams are found by name on the local network, and all machines there can receive what is sent.
 liblsl's own file `lsl_api.cfg` restricts both, to this machine for instance (docs/interop.md).
@@ -12,12 +12,20 @@ from typing import Any
 from drivers.lsl import DECISION, LslAnswers
 from drivers.lsl_streams import StreamFacts
 from edge_runtime.contract import Unit, channel_names
-from edge_runtime.errors import DeviceLost, DeviceNotFound
+from edge_runtime.errors import DeviceLost, DeviceNotFound, LibraryMissing
 from edge_runtime.extras import needs_extra
 
-with needs_extra("lsl"):
-    import pylsl
-    from pylsl.util import LostError
+try:
+    with needs_extra("lsl"):
+        import pylsl
+        from pylsl.util import LostError
+except RuntimeError:  # pylsl's own, where its wheel has no liblsl
+    raise LibraryMissing(
+        "no liblsl",
+        where="pylsl",
+        cause="the wheel of pylsl for this processor does not bring it (x86_64 only)",
+        next_step="install liblsl, or name it in PYLSL_LIB (docs/interop.md)",
+    ) from None
 
 FIND_S = 5.0
 KEPT_S = 2

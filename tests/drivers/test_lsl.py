@@ -303,6 +303,22 @@ def test_without_pylsl_the_error_names_the_extra(monkeypatch):
         import drivers.lsl_library  # noqa: F401
 
 
+def test_a_wheel_without_liblsl_is_an_error_that_says_so(tmp_path):
+    (tmp_path / "pylsl.py").write_text("raise RuntimeError('LSL binary library file not found')")
+    words = ["run", str(DEFAULT), "--source", "lsl://a"]
+    done = subprocess.run(
+        [sys.executable, "-m", "holdfast", *words],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 6
+    assert "error: LibraryMissing: pylsl: no liblsl" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_stream_loads_nothing_but_numpy_onnxruntime_and_pylsl():
     program = "import json, sys, drivers.lsl_library; print(json.dumps([*sys.modules]))"
     command = [sys.executable, "-c", program]
