@@ -16,7 +16,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -33,7 +33,9 @@ class CameraProcess:
 
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:
         """Words of the command line, or "-c", a program and its words, as Python takes them."""
-        if self.child is None or self.child.poll() is not None:
+        if self.child is not None and self.child.poll() is not None:
+            self._forget(self.child)
+        if self.child is None:
             self.child = subprocess.Popen(
                 [sys.executable, __file__],
                 cwd=ROOT,
@@ -48,8 +50,18 @@ class CameraProcess:
         self.child.stdin.flush()
         answer = self.child.stdout.readline()
         if not answer:
-            return subprocess.CompletedProcess(words, self.child.wait(), "", "it crashed")
+            code = self.child.wait()
+            self._forget(self.child)
+            return subprocess.CompletedProcess(words, code, "", "it crashed")
         return subprocess.CompletedProcess(words, *json.loads(answer))
+
+    def _forget(self, child: subprocess.Popen[str]) -> None:
+        """Close the pipes of a process that has ended."""
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        self.child = None
 
     def end(self) -> None:
         """Let the process end, if there is one."""
