@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from command_line import Run
 from distributed import LocalCluster
+from loop_bench import card_text, row
 
 from edge_runtime.errors import UsageError
 from evaluation.jobs import Workers
@@ -98,3 +99,16 @@ def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(
         written.append(out.read_bytes())
     assert written[0] == written[1]
     assert len(json.loads(written[0])["sets"]) == 2
+
+
+def test_a_closed_loop_on_a_cluster_ends_as_in_this_process(
+    run: Run, tmp_path: Path, cluster: str
+) -> None:
+    card, written = tmp_path / "two.toml", []
+    card.write_text(card_text(row("fall", "weak_grip = 0.5\n", "hard-ball"), row("pass")))
+    for name, where in (("here", ("--jobs", 1)), ("there", ("--dask", cluster))):
+        out = tmp_path / f"{name}.json"
+        code, _, err = run("loop", card, "--controller", "pd-shear", "--json", out, *where)
+        assert code == 0, err
+        written.append(out.read_bytes())
+    assert written[0] == written[1]
