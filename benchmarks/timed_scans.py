@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +20,7 @@ from drivers.bus import Reply, Transfer
 from drivers.ft232h_timed import TimedFt232h
 from drivers.hand import Hand
 from drivers.layout import read_layout
+from drivers.virtual.at_once import AtOnce
 from drivers.virtual.clock import VirtualClock
 from drivers.virtual.hand import VirtualHand
 from edge_runtime.command import show
@@ -67,16 +66,6 @@ class DeviceTimes(VirtualClock):
         """As it is."""
         self.began_ns.append(t_ns)
         return super().at(t_ns)
-
-
-class AtOnce(Executor):
-    """The emulation's queue takes a block at once."""
-
-    def submit(self, call: Callable[..., Any], /, *args: Any, **more: Any) -> Future[Any]:
-        """Call it now."""
-        done: Future[Any] = Future()
-        done.set_result(call(*args, **more))
-        return done
 
 
 class Kept(TimedFt232h):

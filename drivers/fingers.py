@@ -26,7 +26,7 @@ from drivers.finger_state import TRY_AGAIN_NS, FingerState
 from drivers.layout import Finger
 from drivers.mux import is_mux, plain_read
 from drivers.packet_check import MOST_TEST_PACKETS
-from drivers.scan_plan import ScanPlanner
+from drivers.scan_plan import ScanPlan, ScanPlanner
 from drivers.tmag5273 import GENERAL_CALL, TRIGGER, Setup, conversion_s, field_ut
 from edge_runtime.contract import BoolArray, FloatArray
 from edge_runtime.errors import DeviceError, DeviceNotFound, WrongDevice
@@ -43,12 +43,16 @@ Crc = Literal["auto", "on", "off"]
 
 @dataclass(frozen=True)
 class Reading:
-    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], why [S] ("" where valid)."""
+    """One scan: field_ut [S, 3] (NaN where nothing came), valid [S], why [S] ("" where valid).
+
+    number: of its period, where the hand keeps the time (drivers/timed_hand.py).
+    """
 
     t_ns: int
     field_ut: FloatArray
     valid: BoolArray
     why: tuple[str, ...]
+    number: int | None = None
 
 
 @dataclass(frozen=True)
@@ -153,11 +157,7 @@ class Fingers:
 
     def repair(self, bus: Bus, reading: Reading) -> None:
         """Bring up the finger that has waited longest; only one, so the others stay on time."""
-        due = [
-            (state.tried_ns, k)
-            for k, (state, why) in enumerate(zip(self._states, reading.why, strict=True))
-            if state.needs_bring_up(why) and reading.t_ns - state.tried_ns >= TRY_AGAIN_NS
-        ]
+        due = self._due(reading)
         try:
             for k, state in enumerate(self._states):
                 if state.check.absent and state.setup.crc and self._crc == "auto":
@@ -166,6 +166,18 @@ class Fingers:
                 self._bring_up(bus, min(due)[1])
         except DeviceError:
             self.forget_masks()  # the next scan meets the same failure and handles it
+
+    def repair_due(self, reading: Reading) -> bool:
+        """Whether `repair` would bring up a finger after this reading."""
+        return bool(self._due(reading))
+
+    def _due(self, reading: Reading) -> list[tuple[int, int]]:
+        """(when it was last tried, finger) of those that need a bring-up now."""
+        return [
+            (state.tried_ns, k)
+            for k, (state, why) in enumerate(zip(self._states, reading.why, strict=True))
+            if state.needs_bring_up(why) and reading.t_ns - state.tried_ns >= TRY_AGAIN_NS
+        ]
 
     def _require_muxes(self, bus: Bus) -> None:
         """See that every mux of the layout is there before it is written to.
@@ -235,12 +247,32 @@ class Fingers:
         """Read each finger that is ready. Raises a DeviceError where bridge or bus fails."""
         if self._setup.together:
             self._convert(bus)
-        plan = self._planner.plan(self._states, doubtful=self._now_ns() < self._doubtful_until_ns)
+        plan = self.plan()
         try:
             answers = bus.scan(plan.transfers)
         except DeviceError:
             self.forget_masks()
             raise
+        return self.sort(plan, answers)
+
+    def plan(self) -> ScanPlan:
+        """What the next scan is to transfer."""
+        return self._planner.plan(self._states, doubtful=self._now_ns() < self._doubtful_until_ns)
+
+    def repeatable_plan(self) -> ScanPlan:
+        """A plan that writes every mask, so that it can be repeated after any other one."""
+        self.forget_masks()
+        return self.plan()
+
+    def would_repeat(self, plan: ScanPlan) -> bool:
+        """Whether this is still the plan to repeat."""
+        masks = self._planner.masks
+        same = self.repeatable_plan() is plan
+        self._planner.masks = masks
+        return same
+
+    def sort(self, plan: ScanPlan, answers: Sequence[Reply]) -> ScanReplies:
+        """The answers to a plan by finger, and the fingers whose mux did not switch."""
         replies: list[Reply | None] = [None] * len(self._fingers)
         unswitched: set[int] = set()
         for group in plan.groups:
@@ -257,10 +289,13 @@ class Fingers:
         bus.scan([*self._planner.select_all(), trigger])
         self._pause(conversion_s(self._setup.averages))
 
-    def judge(self, t_ns: int, scanned: ScanReplies) -> Reading:
-        """What the replies to a scan that began at t_ns say."""
+    def judge(self, t_ns: int, scanned: ScanReplies, came_ns: int | None = None) -> Reading:
+        """What the replies to a scan that began at t_ns say.
+
+        came_ns: when they were read, where a bridge did that by itself; else it is now.
+        """
         # the time of arrival, not of the request: the machine can stall in between
-        came_ns = self._now_ns()
+        came_ns = self._now_ns() if came_ns is None else came_ns
         judged = [
             (None, "mux") if k in scanned.unswitched else state.judge(reply, came_ns)
             for k, (state, reply) in enumerate(zip(self._states, scanned.replies, strict=True))

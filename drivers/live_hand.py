@@ -29,7 +29,8 @@ class LiveHand:
         """One scan."""
         reading = self._hand.read()
         values = reading.field_ut if self._to_force is None else self._to_force(reading.field_ut)
-        return SourceReading(reading.t_ns, values.reshape(-1), reading.valid, reading.why)
+        whole = values.reshape(-1)
+        return SourceReading(reading.t_ns, whole, reading.valid, reading.why, reading.number)
 
     def about(self) -> dict[str, object]:
         """What is known of the hand itself."""

@@ -13,13 +13,18 @@ back by more than a second come from another clock. The stream then starts again
 state is unknown until the model has settled, and an active request continues. A line that a
 consumer does not take is dropped (edge_runtime/sinks.py) and counted, so a slow consumer never
 delays an answer.
+
+A timed source (an experiment, drivers/timed_hand.py) waits for its samples itself and numbers them.
+What it read while the program was away is answered in order, so the history stays whole. An answer
+older than two periods is `unknown` like any other, so only the newest acts. A number that is
+missing is an overrun.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -39,12 +44,16 @@ ANOTHER_CLOCK_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class SourceReading:
-    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid)."""
+    """One reading of a source: values [C] in its unit, valid [S], why [S] not ("" where valid).
+
+    number: of its period; None where the source leaves the time to its reader.
+    """
 
     t_ns: int
     values: FloatArray
     valid: BoolArray
     why: tuple[str, ...] = ()
+    number: int | None = None
 
 
 class Source(Protocol):
@@ -61,6 +70,15 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Release the device or file."""
+        ...
+
+
+@runtime_checkable
+class TimedSource(Source, Protocol):
+    """A source whose `read` waits for the next sample, and numbers it."""
+
+    def keep_time(self, period_ns: float) -> None:
+        """Sample n is due n periods from now."""
         ...
 
 
@@ -205,15 +223,22 @@ class _LiveRun:
         self._period_ns = 1e9 / (source.rate_hz or monitor.card.rate_hz)
         self._stamps = Stamps(self._period_ns)
         self._start_ns, self._turn, self._acted = clock.now_ns(), 0, False
+        self._timed = isinstance(source, TimedSource)
+        if isinstance(source, TimedSource):
+            source.keep_time(self._period_ns)
 
     def answer_next(self) -> bool:
         """Wait until the next sample is due, read and answer it; False where the source ended."""
-        self._clock.wait_until(self._start_ns + round(self._turn * self._period_ns))
+        if not self._timed:
+            self._clock.wait_until(self._start_ns + round(self._turn * self._period_ns))
         began_ns = self._clock.now_ns()
         measured = self._source.read()
         if measured is None:
             return False
         read_ns = self._clock.now_ns()
+        if measured.number is not None:
+            began_ns = measured.t_ns
+            self._skip(measured.number - self._turn)
         sample = self._sample(measured)
         converted_ns = self._clock.now_ns()
         prediction = self._predict(sample)
@@ -246,7 +271,12 @@ class _LiveRun:
     def _schedule_next(self) -> None:
         """Count this turn, and skip the turns whose time has passed."""
         self._turn += 1
-        missed = int((self._clock.now_ns() - self._start_ns) / self._period_ns) - self._turn
+        if not self._timed:
+            passed_ns = self._clock.now_ns() - self._start_ns
+            self._skip(int(passed_ns / self._period_ns) - self._turn)
+
+    def _skip(self, missed: int) -> None:
+        """Count samples that were not read."""
         if missed > 0:
             self.summary.overruns += missed
             self._turn += missed

@@ -132,7 +132,9 @@ def _run_until_stopped(
         cues = stack.enter_context(_cues(args, clock, tell))
         field = None if grip is None else grip.field
         to_force = force_of(args.calibration)
-        source = open_live(args.source, clock=clock, say=tell, to_force=to_force, field=field)
+        source = open_live(
+            args.source, clock=clock, say=tell, to_force=to_force, field=field, runs=True
+        )
         stack.enter_context(first_in_line(tell))
         with closing(source), _acting(grip, cues, source, tell):
             resting = resting_of(args.bias, source)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class Clock(Protocol):
@@ -53,6 +53,35 @@ class VirtualClock:
             yield
         finally:
             self._now_ns = now_ns
+
+
+class DeviceClock:
+    """The time of a device that does something by itself while its host was away.
+
+    clock: the host's, which stays where it is.
+    """
+
+    def __init__(self, clock: Any) -> None:
+        self._clock = clock
+        self._past_ns: int | None = None
+
+    def now_ns(self) -> int:
+        """ns."""
+        now_ns: int = self._clock.now_ns() if self._past_ns is None else self._past_ns
+        return now_ns
+
+    def spend(self, duration_ns: int) -> None:
+        """Let the host's time pass."""
+        self._clock.spend(duration_ns)
+
+    @contextmanager
+    def at(self, t_ns: int) -> Iterator[None]:
+        """It is t_ns within the block."""
+        self._past_ns = t_ns
+        try:
+            yield
+        finally:
+            self._past_ns = None
 
 
 class WallClock:

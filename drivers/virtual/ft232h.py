@@ -127,13 +127,17 @@ class VirtualFt232h(Device):
         if request == SIO_RESET and value in (0, PURGE_SENT, PURGE_ANSWERS):
             if value != PURGE_ANSWERS:
                 self._commands = b""
+                self._queued.clear()
             if value != PURGE_SENT:
                 self._answers = bytearray()
+                self._coming.clear()
         elif request == SIO_LATENCY:
             self._latency_ms = value & 0xFF
         elif request == SIO_BITMODE:
             self._mode = value >> 8
             self._commands, self._answers = b"", bytearray()
+            self._queued.clear()
+            self._coming.clear()
         elif request > SIO_GET_PINS:
             raise stall()
 

@@ -1,4 +1,4 @@
-"""Scans that the FT232H times itself: regular while the host is away, gaps counted, no recovery."""
+"""Scans that the FT232H times itself: regular while the host is away, gaps counted."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from benchmarks.timed_scans import AtOnce, DeviceTimes, Kept, started
+from benchmarks.timed_scans import DeviceTimes, Kept, started
 from drivers.bridges import open_virtual
 from drivers.bus import Transfer
 from drivers.ft232h_timed import TimedScan
 from drivers.hand import Hand
 from drivers.layout import LAYOUTS
+from drivers.virtual.at_once import AtOnce
 from drivers.virtual.faults import read_fault
+from drivers.virtual.ft232h import VirtualFt232h
 from drivers.virtual.hand import VirtualHand
 from edge_runtime.errors import BusStuck, DeviceLost, UsageError
 
@@ -113,3 +115,20 @@ def test_what_cannot_be_timed_is_refused():
         bus.begin(bus.last, PERIOD_NS, block=9)
     with pytest.raises(UsageError, match="do not fit the chip's memory"):
         bus.begin([Transfer(0x35, b"", 300)], PERIOD_NS)
+
+
+@pytest.mark.parametrize("ppm", [-300, 300])
+def test_a_chip_whose_clock_drifts_is_held_to_the_host_s_grid_slowly(
+    ppm: int, monkeypatch: pytest.MonkeyPatch
+):
+    hz = VirtualFt232h._bus_hz
+    monkeypatch.setattr(VirtualFt232h, "_bus_hz", lambda self: hz(self) * (1 + 1e-6 * ppm))
+    bus, clock = started()
+    start_ns = clock.now_ns() + 100_000_000
+    bus.begin(bus.last, PERIOD_NS, start_ns=start_ns)
+    scans = scanned(bus, 3000)
+    assert [one.number for one in scans] == list(range(3000))
+    times = began(clock, scans)
+    off_ns = times - (start_ns + np.arange(3000) * PERIOD_NS)
+    assert np.abs(off_ns[200:]).max() < 400_000, "unheld it would be off by 6 ms"
+    assert np.abs(np.diff(times) - PERIOD_NS).max() < 25_000
