@@ -35,6 +35,13 @@ def command_port(
     sender that goes silent. now_ns: monotonic. Raises UsageError where it cannot listen on the
     port.
     """
+    with receiving(address) as receiver:
+        yield _Listener(receiver, log, now_ns).ask
+
+
+@contextmanager
+def receiving(address: str) -> Iterator[socket.socket]:
+    """A socket that receives datagrams at HOST:PORT, and never waits. Raises UsageError."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal():
         raise UsageError(
@@ -46,7 +53,7 @@ def command_port(
         except (OSError, OverflowError, ValueError) as error:
             raise UsageError(f"{address!r}: {error}", next_step="choose another port") from None
         receiver.setblocking(False)
-        yield _Listener(receiver, log, now_ns).ask
+        yield receiver
 
 
 class _Listener:
@@ -62,7 +69,7 @@ class _Listener:
 
     def ask(self) -> Command:
         """The command at this sample."""
-        override = any([self._take(datagram) for datagram in _waiting(self._receiver)])
+        override = any([self._take(datagram) for datagram in waiting(self._receiver)])
         if self._last_ns is not None and self._now_ns() - self._last_ns > EXPIRES_NS:
             self._expire()
         return Command(self._opening, override, self._link)
@@ -71,12 +78,12 @@ class _Listener:
         """Take one datagram; whether it overrides."""
         command = _read(datagram)
         if command is None:
-            self._log(f"command: {_printable(datagram)} (not understood)")
+            self._log(f"command: {printable(datagram)} (not understood)")
             return False
         self._last_ns, self._link = self._now_ns(), "live"
         override, opening = command.get("override", False), command.get("opening", self._opening)
         if override or opening != self._opening:
-            self._log(f"command: {_printable(datagram)}")
+            self._log(f"command: {printable(datagram)}")
         self._opening = opening
         return override
 
@@ -85,7 +92,8 @@ class _Listener:
         self._opening, self._last_ns, self._link = False, None, "expired"
 
 
-def _waiting(receiver: socket.socket) -> Iterator[bytes]:
+def waiting(receiver: socket.socket) -> Iterator[bytes]:
+    """The datagrams that have come, at most MOST_A_SAMPLE."""
     for _ in range(MOST_A_SAMPLE):
         try:
             yield receiver.recv(LONGEST)
@@ -93,7 +101,7 @@ def _waiting(receiver: socket.socket) -> Iterator[bytes]:
             return
 
 
-def _printable(datagram: bytes) -> str:
+def printable(datagram: bytes) -> str:
     """As text without control characters."""
     return "".join(c if c.isprintable() else "?" for c in datagram.decode(errors="replace"))
 

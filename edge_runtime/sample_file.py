@@ -15,19 +15,22 @@ from edge_runtime.trial_file import TIME_COLUMN
 
 
 class SampleFile:
-    """Writes samples to a sink; invalid values are written as they are, nan too."""
+    """Writes samples to a sink; invalid values are written as they are, nan too.
+
+    first_ns: time of the first sample, None before it.
+    """
 
     def __init__(self, sink: Sink) -> None:
         self.sink = sink
-        self._first_ns: int | None = None
+        self.first_ns: int | None = None
 
     def write(self, sample: Sample) -> bool:
         """One line, with the time in s since the first sample; False where a line is dropped."""
         if self.sink.failure is not None:
             return True
-        if self._first_ns is None:
-            self._first_ns = sample.t_ns
-        time_ns = sample.t_ns - self._first_ns
+        if self.first_ns is None:
+            self.first_ns = sample.t_ns
+        time_ns = sample.t_ns - self.first_ns
         cells = [f"{time_ns // 10**9}.{time_ns % 10**9:09d}", *map(repr, sample.values.tolist())]
         return self.sink(",".join([*cells, *("1" if one else "0" for one in sample.valid)]))
 

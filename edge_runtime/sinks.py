@@ -149,6 +149,11 @@ class Outlets:
         reason = self.lost()[sink.name]
         self._say(f"{sink.name} takes no more lines ({reason}); it is dropped, control goes on")
 
+    def add(self, sink: Sink) -> None:
+        """Look after one more sink that gets its lines from elsewhere, and close it with them."""
+        self._all.append(sink)
+        self._living.append(sink)
+
     def none_acts(self) -> bool:
         """Whether there were acting sinks and all of them failed: no answer can reach a hand."""
         return bool(self._acting) and all(sink.failure is not None for sink in self._acting)

@@ -2,10 +2,10 @@
 
 Recording, simulation, training and evaluation share this module::
 
-    <object>/<action>/trial_<n>.csv     samples; beside it trial_<n>.truth.json, .onset.json and
-                                        .frames.npz
-    <object>/<action>/trial_<n>/        of the recorder: tactile.csv, events.jsonl, meta.json and
-                                        tactile.truth.json
+    <object>/<action>/trial_<n>.csv     samples; beside it trial_<n>.truth.json, .onset.json,
+                                        .frames.npz and .intent.csv
+    <object>/<action>/trial_<n>/        of the recorder: tactile.csv, events.jsonl, meta.json,
+                                        tactile.truth.json and tactile.intent.csv
 
 Folders of people may stand above the objects: `<person>/<object>/<action>/`.
 It imports no numpy, so that the command line can list actions at once.
@@ -21,6 +21,7 @@ from edge_runtime.reading import Json, json_of, text_of
 
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"
+INTENT_SUFFIX = ".intent.csv"
 TRUTH = "tactile" + TRUTH_SUFFIX
 DISCARDED = "discarded"
 """A person's folder of trials that were done again: kept on the disk, read by nothing."""
@@ -59,6 +60,11 @@ MASSES_G = MappingProxyType(
 def truth_path(trial: Path) -> Path:
     """`trial_3.csv` -> `trial_3.truth.json`."""
     return trial.with_suffix(TRUTH_SUFFIX)
+
+
+def intent_path(trial: Path) -> Path:
+    """`trial_3.csv` -> `trial_3.intent.csv`."""
+    return trial.with_suffix(INTENT_SUFFIX)
 
 
 def read_events(path: Path) -> list[Json]:

@@ -96,11 +96,13 @@ def _summary(report: FolderReport) -> list[str]:
     trials, people = sum(one.trials for one in report.cells), {one.person for one in report.cells}
     minutes = sum(one.seconds for one in report.cells) / 60.0
     n_people = len(people - {None})
+    own = f"the wearer's own command beside {counted(report.intents, 'trial')}"
     of = f" of {counted(n_people, 'person')}" if n_people else ""
     return [
         f"{report.folder}: {counted(trials, 'trial')}{of}, {minutes:.1f} min, "
         f"{report.channels} channels; {FORMATS.get(report.layout, 'a public set')}",
         f"held out by {report.held_out_by}: {counted(report.groups, report.held_out_by)}",
+        *([own] if report.intents else []),
     ]
 
 

@@ -18,6 +18,7 @@ from edge_runtime.engine import OpenedModel
 from edge_runtime.engine_options import chosen_model
 from edge_runtime.errors import OutputError, RateError
 from edge_runtime.fit import require_fit
+from edge_runtime.intent import IntentMonitor
 from edge_runtime.live import Command, Source, SourceReading, Summary, run_live
 from edge_runtime.monitor import GripMonitor
 from edge_runtime.notify import service_watchdog
@@ -26,6 +27,7 @@ from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
 from edge_runtime.tare import Tare
 from edge_runtime.visible import visible
 from holdfast.grip_options import is_virtual, require_grip
+from holdfast.intent_options import intended, intent_monitor, require_intent
 from holdfast.live_options import force_of, resting_of
 from holdfast.live_sources import open_live
 from holdfast.real_time import RunClock, SceneClock, first_in_line
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from drivers.lsl import LslAnswers
     from holdfast.live_cues import CueOutput
     from holdfast.live_grip import GripOutput
+    from holdfast.live_intent import IntentLog
     from holdfast.live_page.run_page import RunPage
     from holdfast.view import View
 
@@ -50,6 +53,7 @@ Emit = Callable[[Prediction, Sample, SourceReading], int | None]
 def run_live_verb(args: argparse.Namespace) -> int:
     """Run until stopped; returns the exit code."""
     require_grip(args)
+    require_intent(args)
     clock = SceneClock() if is_virtual(args.grip) else RunClock()
     model = chosen_model(args).open()
     with output_from_the_background(), closing(stream_sink(sys.stderr, STDERR)) as beside:
@@ -78,6 +82,7 @@ class _Outputs:
         self._beside = beside
         self.page: RunPage | None = None
         self.lsl: LslAnswers | None = None
+        self._intent: IntentLog | None = None
         self._view: View | None = enter(_view(model)) if args.view else None
         sinks = _sinks(args, enter)
         n_channels = model.card.n_channels
@@ -100,11 +105,23 @@ class _Outputs:
         if self.page:
             self.page.said(line)
 
+    def take_intent(self, intent: IntentMonitor, log: IntentLog | None) -> None:
+        """Show the wearer's own command, and write it to a log."""
+        if self._view:
+            self._view.intent = intent
+        if self.page:
+            self.page.intent = intent
+        if log:
+            self._intent = log
+            self.outlets.add(log.sink)
+
     def emit(self, prediction: Prediction, sample: Sample, measured: SourceReading) -> int:
         """Pass on one answer; returns how many lines were dropped."""
         dropped = self.outlets.emit(prediction)
         if self._samples:
             dropped += not self._samples.write(sample)
+            if self._intent:
+                dropped += self._intent.write(self._samples.first_ns)
         if self._view:
             self._view.show(prediction, sample, measured)
         if self.lsl:
@@ -126,6 +143,11 @@ def _run_until_stopped(
         outlets, tell = outputs.outlets, outputs.tell
         port = command_port(args.commands, tell, clock.now_ns) if args.commands else None
         command = Command if port is None else stack.enter_context(port)
+        intent = stack.enter_context(intent_monitor(args.intent, clock, tell, args.obey_intent))
+        if intent is not None:
+            log = stack.enter_context(_intent_log(args, intent, clock))
+            outputs.take_intent(intent, log)
+            command = intended(command, intent, obeyed=args.obey_intent is not None)
         grip = stack.enter_context(_grip(args, model, clock, tell))
         if grip is not None and outputs.page is not None:
             outputs.page.newest_command = lambda: grip.newest
@@ -165,6 +187,16 @@ def _lsl(args: argparse.Namespace, model: OpenedModel, clock: RunClock) -> LslAn
 
     card = model.card
     return open_answers(args.lsl, card.n_channels // 3, card.unit, card.rate_hz, clock.now_ns)
+
+
+def _intent_log(
+    args: argparse.Namespace, intent: IntentMonitor, clock: RunClock
+) -> AbstractContextManager[IntentLog | None]:
+    if not args.samples:
+        return nullcontext()
+    from holdfast.live_intent import intent_log
+
+    return intent_log(args.samples, intent, clock.now_ns)
 
 
 def _cues(

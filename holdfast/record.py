@@ -18,6 +18,7 @@ from contextlib import ExitStack
 
 from edge_runtime.command import path_argument, positive, seed
 from holdfast.camera_options import add_camera_options
+from holdfast.intent_options import add_intent_option
 from holdfast.live_options import add_live_options, add_web_option
 from holdfast.recorder.card import ACTIONS
 
@@ -45,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--trials", type=int, metavar="N", help="stop after N trials")
     option("--at-once", action="store_true", help="begin every trial without waiting for a key")
     add_web_option(parser)
+    add_intent_option(parser)
     option("--camera", metavar="oak|scene|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
 

@@ -14,6 +14,7 @@ import argparse
 from edge_runtime.command import path_argument, positive
 from edge_runtime.engine_options import add_engine_options
 from holdfast.grip_options import add_grip_options
+from holdfast.intent_options import add_intent_option, add_obey_option
 from holdfast.live_options import add_live_options, add_web_option
 
 
@@ -29,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--lsl", metavar="NAME", help=lsl)
     commands = "receive the user's commands here: opening, and override of an alarm"
     option("--commands", metavar="HOST:PORT", help=commands)
+    add_intent_option(parser)
+    add_obey_option(parser)
     add_grip_options(parser)
     samples = "write the prepared samples to a CSV, for holdfast replay"
     option("--samples", type=path_argument, metavar="FILE", help=samples)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from edge_runtime.command import path_argument, positive, show
 from holdfast.camera_options import add_camera_options
 from holdfast.human_study.shipped import CARDS, names_in
+from holdfast.intent_options import add_intent_option
 
 if TYPE_CHECKING:
     from holdfast.human_study.card import StudyCard
@@ -43,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--seconds", type=positive, metavar="S", help="end and keep a trial after S seconds")
     option("--camera", metavar="oak|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
+    add_intent_option(parser)
     model = "model file for the report (default: the shipped one)"
     option("--model", type=path_argument, default=MODEL, metavar="MODEL", help=model)
     rehearse = "virtual participant, no operator: every step passes at once"

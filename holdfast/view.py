@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from edge_runtime.intent import Intent, IntentMonitor
 from edge_runtime.line_writer import STREAM_LINES, STUCK_S, write_whole_line
 from edge_runtime.live import SourceReading
 
@@ -39,6 +40,7 @@ class View:
         self._unit, self._console = unit, console
         self._newest: tuple[Prediction, Sample, SourceReading] | None = None
         self._messages: deque[str] = deque(maxlen=STREAM_LINES)
+        self.intent: IntentMonitor | None = None
         self._height = 0
         self._done = Event()
         self._thread = Thread(target=self._draw_until_done, name="view", daemon=True)
@@ -77,9 +79,10 @@ class View:
         write_whole_line(self._console.file.fileno(), text.encode("utf-8", "replace"))
 
     def _picture(self) -> str:
+        wearer = None if self.intent is None else self.intent.newest
         with self._console.capture() as captured:
             self._console.print(
-                picture(*self._newest, self._unit)
+                picture(*self._newest, self._unit, wearer)
                 if self._newest
                 else "waiting for the first sample"
             )
@@ -109,8 +112,14 @@ def viewed(unit: str, *, console: Console | None = None) -> Iterator[View]:
         view.stop()
 
 
-def picture(prediction: Prediction, sample: Sample, measured: SourceReading, unit: str) -> Group:
-    """State and request, the four situations as bars, and every finger with its faults."""
+def picture(
+    prediction: Prediction,
+    sample: Sample,
+    measured: SourceReading,
+    unit: str,
+    intent: Intent | None = None,
+) -> Group:
+    """State and request, the four situations as bars, the fingers, and the wearer's command."""
     request = "  ACT" if prediction.act else "  arm" if prediction.arm else ""
     style = f"bold {COLOURS[prediction.state]}"
     head = Text(f"{prediction.state.replace('_', ' ').upper()}{request}", style=style)
@@ -135,4 +144,14 @@ def picture(prediction: Prediction, sample: Sample, measured: SourceReading, uni
         fingers.add_row(
             str(k + 1), f"{force[NORMAL_AXIS]:.2f}", f"{shear:.2f}", Text(trouble, style="magenta")
         )
-    return Group(head, sample_line, bars, fingers)
+    return Group(head, sample_line, bars, fingers, *([] if intent is None else [_wearer(intent)]))
+
+
+def _wearer(intent: Intent) -> Table:
+    """What the wearer wants, and the envelopes as bars."""
+    rows = Table.grid(padding=(0, 1))
+    style = COLOURS["unknown"] if intent.wants == "unknown" else ""
+    rows.add_row("wearer", Text(intent.wants or "not in words", style=style))
+    for k, share in enumerate(intent.envelope, start=1):
+        rows.add_row(f"envelope {k}", Text("█" * round(BAR * share)), f"{share:.2f}")
+    return rows

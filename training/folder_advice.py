@@ -7,6 +7,7 @@ from pathlib import Path
 
 from edge_runtime.contract import LIGHT_BELOW_G, SITUATIONS, UNITS
 from edge_runtime.trial_layout import (
+    INTENT_SUFFIX,
     META,
     RISKY_ACTIONS,
     TACTILE,
@@ -53,7 +54,11 @@ def advice(
 
 def not_read(root: Path, read: Sequence[Path]) -> list[Missing]:
     """CSV files that are at no trial's place; an error where no file is at one."""
-    others = sorted(path for path in set(root.rglob("*.csv")) - set(read) if path.name != TACTILE)
+    others = sorted(
+        path
+        for path in set(root.rglob("*.csv")) - set(read)
+        if path.name != TACTILE and not path.name.endswith(INTENT_SUFFIX)
+    )
     if read and not others:
         return []
     what = "no CSV file"

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from edge_runtime.errors import DataError
+from edge_runtime.intent_file import read_intent
+from edge_runtime.trial_layout import intent_path
 from training.datasets import LAYOUTS, layout_of, load
 from training.datasets.thesis import common_rate
 from training.datasets.trial_readers import TrialReader, read_all
@@ -53,6 +55,7 @@ def _report(
     recordings, kind = grouped([trial.recording for trial in trials])
     classes = seconds_of_classes(trials)
     wrong = list(dict.fromkeys(Missing.of(fault) for fault in faults))
+    intents, damaged = intents_beside(paths)
     others = not_read(root, paths) if paths else []
     return FolderReport(
         str(root),
@@ -62,8 +65,24 @@ def _report(
         3 * recordings[0].n_sensors if recordings else None,
         cells_of(found),
         classes,
-        [*wrong, *advice(root, layout, trials, classes, all_read=not wrong), *others],
+        [*wrong, *advice(root, layout, trials, classes, all_read=not wrong), *damaged, *others],
+        intents,
     )
+
+
+def intents_beside(trials: Sequence[Path]) -> tuple[int, list[Missing]]:
+    """How many trials have the wearer's own command beside them; advice on those that are damaged.
+
+    Training does not read these files.
+    """
+    paths = [path for path in map(intent_path, trials) if path.is_file()]
+    damaged = []
+    for path in paths:
+        try:
+            read_intent(path)
+        except DataError as error:
+            damaged.append(Missing("advice", error.where, error.what, error.next_step))
+    return len(paths) - len(damaged), damaged
 
 
 def _readers(root: Path, layout: str, faults: list[DataError]) -> list[TrialReader]:

@@ -77,6 +77,7 @@ class FolderReport:
     """What was found in a folder, and what is missing.
 
     layout: None where no reader recognises the folder. held_out_by: what training holds out.
+    intents: trials with the wearer's own command beside them.
     """
 
     folder: str
@@ -87,6 +88,7 @@ class FolderReport:
     cells: list[Cell]
     classes: list[ClassSeconds]
     missing: list[Missing]
+    intents: int = 0
 
     @property
     def readable(self) -> bool:

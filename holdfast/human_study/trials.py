@@ -125,7 +125,7 @@ class Trials:
 
     def _options(self, url: str) -> argparse.Namespace:
         """The options of `holdfast record` for one trial, begun by the operator of the study."""
-        shared = ("calibration", "out", "person", "rate", "anyway", "seconds")
+        shared = ("calibration", "out", "person", "rate", "anyway", "seconds", "intent")
         camera = ("camera", "tag_mm", "fps", "exposure_ms")
         given = {name: getattr(self._args, name) for name in (*shared, *camera)}
         return argparse.Namespace(

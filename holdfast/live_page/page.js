@@ -174,6 +174,13 @@ function showFingers({ forces, v, why }) {
   });
 }
 
+/** What the wearer wants, with the envelopes. */
+function wearer({ wants, envelope, link }) {
+  if (link !== "live") return link === "none" ? "unknown: nothing has come yet" : "unknown: its sender is silent";
+  const shares = envelope.map((share) => number(share)).join(", ");
+  return [wants, shares && `envelopes ${shares}`].filter(Boolean).join("; ");
+}
+
 function showNumbers() {
   const { sample, about } = page;
   if (!sample) return;
@@ -187,6 +194,7 @@ function showNumbers() {
     figures["latency"] = `${number(sample.latency_ms)} ms (largest of the last second: ${number(sample.latency_worst_ms)} ms)`;
     figures["request"] = answer.act ? "act" : answer.arm ? "arm" : "none";
   }
+  if (sample.intent) figures["wearer's own command"] = wearer(sample.intent);
   figures["rate"] = sample.rate_hz === null ? "–" : `${number(sample.rate_hz, 1)} Hz`;
   figures["lost samples"] = sample.lost === 0 ? "none" : about.answers ? `${sample.lost} (in the last 30 s: ${sample.lost_30s})` : `${sample.lost} in this trial`;
   if (sample.unsent) figures["not shown here"] = `${sample.unsent} messages that this page missed`;

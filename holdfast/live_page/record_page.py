@@ -11,6 +11,7 @@ import numpy as np
 from edge_runtime.live import SourceReading
 from edge_runtime.reading import Json
 from holdfast.live_page.link import PageLink, live_page
+from holdfast.live_page.run_page import intent_message
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.session import Show
 from holdfast.recorder.trial import TrialRecorder
@@ -59,6 +60,7 @@ class RecordPage:
             "unsent": self._link.unsent,
             "task": self._task,
             "trial_s": round(trial.t_s, 3),
+            **intent_message(trial.intent),
         }
         self._link.send({"sample": sample})
         self._show(trial, measured, now_ns)

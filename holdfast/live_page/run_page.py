@@ -14,6 +14,7 @@ from edge_runtime.contract import Prediction, Sample
 from edge_runtime.friction import FrictionMargin
 from edge_runtime.grip_command import GripCommand
 from edge_runtime.grip_control import sense_of
+from edge_runtime.intent import IntentMonitor
 from edge_runtime.lanes import ONE_LANE
 from edge_runtime.live import SourceReading
 from edge_runtime.model_file import ModelCard
@@ -34,6 +35,7 @@ class RunPage:
         self._link, self._say = link, say
         self._margin = FrictionMargin(ONE_LANE, card.rate_hz)
         self.newest_command: Callable[[], GripCommand | None] = lambda: None
+        self.intent: IntentMonitor | None = None
         self._lost = self._next = self._marks = 0
         self._first_ns: int | None = None
 
@@ -48,6 +50,7 @@ class RunPage:
                     **sample_message(sample, measured, self._lost, self._link.unsent),
                     "answer": _answer(prediction),
                     "grip": self._grip(prediction, sample),
+                    **intent_message(self.intent),
                 }
             }
         )
@@ -89,6 +92,15 @@ def sample_message(sample: Sample, measured: SourceReading, lost: int, unsent: i
         "lost": lost,
         "unsent": unsent,
     }
+
+
+def intent_message(intent: IntentMonitor | None) -> Json:
+    """The wearer's own command for the page; empty where none is received."""
+    if intent is None:
+        return {}
+    newest = intent.newest
+    said = {"wants": newest.wants, "envelope": newest.envelope, "link": intent.link}
+    return {"intent": said}
 
 
 def _answer(prediction: Prediction) -> Json:

@@ -17,6 +17,7 @@ from edge_runtime.reading import Json
 from edge_runtime.visible import visible
 from holdfast.camera_options import require_camera_options, shooting
 from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
+from holdfast.intent_options import intent_monitor
 from holdfast.live_options import force_of
 from holdfast.live_sources import is_hand, open_live
 from holdfast.real_time import first_in_line
@@ -91,7 +92,8 @@ def record_plan(
     say(f"opening {args.source}")
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
     folder = opened(args.out, source.unit, kind_of(args.source))
-    with closing(source), folder, first_in_line(say) as real_time:
+    own = intent_monitor(args.intent, clock, say)
+    with closing(source), folder, own as intent, first_in_line(say) as real_time:
         measured = _checked_bias(source, clock, say, anyway=args.anyway)
         rate_hz = source.rate_hz or args.rate
         session = Session(
@@ -103,6 +105,7 @@ def record_plan(
             bias=measured.bias.values,
             about=about(args, source, measured, plan, rate_hz, real_time=real_time),
             camera=camera_of(args, source, host_ns() - clock.now_ns(), camera),
+            intent=intent,
             host_ns=host_ns,
             truth=truth_of(args.source, source),
             show=show,

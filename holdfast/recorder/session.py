@@ -19,6 +19,7 @@ from typing import Any
 from drivers.paced import PacedReplay
 from edge_runtime.contract import FloatArray
 from edge_runtime.errors import EmptyRecording, TimeError
+from edge_runtime.intent import IntentMonitor
 from edge_runtime.live import ANOTHER_CLOCK_NS, Source, SourceReading, Stamps
 from edge_runtime.reading import Json
 from edge_runtime.trial_layout import META
@@ -78,7 +79,8 @@ class Session:
     """Records the trials of one run.
 
     about: content of every trial's meta.json. truth: events of a scene between two times. show:
-    gets every sample of a trial when it is written, and must return at once. announce: gets each
+    gets every sample of a trial when it is written, and must return at once. intent: the wearer's
+    own command, recorded beside the samples. announce: gets each
     trial before it begins.
     """
 
@@ -93,6 +95,7 @@ class Session:
         bias: FloatArray,
         about: Json,
         camera: Beside | None = None,
+        intent: IntentMonitor | None = None,
         truth: Callable[[int, int], list[Json]] | None = None,
         show: Show = show_nothing,
         announce: Announce = announce_nothing,
@@ -103,7 +106,7 @@ class Session:
         self.bias, self.about, self.camera, self.truth, self.show = bias, about, camera, truth, show
         self.host_ns, self.announce = host_ns, announce
         self.period_ns = 1e9 / options.rate_hz
-        self.kept = 0
+        self.intent, self.kept = intent, 0
         self._last: tuple[Path, Task] | None = None
 
     def run(self, tasks: Sequence[Task], stopped: Callable[[], bool]) -> int:
@@ -199,9 +202,8 @@ class Session:
             **self.about,
         }
         quality = Quality(self.bias, self.period_ns, self.source.unit)
-        return TrialRecorder(
-            folder, self.source.n_channels, about, quality, self.host_ns() - self.clock.now_ns()
-        )
+        after_ns = self.host_ns() - self.clock.now_ns()
+        return TrialRecorder(folder, self.source.n_channels, about, quality, after_ns, self.intent)
 
     def _samples(self, trial: TrialRecorder, stopped: Callable[[], bool]) -> str:
         stamps, start_ns, turn = Stamps(self.period_ns), self.clock.now_ns(), 0
@@ -222,6 +224,7 @@ class Session:
                 trial.quality.lost += 1
             else:
                 trial.write(t_ns, turn, measured)
+            trial.write_intent()
             self.show(trial, measured, now_ns)
             key = self.keys.pressed()
             if key in ("keep", "redo", "stop"):

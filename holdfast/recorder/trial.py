@@ -7,13 +7,15 @@ import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from edge_runtime.errors import DataError, HoldfastError, OutputError
+from edge_runtime.intent import IntentMonitor
+from edge_runtime.intent_file import intent_header, intent_row
 from edge_runtime.live import SourceReading
 from edge_runtime.reading import Json
 from edge_runtime.tactile_file import TactileFile
-from edge_runtime.trial_layout import EVENTS, META, TACTILE
+from edge_runtime.trial_layout import EVENTS, META, TACTILE, intent_path
 from edge_runtime.writing import write_whole
 from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
 from holdfast.recorder.labels import truth_in, write_truth
@@ -39,13 +41,15 @@ class TrialRecorder:
         about: Json,
         quality: Quality,
         host_after_ns: int,
+        intent: IntentMonitor | None = None,
     ) -> None:
-        self.folder, self.about, self.quality = folder, about, quality
+        self.folder, self.about, self.quality, self.intent = folder, about, quality, intent
         self._host_after_ns = host_after_ns
         self.t_s = 0.0
         self._write_meta(RECORDING)
         self._file = TactileFile(folder / TACTILE, n_channels)
         self._events = (folder / EVENTS).open("a", encoding="utf-8", buffering=1)
+        self._beside = None if intent is None else self._open_intent(intent)
 
     @property
     def started(self) -> bool:
@@ -63,6 +67,30 @@ class TrialRecorder:
         self.t_s = self._file.write(t_ns, host_ns, sequence, measured.values, measured.valid)
         self.quality.take(t_ns, measured)
 
+    def write_intent(self) -> None:
+        """Look at the wearer's own command, and write what came. Raises OutputError."""
+        if self.intent is None or self._beside is None:
+            return
+        self.intent.look()
+        if not self.started:
+            return
+        count = self.intent.n_envelopes
+        for item in self.intent.fresh:
+            row = intent_row(item, self.span_ns[0], self._host_after_ns, count)
+            self._line(self._beside, row)
+
+    def _open_intent(self, intent: IntentMonitor) -> TextIO:
+        file = intent_path(self.folder / TACTILE).open("x", encoding="utf-8", buffering=1)
+        self._line(file, intent_header(intent.n_envelopes))
+        return file
+
+    def _line(self, file: TextIO, line: str) -> None:
+        try:
+            file.write(line + "\n")
+        except OSError as error:
+            what = f"cannot write ({error.strerror})"
+            raise OutputError(what, where=Path(file.name), next_step="make room") from None
+
     def mark(self, name: str, now_ns: int, provenance: str = "key") -> float:
         """Note that an event happens now; returns its time from the first sample, s."""
         at_s = round(1e-9 * (now_ns - self.span_ns[0]), 6)
@@ -71,11 +99,7 @@ class TrialRecorder:
 
     def note(self, event: Json) -> None:
         """Write a line of events.jsonl. Raises OutputError."""
-        try:
-            self._events.write(json.dumps(event) + "\n")
-        except OSError as error:
-            what = f"cannot write ({error.strerror})"
-            raise OutputError(what, where=self.folder / EVENTS, next_step="make room") from None
+        self._line(self._events, json.dumps(event))
 
     def close(
         self, state: str, over: str = "", *, why: str = "", camera: Json | None = None
@@ -103,8 +127,10 @@ class TrialRecorder:
             self._file.close()
             os.fsync(self._events.fileno())
         finally:
-            with suppress(OSError):
-                self._events.close()
+            for file in (self._events, self._beside):
+                with suppress(OSError):
+                    if file is not None:
+                        file.close()
 
     def _label(self, over: str) -> str:
         """Write the phases of a trial to keep; returns why it cannot be kept, or nothing."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -36,6 +37,7 @@ from edge_runtime.errors import (
     UnitError,
     UsageError,
 )
+from edge_runtime.intent import Intent
 from edge_runtime.live import STAGES, Command, SourceReading, Summary
 from edge_runtime.monitor import GripMonitor, Model
 from edge_runtime.notify import service_watchdog
@@ -429,6 +431,11 @@ def test_the_view_shows_the_state_the_fingers_and_what_is_wrong_with_them(model)
     assert "UNKNOWN" in text
     assert "nack" in text
     assert "risky slip" in text
+    assert "wearer" not in text
+    wish = Intent(0, "open", (0.5, 0.0))
+    console.print(picture(answers[-1], samples[-1], measured, "N", wish))
+    assert re.search(r"wearer +open", console.file.getvalue())
+    assert re.search(r"envelope 1 █{15} 0\.50", console.file.getvalue())
 
 
 def test_a_view_draws_over_its_last_picture_below_the_messages_and_goes_away_at_the_end(model):

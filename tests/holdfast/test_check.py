@@ -11,7 +11,8 @@ import pytest
 from command_line import Run, fails
 from own_data import write_meta, write_people_folders
 
-from edge_runtime.trial_layout import truth_path
+from edge_runtime.intent_file import intent_header
+from edge_runtime.trial_layout import intent_path, truth_path
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 
@@ -180,6 +181,23 @@ def test_one_person_or_none_is_held_out_by_trial_and_says_so(run: Run, own: Path
     assert (report["held_out_by"], report["groups"]) == ("trial", 4)
     assert "no people: figures are held out by trial" in missing(report, "advice")
     assert "<person>/<object>/<action>/trial_1.csv" in missing(report, "advice")
+
+
+def test_the_wearers_own_command_beside_a_trial_is_counted_and_is_no_trial(
+    run: Run, own: Path
+) -> None:
+    before = reported(run, own)
+    beside = (own / "p01" / PULL, own / "p02" / PULL)
+    for trial in beside:
+        intent_path(trial).write_text(f"{intent_header(1)}\n0.5,7,open,0.5\n", encoding="utf-8")
+    after = reported(run, own)
+    assert (before["intents"], after["intents"]) == (0, 2)
+    assert after | {"intents": 0} == before
+    assert "the wearer's own command beside 2 trials" in run("check", own)[1]
+    intent_path(beside[0]).write_text("Time,X1\n", encoding="utf-8")
+    damaged = reported(run, own)
+    assert damaged["intents"] == 1
+    assert "not the columns of a wearer's own command" in missing(damaged, "advice")
 
 
 def test_files_at_no_trial_s_place_are_counted_and_named(run: Run, own: Path) -> None:

@@ -63,6 +63,19 @@ def test_a_phone_and_a_desk_show_state_forces_and_faults_in_words(tab, width, da
     assert "lost samples\nnone" in numbers
 
 
+def test_the_wearers_own_command_stands_beside_the_fingers_and_silence_is_unknown(tab):
+    with served() as page:
+        intent = {"wants": "open", "envelope": [0.62, 0.08], "link": "live"}
+        page.frame(sample(0, intent=intent))
+        opened(tab, page, 390)
+        assert "wearer's own command\nopen; envelopes 0.62, 0.08" in text_of(tab, "numbers")
+        page.frame(sample(1, intent=intent | {"wants": "unknown", "link": "expired"}))
+        words = "unknown: its sender is silent"
+        tab.wait_until(f"document.getElementById('numbers').innerText.includes('{words}')")
+        assert tab.value("document.documentElement.scrollWidth <= window.innerWidth")
+        assert tab.problems == []
+
+
 @STALE_PAGE.mark
 def test_a_page_that_hears_nothing_never_shows_an_old_state(tab):
     with served() as page:

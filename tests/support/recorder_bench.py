@@ -166,7 +166,9 @@ def session(
     seconds: float | None = None,
     stopped: Callable[[], bool] = never,
     messages: list[str] | None = None,
+    **beside: Any,
 ) -> tuple[int, list[str]]:
+    """A session on any source. beside: further options of a Session."""
     messages = [] if messages is None else messages
     made = Session(
         SessionOptions(out, "p01", 100.0, seconds, at_once, {}),
@@ -176,6 +178,7 @@ def session(
         messages.append,
         bias=np.zeros(18),
         about={"unit": "N"},
+        **beside,
     )
     return made.run(tasks, stopped), messages
 

@@ -1,0 +1,173 @@
+"""The wearer's own command as a stream beside the sensors: EMG envelopes, or words.
+
+    {"envelope": [0.62, 0.08]}          0 to 1 each; the first is that of the muscle that opens
+    {"wants": "open"}                   or "close", "rest"
+
+Nothing that a stream says reaches the decision, unless the run was asked for it. A stream that has
+been silent for EXPIRES_NS means `unknown`, never that the hand should close. A word counts before
+envelopes. Without words, and with a level, the wearer wants to open from the moment when the first
+envelope reaches the level until it is below half of it.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+from edge_runtime.commands import EXPIRES_NS, printable, waiting
+from edge_runtime.contract import CommandLink
+from edge_runtime.reading import json_of
+
+Wants = Literal["open", "close", "rest", "unknown", ""]
+"""What the wearer wants; "" where the stream has only envelopes and no level is given."""
+WORDS: tuple[Wants, ...] = ("open", "close", "rest")
+KEYS = {"envelope", "wants"}
+ENDS_AT = 0.5
+"""An opening ends below this share of the level at which it begins."""
+MOST_FORGOTTEN = 100_000
+
+
+@dataclass(frozen=True)
+class Intent:
+    """One item of a stream: its time on the run's clock, and what it says."""
+
+    t_ns: int
+    wants: Wants
+    envelope: tuple[float, ...] = ()
+
+
+class IntentStream(Protocol):
+    """Where items come from. n_envelopes: how many an item has, if any."""
+
+    n_envelopes: int
+
+    def came(self) -> list[Intent]:
+        """What came since the last call, oldest first; never waits."""
+        ...
+
+    def forget(self) -> None:
+        """Drop what came before now."""
+        ...
+
+
+class IntentMonitor:
+    """Follows a stream. newest: the last item, `unknown` before the first and after a silence.
+
+    fresh: the items of the last sample, as they are recorded. say: receives a line when the stream
+    goes silent and when it is back. opens_at: the level of the first envelope, None where envelopes
+    are only shown.
+    """
+
+    def __init__(
+        self,
+        stream: IntentStream,
+        now_ns: Callable[[], int],
+        say: Callable[[str], object],
+        opens_at: float | None = None,
+    ) -> None:
+        self._stream, self._now_ns, self._say, self._opens_at = stream, now_ns, say, opens_at
+        self._opening = False
+        self._looked_ns: int | None = None
+        self.n_envelopes = stream.n_envelopes
+        self.link: CommandLink = "none"
+        self.newest, self.fresh = Intent(0, "unknown"), list[Intent]()
+
+    @property
+    def opening(self) -> bool:
+        """Whether the wearer wants to open the hand, as far as that is known."""
+        return self.newest.wants == "open"
+
+    def look(self) -> None:
+        """Take what came. Call it once a sample."""
+        now_ns = self._now_ns()
+        if self._looked_ns is None or now_ns - self._looked_ns > EXPIRES_NS:
+            self._stream.forget()  # what waited since then has no known time
+        self._looked_ns = now_ns
+        self.fresh = [self._taken(one) for one in self._stream.came()]
+        if self.fresh:
+            self.newest = self.fresh[-1]
+        if self.link == "live" and now_ns - self.newest.t_ns > EXPIRES_NS:
+            self._say("intent: the stream is silent; what the wearer wants is unknown")
+            self._opening, self.link = False, "expired"
+            self.newest = Intent(now_ns, "unknown")
+            self.fresh.append(self.newest)
+
+    def _taken(self, item: Intent) -> Intent:
+        if self.link == "expired":
+            self._say("intent: the stream is back")
+        self.link = "live"
+        if item.wants or self._opens_at is None or not item.envelope:
+            self._opening = item.wants == "open"
+            return item
+        level = self._opens_at * (ENDS_AT if self._opening else 1.0)
+        self._opening = item.envelope[0] >= level
+        return replace(item, wants="open" if self._opening else "rest")
+
+
+class UdpIntent:
+    """Items as datagrams, stamped at the sample at which they are read."""
+
+    def __init__(
+        self,
+        receiver: socket.socket,
+        n_envelopes: int,
+        now_ns: Callable[[], int],
+        say: Callable[[str], object],
+    ) -> None:
+        self._receiver, self.n_envelopes = receiver, n_envelopes
+        self._now_ns, self._say = now_ns, say
+        self._understood = True
+
+    def came(self) -> list[Intent]:
+        """What is waiting."""
+        read = [self._item(datagram) for datagram in waiting(self._receiver)]
+        return [one for one in read if one is not None]
+
+    def forget(self) -> None:
+        """Drop what is waiting."""
+        for _ in range(MOST_FORGOTTEN):
+            if not list(waiting(self._receiver)):
+                return
+
+    def _item(self, datagram: bytes) -> Intent | None:
+        try:
+            item = item_of(json_of(datagram), self._now_ns(), self.n_envelopes)
+        except ValueError as error:
+            if self._understood:
+                self._say(f"intent: {printable(datagram)[:80]} is not understood ({error})")
+            self._understood = False
+            return None
+        self._understood = True
+        return item
+
+
+def item_of(said: object, t_ns: int, n_envelopes: int) -> Intent:
+    """An item of a JSON object. Raises ValueError, with the reason."""
+    if not isinstance(said, dict) or not said or not set(said) <= KEYS:
+        raise ValueError('no {"envelope": [..]} or {"wants": ".."}')
+    envelope = said.get("envelope", [])
+    if "envelope" in said and not isinstance(envelope, list):
+        raise ValueError("envelope is no list")
+    return intent_of(said.get("wants", ""), envelope, t_ns, n_envelopes)
+
+
+def intent_of(wants: object, envelope: Sequence[object], t_ns: int, n_envelopes: int) -> Intent:
+    """An item. wants: "" for none; envelope: empty for none. Raises ValueError."""
+    if wants not in ("", *WORDS):
+        raise ValueError(f"wants is one of {', '.join(WORDS)}")
+    if envelope and len(envelope) != n_envelopes:
+        raise ValueError(f"{len(envelope)} envelopes, not {n_envelopes}")
+    if not wants and not envelope:
+        raise ValueError("it is empty")
+    return Intent(t_ns, wants, tuple(map(share, envelope)))
+
+
+def share(value: object) -> float:
+    """An envelope, 0 to 1. Raises ValueError."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("an envelope is no number")
+    if not 0.0 <= value <= 1.0:
+        raise ValueError("an envelope is not within 0 and 1")
+    return float(value)

@@ -1,0 +1,299 @@
+"""The wearer's own command as a stream: what is understood, when it is unknown, its file."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.lsl_intent import LslIntent
+from drivers.lsl_streams import StreamFacts
+from edge_runtime.commands import receiving
+from edge_runtime.errors import ColumnError, DeviceLost, NotANumber
+from edge_runtime.intent import Intent, IntentMonitor, UdpIntent
+from edge_runtime.intent_file import intent_header, intent_row, read_intent
+
+PERIOD_NS = 6_666_667
+
+
+class Hand:
+    """A clock by hand, a stream of scripted items, and messages."""
+
+    n_envelopes = 2
+
+    def __init__(self, opens_at: float | None = None) -> None:
+        self.ns, self.next, self.forgotten = 10**9, list[Intent](), 0
+        self.messages: list[str] = []
+        self.monitor = IntentMonitor(self, lambda: self.ns, self.messages.append, opens_at)
+
+    def came(self) -> list[Intent]:
+        came, self.next = self.next, []
+        return came
+
+    def forget(self) -> None:
+        self.next, self.forgotten = [], self.forgotten + 1
+
+    def sample(self, *items: dict[str, Any]) -> Intent:
+        """A period passes, these items come; what is known then."""
+        self.ns += PERIOD_NS
+        self.next = [
+            Intent(self.ns, one.get("wants", ""), tuple(one.get("envelope", ()))) for one in items
+        ]
+        self.monitor.look()
+        return self.monitor.newest
+
+    def silence(self, samples: int) -> Intent:
+        for _ in range(samples):
+            self.sample()
+        return self.monitor.newest
+
+
+@pytest.fixture
+def hand() -> Hand:
+    one = Hand()
+    one.sample()
+    return one
+
+
+def test_before_the_first_item_the_wish_is_unknown_and_nothing_opens(hand):
+    assert (hand.monitor.newest.wants, hand.monitor.link) == ("unknown", "none")
+    assert not hand.monitor.opening
+
+
+@pytest.mark.parametrize("word", ["open", "close", "rest"])
+def test_a_silent_stream_is_unknown_after_three_tenths_of_a_second(hand, word):
+    assert hand.sample({"wants": word}).wants == word
+    assert hand.silence(44).wants == word
+    assert hand.silence(1).wants == "unknown"
+    assert (hand.monitor.link, hand.monitor.opening) == ("expired", False)
+    assert [one.wants for one in hand.monitor.fresh] == ["unknown"]
+    assert hand.silence(20).wants == "unknown"
+    assert len(hand.messages) == 1
+    assert hand.sample({"wants": word}).wants == word
+    assert hand.messages[1:] == ["intent: the stream is back"]
+
+
+def test_envelopes_alone_mean_nothing_without_a_level(hand):
+    newest = hand.sample({"envelope": (1.0, 0.0)})
+    assert (newest.wants, newest.envelope, hand.monitor.opening) == ("", (1.0, 0.0), False)
+
+
+def test_an_envelope_opens_from_its_level_and_ends_below_half_of_it():
+    hand = Hand(opens_at=0.4)
+    hand.sample()
+    shares = [0.39, 0.4, 0.21, 0.2, 0.19, 0.39, 1.0]
+    wants = [hand.sample({"envelope": (share, 0.9)}).wants for share in shares]
+    assert wants == ["rest", "open", "open", "open", "rest", "rest", "open"]
+
+
+def test_after_a_silence_an_opening_must_reach_its_level_again():
+    hand = Hand(opens_at=0.4)
+    hand.sample()
+    assert hand.sample({"envelope": (0.5, 0.0)}).wants == "open"
+    hand.silence(50)
+    assert hand.sample({"envelope": (0.3, 0.0)}).wants == "rest"
+
+
+def test_a_word_counts_before_envelopes():
+    hand = Hand(opens_at=0.4)
+    hand.sample()
+    assert hand.sample({"wants": "close", "envelope": (1.0, 1.0)}).wants == "close"
+
+
+def test_what_waited_while_nothing_looked_is_dropped(hand):
+    assert hand.forgotten == 1
+    hand.ns += 10**9
+    assert hand.sample({"wants": "open"}).wants == "unknown"
+    assert hand.forgotten == 2
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    st.lists(
+        st.one_of(
+            st.none(), st.sampled_from(["open", "close", "rest"]), st.floats(0.0, 1.0, width=16)
+        ),
+        max_size=300,
+    ),
+    st.floats(0.01, 1.0),
+)
+def test_the_wish_is_never_older_than_it_may_be_and_never_made_up(stream, level):
+    hand = Hand(opens_at=level)
+    hand.sample()
+    last = None
+    for one in stream:
+        if one is None:
+            hand.sample()
+        elif isinstance(one, str):
+            hand.sample({"wants": one})
+        else:
+            hand.sample({"envelope": (one, 0.0)})
+        last = hand.ns if one is not None else last
+        fresh = last is not None and hand.ns - last <= 300_000_000
+        assert (hand.monitor.newest.wants == "unknown") == (not fresh)
+        assert (hand.monitor.link == "live") == fresh
+        if isinstance(one, str):
+            assert hand.monitor.newest.wants == one
+        elif one is not None:
+            assert not hand.monitor.opening or one >= 0.5 * level
+            assert hand.monitor.opening or one < level
+
+
+# -- datagrams
+
+
+@pytest.fixture
+def udp() -> Iterator[tuple[Callable[[Any], None], UdpIntent, list[str]]]:
+    """(sends one datagram, the stream, its messages)."""
+    messages: list[str] = []
+    with receiving("127.0.0.1:0") as receiver, socket.socket(type=socket.SOCK_DGRAM) as sender:
+        sender.connect(receiver.getsockname())
+
+        def send(said: Any) -> None:
+            sender.send(said if isinstance(said, bytes) else json.dumps(said).encode())
+
+        yield send, UdpIntent(receiver, 2, lambda: 7, messages.append), messages
+
+
+def test_datagrams_are_items_with_the_time_of_their_arrival(udp):
+    send, stream, messages = udp
+    send({"envelope": [0.25, 1]})
+    send({"wants": "open"})
+    send({"wants": "rest", "envelope": [0, 0.5]})
+    assert stream.came() == [
+        Intent(7, "", (0.25, 1.0)),
+        Intent(7, "open"),
+        Intent(7, "rest", (0.0, 0.5)),
+    ]
+    assert not messages
+
+
+@pytest.mark.parametrize(
+    "rubbish",
+    [
+        b"",
+        b"\xff\x1b[2J",
+        b"[0.5, 0.5]",
+        b"[" * 1000,
+        b'{"envelope": [NaN, 0]}',
+        {},
+        {"wants": "closed"},
+        {"wants": ""},
+        {"wants": None},
+        {"wants": ["open"]},
+        {"envelope": [0.5]},
+        {"envelope": [0.5, 1.01]},
+        {"envelope": [-0.1, 0]},
+        {"envelope": [True, 0]},
+        {"envelope": ["0.5", 0]},
+        {"envelope": 0.5},
+        {"envelope": "ab"},
+        {"envelope": {}},
+        {"envelope": [10**400, 0]},
+        {"opening": True},
+    ],
+)
+def test_what_is_not_understood_is_no_item_and_reported_once(udp, rubbish):
+    send, stream, messages = udp
+    for _ in range(3):
+        send(rubbish)
+    assert stream.came() == []
+    assert len(messages) == 1
+    assert "is not understood" in messages[0]
+    assert messages[0].isprintable()
+
+
+def test_a_flooded_port_delays_no_sample_and_can_be_emptied(udp):
+    send, stream, _ = udp
+    for _ in range(100):
+        send({"wants": "open"})
+    assert len(stream.came()) == 32
+    stream.forget()
+    assert stream.came() == []
+
+
+# -- the lab streaming layer
+
+
+class ScriptedInlet:
+    """Gives what it was given; its clock is 1000 s ahead of the run's."""
+
+    def __init__(self, *, is_text: bool, pairs: list[tuple[float, list[Any]]]) -> None:
+        self.facts = StreamFacts("emg", is_text, 100.0, ("",) * (1 if is_text else 2), ("",) * 2)
+        self.pairs = pairs
+
+    def pull(self, timeout_s: float) -> list[Any]:
+        assert timeout_s == 0.0
+        if not self.pairs:
+            raise DeviceLost("the stream ended")
+        pairs, self.pairs = self.pairs, []
+        return pairs
+
+    def clock_s(self) -> float:
+        return 1001.0
+
+    def close(self) -> None:
+        pass
+
+
+def test_stamps_of_the_lab_streaming_layer_are_put_on_the_runs_clock():
+    messages: list[str] = []
+    pairs = [(1000.5, [0.25, 0.5]), (1000.75, [2.0, 0.0]), (1009.0, [0.5, 0.5])]
+    inlet = ScriptedInlet(is_text=False, pairs=pairs)
+    stream = LslIntent(inlet, lambda: 10**9, messages.append)
+    assert stream.came() == [Intent(500_000_000, "", (0.25, 0.5)), Intent(10**9, "", (0.5, 0.5))]
+    assert len(messages) == 1
+    assert stream.came() == stream.came() == []
+    assert messages[1:] == ["intent: lsl://emg ended"]
+
+
+def test_a_text_stream_has_words():
+    inlet = ScriptedInlet(is_text=True, pairs=[(1000.5, ["open"]), (1000.6, ["shut"])])
+    stream = LslIntent(inlet, lambda: 10**9, lambda line: None)
+    assert stream.came() == [Intent(500_000_000, "open")]
+    assert stream.n_envelopes == 0
+
+
+# -- files
+
+ITEMS = [
+    Intent(1_500_000_000, "", (0.1, 1.0)),
+    Intent(1_600_000_000, "open"),
+    Intent(1_900_000_001, "unknown"),
+]
+
+
+def test_a_file_reads_back_as_it_was_written_without_a_torn_line(tmp_path):
+    path = tmp_path / "trial_1.intent.csv"
+    rows = [intent_row(one, 10**9, 5, 2) for one in ITEMS]
+    path.write_text("\n".join([intent_header(2), *rows, "1.0,7,op"]), encoding="utf-8")
+    assert path.read_text("utf-8").startswith(
+        "Time (s),host (ns),wants,envelope 1 (0 to 1),envelope 2 (0 to 1)\n0.500000,1500000005,,0.1"
+    )
+    record = read_intent(path)
+    assert record.time_s == (0.5, 0.6, 0.9)
+    assert record.items == tuple(Intent(one.t_ns + 5, one.wants, one.envelope) for one in ITEMS)
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("", ColumnError),
+        ("Time,X1\n", ColumnError),
+        (f"{intent_header(1)}\n0.1,5,shut,0.5\n", NotANumber),
+        (f"{intent_header(1)}\n0.1,5,open\n", NotANumber),
+        (f"{intent_header(1)}\n0.1,five,open,0.5\n", NotANumber),
+        (f"{intent_header(1)}\n0.1,5,open,nan\n", NotANumber),
+        (f"{intent_header(2)}\n0.1,5,open,0.5,\n", NotANumber),
+    ],
+)
+def test_a_damaged_file_is_an_error_with_its_place(tmp_path, text, error):
+    path = tmp_path / "trial_1.intent.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(error, match=r"trial_1\.intent\.csv"):
+        read_intent(path)

@@ -1,0 +1,195 @@
+"""`--intent`: the wearer's own command beside the sensors, shown, recorded, and obeyed if asked."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import socket
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from grip_bench import ROOT
+from live_bench import RUN
+from made_prediction import prediction
+from recorder_bench import PULL, Hand, columns_of, meta_of, one_pull, session
+
+from drivers.virtual.clock import VirtualClock
+from edge_runtime.contract import Sample
+from edge_runtime.intent import Intent, IntentMonitor
+from edge_runtime.intent_file import read_intent
+from edge_runtime.live import Command, SourceReading
+from edge_runtime.model import Model
+from holdfast.intent_options import intended, intent_monitor
+from holdfast.live_page.run_page import RunPage
+from holdfast.recorder.keys import Keys
+
+Send = Callable[[Any], None]
+
+
+def free_port() -> int:
+    with socket.socket(type=socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.fixture
+def wearer() -> Iterator[tuple[str, Send]]:
+    """(the URL of a stream, what sends one item)."""
+    port = free_port()
+    with socket.socket(type=socket.SOCK_DGRAM) as sender:
+
+        def send(said: Any) -> None:
+            sender.sendto(json.dumps(said).encode(), ("127.0.0.1", port))
+
+        yield f"udp://127.0.0.1:{port}", send
+
+
+def monitored(url: str, clock: VirtualClock, messages: list[str], **options: Any) -> Any:
+    return intent_monitor(url, clock, messages.append, **options)
+
+
+def test_a_trial_has_the_wearers_own_command_beside_it_on_the_clock_of_its_samples(
+    tmp_path, wearer
+):
+    url, send = wearer
+    clock, messages = VirtualClock(7_000_000_000), list[str]()
+    says = {
+        10: lambda: send({"wants": "open", "envelope": [0.75, 0]}),
+        20: lambda: send({"envelope": [0.25, 0.5]}),
+    }
+    source = Hand(clock, 140, says=says)
+    with monitored(url, clock, messages) as intent:
+        send({"wants": "close"})  # before the trial: its time is not known
+        options = {"seconds": 1.2, "intent": intent, "host_ns": lambda: clock.now_ns() + 5000}
+        kept, _ = session(tmp_path, source, Keys(None), [PULL], **options)
+    assert kept == 1
+    folder = tmp_path / "p01" / "soft-ball" / "pull" / "trial_1"
+    record = read_intent(folder / "tactile.intent.csv")
+    assert [(one.wants, one.envelope) for one in record.items] == [
+        ("open", (0.75, 0.0)),
+        ("", (0.25, 0.5)),
+        ("unknown", ()),
+    ]
+    assert record.time_s == pytest.approx((0.1, 0.2, 0.51), abs=0.002)
+    host_ns = [int(one) for one in columns_of(folder)["host_ns"]]
+    assert record.items[0].t_ns == host_ns[10]
+    assert any("silent" in line for line in messages)
+
+
+def test_a_trial_without_a_stream_has_no_such_file_and_a_silent_one_has_an_empty_one(
+    tmp_path, wearer
+):
+    one_pull(tmp_path / "without")
+    one_pull(tmp_path / "silent", "--intent", wearer[0])
+    assert not list((tmp_path / "without").rglob("*.intent.csv"))
+    (path,) = (tmp_path / "silent").rglob("*.intent.csv")
+    assert read_intent(path).items == ()
+    assert meta_of(path.parent)["configuration"]["intent"].startswith("udp://")
+
+
+def test_a_run_records_the_stream_beside_its_samples_and_opens_only_if_asked(tmp_path, wearer):
+    url, send = wearer
+    for obeyed in ([], ["--obey-intent", "0.5"]):
+        samples = tmp_path / f"trial_{len(obeyed)}.csv"
+        options = ["--intent", url, *obeyed, "--samples", str(samples)]
+        with subprocess.Popen([*RUN, *options], cwd=ROOT, text=True, stdout=subprocess.PIPE) as run:
+            assert run.stdout is not None
+            answers, opened = [], 0
+            for line in run.stdout:
+                answers.append(json.loads(line))
+                send({"envelope": [0.9, 0.1]})
+                opened += answers[-1]["opening"]
+                if len(answers) == 300 or opened == 5:
+                    run.send_signal(signal.SIGTERM)
+                    break
+            run.stdout.read()
+        assert run.returncode == 0
+        record = read_intent(samples.with_suffix(".intent.csv"))
+        wants = "open" if obeyed else ""
+        assert {(one.wants, one.envelope) for one in record.items} == {(wants, (0.9, 0.1))}
+        assert bool(opened) == bool(obeyed)
+        assert answers[-1]["commands"] == ("live" if obeyed else "none")
+        with samples.open(newline="") as lines:
+            last_s = float(list(csv.reader(lines))[-1][0])
+        assert 0.0 <= record.time_s[0] <= record.time_s[-1] <= last_s + 0.1
+
+
+class Scripted:
+    """A stream that gives one item at every look."""
+
+    n_envelopes = 1
+
+    def __init__(self, item: Intent) -> None:
+        self.item = item
+
+    def came(self) -> list[Intent]:
+        return [self.item]
+
+    def forget(self) -> None:
+        pass
+
+
+def scripted(wants: Any) -> IntentMonitor:
+    return IntentMonitor(Scripted(Intent(10**9, wants, (0.25,))), lambda: 10**9, print)
+
+
+@pytest.mark.parametrize("wants", ["open", "close", "rest", "unknown", ""])
+@pytest.mark.parametrize("obeyed", [False, True])
+@pytest.mark.parametrize("own", [Command(), Command(True, True, "live"), Command(link="expired")])
+def test_a_stream_adds_an_opening_and_takes_nothing_from_the_commands(wants, obeyed, own):
+    got = intended(lambda: own, scripted(wants), obeyed=obeyed)()
+    if not obeyed:
+        assert got == own
+    assert got.override == own.override
+    assert got.opening == (own.opening or (obeyed and wants == "open"))
+    assert not (own.link == "expired" and got.link != "expired")
+
+
+def test_the_page_of_a_run_gets_the_wearers_own_command():
+    sent: list[dict[str, Any]] = []
+    link: Any = SimpleNamespace(send=sent.append, action=lambda: None, unsent=0)
+    page = RunPage(link, Model(ROOT / "models" / "holdfast-150hz.onnx").card, print)
+    sample = Sample(0, np.zeros(18), np.ones(6, dtype=np.bool_), 0)
+    reading = SourceReading(0, sample.values, sample.valid)
+    page.show(prediction(), sample, reading)
+    page.intent = scripted("close")
+    page.intent.look()
+    page.show(prediction(), sample, reading)
+    assert "intent" not in sent[0]["sample"]
+    shown = {"wants": "close", "envelope": (0.25,), "link": "live"}
+    assert sent[1]["sample"]["intent"] == shown
+
+
+@pytest.mark.parametrize(
+    ("more", "what"),
+    [
+        (["--obey-intent"], "--obey-intent needs --intent"),
+        (["--intent", "udp://127.0.0.1:9003", "--obey-intent", "1.5"], "--obey-intent"),
+        (["--intent", "9003"], "is not an address"),
+        (["--intent", "tcp://127.0.0.1:9003"], "is not an address"),
+        (["--intent", "udp://127.0.0.1:9003?channels=2"], "is not an address"),
+        (["--intent", "udp://127.0.0.1:9003?envelopes=0"], "from 1 to 16"),
+        (["--intent", "udp://127.0.0.1"], "is not an address"),
+        (["--intent", "udp://[::1:9003"], "is not an address"),
+        (["--intent", "lsl://"], "no name of a stream"),
+    ],
+)
+def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(more, what):
+    done = subprocess.run([*RUN, *more], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    assert what in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_an_existing_file_beside_the_samples_is_never_overwritten(tmp_path: Path, wearer):
+    (tmp_path / "a.intent.csv").write_text("mine", encoding="utf-8")
+    command = [*RUN, "--intent", wearer[0], "--samples", str(tmp_path / "a.csv")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 5
+    assert (tmp_path / "a.intent.csv").read_text("utf-8") == "mine"
