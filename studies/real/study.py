@@ -199,7 +199,7 @@ def main(argv: Sequence[str]) -> int:
     )
     parser.add_argument("--out", type=path_argument, default=Path("build/real"), metavar="DIR")
     parser.add_argument("--seed", type=seed, default=0, metavar="S")
-    add_job_options(parser, 1)
+    add_job_options(parser, 2)
     args: argparse.Namespace = parser.parse_args(argv)
     require_writable(args.out)
     with stages(STAGES) as say:
