@@ -122,7 +122,7 @@ docs: setup  ## rewrite the tables of README and docs from build and the code; p
 	$(BIN)/python -m studies.tables.features build/ablation/ablation.json docs/features.md
 	$(BIN)/python -m studies.real.table build/real/metrics.json README.md
 	$(BIN)/python -m studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
-	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json build/bench/timed.json docs/hand.md
+	$(BIN)/python -m benchmarks.hand_page build/bench/hand.json build/bench/timed.json build/bench/timed-soak.json docs/hand.md
 	$(BIN)/python -m benchmarks.cost.page build/bench docs README.md
 	$(BIN)/python -m studies.tables.evaluation build/evaluate/figures.json build/fast-handover/figures.json \
 	    build/scenes/study/scenes.json build/preliminary/preliminary.json build/real/truer.json docs/evaluation.md
@@ -146,6 +146,7 @@ bench: setup  ## what accuracy costs in time on this machine: one step, a hand, 
 	$(BIN)/holdfast bench all --out build/bench $(ARGS)
 	$(BIN)/python -m benchmarks.network_time build/bench/network.json
 	$(BIN)/python -m benchmarks.timed_scans build/bench/timed.json
+	$(BIN)/python -m benchmarks.timed_soak build/bench/timed-soak.json
 	$(BIN)/python -m benchmarks.live_page build/bench/live-page.json
 
 runtimes: setup  ## the default model in every runtime of this machine: labels, bits, time; into build/bench

@@ -39,6 +39,13 @@ TIMED_HEADS = {
     "late_p999_ms": "99.9 %, ms",
     "late_max_ms": "longest, ms",
 }
+SOAK_HEADS = {
+    "scans": "scans",
+    "minutes": "minutes",
+    "samples": "samples",
+    "overruns": "lost",
+    "too_old": "answered late",
+}
 DELAY_HEADS = {
     "way": "bridge, reads, bus",
     "rate_hz": "rate, Hz",
@@ -134,5 +141,19 @@ def _scans(row: Json) -> Json:
     return row | shown | {key: f"{row[key]:.1f}" for key in row if key.startswith("late_")}
 
 
+def soak(figures: Json) -> Tables:
+    """The live loop in real time, today's and timed by the emulated chip."""
+    rows = [
+        row
+        | {
+            "scans": f"{row['queued']} queued" if row["queued"] else "today's scan",
+            "minutes": f"{row['turns'] * figures['turn_s'] / 60:g}",
+        }
+        for row in figures["rows"]
+    ]
+    return {"timed-soak": table(rows, SOAK_HEADS)}
+
+
 if __name__ == "__main__":
-    refresh(sys.argv[3], {Path(sys.argv[1]): tables, Path(sys.argv[2]): timed})
+    made_from = dict(zip(map(Path, sys.argv[1:4]), (tables, timed, soak), strict=True))
+    refresh(sys.argv[4], made_from)

@@ -14,6 +14,7 @@ from page_tables import require_tables_fit
 from benchmarks import hand
 from benchmarks.hand import CHECKED, FAULTS, RATES_HZ, fault_table, latency, memory, scan_costs
 from benchmarks.hand_delays import delays, seen_after_ms
+from benchmarks.hand_page import soak as soak_tables
 from benchmarks.hand_page import tables
 from benchmarks.hand_page import timed as timed_tables
 from benchmarks.hand_rows import HandFigures
@@ -129,3 +130,11 @@ def test_timed_scans_lose_fewer_samples_than_today_s_and_keep_their_spacing(tmp_
     rows = [asdict(now), asdict(ahead)]
     text = require_tables_fit("docs/hand.md", timed_tables({"rows": rows}), tmp_path)
     assert f"| 20 | 16 queued | {ahead.samples} | {ahead.lost} |" in text
+
+
+def test_the_page_shows_what_the_live_loop_lost_in_real_time(tmp_path) -> None:
+    counts = {"turns": 5, "samples": 22480, "overruns": 3, "too_old": 2}
+    rows = [{"way": "timed", "queued": 16, **counts}, {"way": "today's", "queued": 0, **counts}]
+    text = require_tables_fit("docs/hand.md", soak_tables({"turn_s": 30.0, "rows": rows}), tmp_path)
+    assert "| 16 queued | 2.5 | 22480 | 3 | 2 |" in text
+    assert "| today's scan | 2.5 |" in text
