@@ -21,6 +21,9 @@ TRY_AGAIN_NS = 50_000_000
 NACKS_TO_BRING_UP = 2
 EDGE = 32767
 GARBAGE = (bytes(PACKET_BYTES), b"\xff" * PACKET_BYTES)
+ERASED = (0, 0, 0)
+"""Results of a chip that has slept and not converted since; a field of exactly nothing on all three
+axes is no reading of a magnet."""
 REINIT_REASONS = ("reset", "missing", "stale", "garbage", "diagnosis")
 """Reasons for a new bring-up, besides missing acknowledges and CRC failures."""
 
@@ -98,9 +101,9 @@ class FingerState:
             return "reset"
         if found.failing:
             return "diagnosis"
-        return self._stale(data, came_ns) or (
-            "saturated" if max(found.raw) >= EDGE or min(found.raw) <= -EDGE else ""
-        )
+        saturated = max(found.raw) >= EDGE or min(found.raw) <= -EDGE
+        now = "settling" if found.raw == ERASED else "saturated" if saturated else ""
+        return self._stale(data, came_ns) or now
 
     def _stale(self, data: bytes, came_ns: int) -> str:
         """ "stale" if the chip has not converted within 20 ms, "settling" until that is known.

@@ -151,6 +151,13 @@ def test_a_chip_that_lost_itself_is_brought_up_while_the_others_are_read(fault, 
     assert found[-1].t_ns < 1.1e9 + 0.1e9
 
 
+@pytest.mark.parametrize("at_s", [0.999, 1.0, 1.002, 1.004, 2.05])
+def test_a_chip_that_slept_gives_no_erased_result_as_a_reading(at_s):
+    for reading in started(f"sleep:5@{at_s}").read_for(2.0):
+        field_ut = reading.field_ut.reshape(-1, 3)
+        assert (np.abs(field_ut[reading.valid]).max(axis=1) > 0.0).all()
+
+
 @pytest.mark.hard_case(
     "What comes from outside",
     "a bridge that stalls, falls short, is late or is pulled out",
