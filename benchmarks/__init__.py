@@ -1,3 +1,5 @@
 """What accuracy costs in time, as ratios of one run, beside the jitter of the machine."""
 
-import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off
+from holdfast import (
+    edge_runtime as edge_runtime,  # first of all: it switches onnxruntime's telemetry off
+)

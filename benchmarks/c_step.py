@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.calls import C_STEP
-from edge_runtime.c_engine import LIBRARY, CompiledModel
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.errors import CompilerFailed
-from edge_runtime.graph import run_recording
-from edge_runtime.model import Model
-from edge_runtime.onnx_rules import ANSWERS
-from export.c.exporting import export_c
+from holdfast.benchmarks.calls import C_STEP
+from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.errors import CompilerFailed
+from holdfast.edge_runtime.graph import run_recording
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.onnx_rules import ANSWERS
+from holdfast.export.c.exporting import export_c
 
 
 def c_step_of(

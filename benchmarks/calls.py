@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from edge_runtime.contract import BoolArray, FloatArray, Sample
-from edge_runtime.golden import golden_input
-from edge_runtime.graph import StepGraph
-from edge_runtime.grip_control import GripControl
-from edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Sample
+from holdfast.edge_runtime.golden import golden_input
+from holdfast.edge_runtime.graph import StepGraph
+from holdfast.edge_runtime.grip_control import GripControl
+from holdfast.edge_runtime.monitor import GripMonitor, Model
 
 STEP, C_STEP, GRIP, OWN, BARE, SKLEARN, THESIS, FLOOR, C_FLOOR, WALK, TREELITE = (
     "ours, whole step",

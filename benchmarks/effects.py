@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-from simulation.camera.frames import CAMERA, Camera
-from simulation.card import read_card
-from simulation.effect import Signal, stream
-from simulation.effects import EFFECTS
-from simulation.scene import Scene
+from holdfast.simulation.camera.frames import CAMERA, Camera
+from holdfast.simulation.card import read_card
+from holdfast.simulation.effect import Signal, stream
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.scene import Scene
 
 RATE_HZ = 150.0
 CARD = """

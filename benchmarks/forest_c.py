@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.errors import LibraryMissing
-from export.forest import Forest, leaf_votes
-from training.featurise import FloatRows
+from holdfast.edge_runtime.errors import LibraryMissing
+from holdfast.export.forest import Forest, leaf_votes
+from holdfast.training.featurise import FloatRows
 
 SOURCE = """
 #include <stdint.h>

@@ -16,24 +16,24 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hand_rows import FaultRow, LiveLatency, ProcessMemory, ScanCost
-from drivers.bridges import BRIDGES, open_virtual
-from drivers.bus import Bus, Reply, Transfer
-from drivers.hand import Hand
-from drivers.layout import read_layout
-from drivers.live_hand import LiveHand
-from drivers.tmag5273 import Setup
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.faults import read_fault
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.usb_backend import Traffic
-from edge_runtime.clock import MonotonicClock
-from edge_runtime.contract import FloatArray, Prediction, Sample
-from edge_runtime.live import SourceReading, Summary, run_live
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.priority import real_time
-from edge_runtime.tare import Tare
-from edge_runtime.timing import busy_wait, time_in_turns
+from holdfast.benchmarks.hand_rows import FaultRow, LiveLatency, ProcessMemory, ScanCost
+from holdfast.drivers.bridges import BRIDGES, open_virtual
+from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import read_layout
+from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.tmag5273 import Setup
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import read_fault
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.usb_backend import Traffic
+from holdfast.edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.contract import FloatArray, Prediction, Sample
+from holdfast.edge_runtime.live import SourceReading, Summary, run_live
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.priority import real_time
+from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.timing import busy_wait, time_in_turns
 
 FAULTS = {
     "nack:3@3+0.3": "finger 3 does not acknowledge for 0.3 s",
@@ -98,8 +98,8 @@ class Bench:
 
 def _native(virtual: VirtualHand) -> tuple[Traffic, Callable[[], Bus]]:
     """The board's own bus before a virtual hand, for as long as this process lives."""
-    from drivers.native_i2c import NativeI2C
-    from drivers.virtual.native import VirtualI2cDev
+    from holdfast.drivers.native_i2c import NativeI2C
+    from holdfast.drivers.virtual.native import VirtualI2cDev
 
     device = VirtualI2cDev(virtual)
 
@@ -270,8 +270,8 @@ FLOOR = "import os; os.environ['ORT_DISABLE_TELEMETRY'] = '1'; import numpy, onn
 LIVE_PATH = """
 import sys
 import numpy as np
-from edge_runtime.contract import Sample
-from edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.contract import Sample
+from holdfast.edge_runtime.monitor import GripMonitor, Model
 card = (monitor := GripMonitor(Model(sys.argv[1]), None)).card
 monitor.feed(Sample(0, np.zeros(card.n_channels), np.ones(card.n_channels // 3, dtype=np.bool_), 0))
 """

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.hand import CHECKED, RATES_HZ, Bench
-from benchmarks.hand_rows import ActDelay, ScanCost
-from drivers.virtual.hand import REST_UT, Track
-from edge_runtime.contract import FloatArray
+from holdfast.benchmarks.hand import CHECKED, RATES_HZ, Bench
+from holdfast.benchmarks.hand_rows import ActDelay, ScanCost
+from holdfast.drivers.virtual.hand import REST_UT, Track
+from holdfast.edge_runtime.contract import FloatArray
 
 GRAVITY_M_S2 = 9.81
 CLOSING_S = 0.37

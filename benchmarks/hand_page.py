@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh, table
-from evaluation.page import markdown
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh, table
+from holdfast.evaluation.page import markdown
 
 SCAN_HEADS = {
     "bridge": "bridge",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.reading import Json
 
 Percentiles = dict[str, float]
 """p50, p99 and p99.9 -> us."""

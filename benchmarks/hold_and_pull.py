@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.mujoco_peer import SLIP_TRAVEL_M, STEPS_S
-from benchmarks.mujoco_scene import GRAVITY_M_S2, Scene
-from edge_runtime.contract import FloatArray
-from edge_runtime.reading import Json
-from simulation.body import SIDE, Body, Inputs, Pull, State, at_rest
-from simulation.core import step
-from simulation.loop.brush import pressure
+from holdfast.benchmarks.mujoco_peer import SLIP_TRAVEL_M, STEPS_S
+from holdfast.benchmarks.mujoco_scene import GRAVITY_M_S2, Scene
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.reading import Json
+from holdfast.simulation.body import SIDE, Body, Inputs, Pull, State, at_rest
+from holdfast.simulation.core import step
+from holdfast.simulation.loop.brush import pressure
 
 GRIP_SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]
 LANES = (2, 200)

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from benchmarks.calls import golden
-from benchmarks.runtimes.c_programs import GCC, compiled
-from benchmarks.runtimes.stream import Stream
-from edge_runtime.errors import LibraryMissing
-from edge_runtime.graph import run_recording
-from edge_runtime.monitor import Model
-from export.c.exporting import export_c
-from export.verify import cut_learners
+from holdfast.benchmarks.calls import golden
+from holdfast.benchmarks.runtimes.c_programs import GCC, compiled
+from holdfast.benchmarks.runtimes.stream import Stream
+from holdfast.edge_runtime.errors import LibraryMissing
+from holdfast.edge_runtime.graph import run_recording
+from holdfast.edge_runtime.monitor import Model
+from holdfast.export.c.exporting import export_c
+from holdfast.export.verify import cut_learners
 
 FEW, MANY, C_PASSES = 10, 410, 4
 CORTEX_A72_HZ = 1.5e9
@@ -36,9 +36,9 @@ PROGRAM = """
 import sys
 from pathlib import Path
 import numpy as np
-from benchmarks.calls import learner_of, step_of
-from edge_runtime.graph import open_session
-from edge_runtime.monitor import Model
+from holdfast.benchmarks.calls import learner_of, step_of
+from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.monitor import Model
 path, rows, calls = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 call = learner_of(open_session(path.read_bytes()), np.load(rows)) if rows else step_of(Model(path))
 for _ in range(calls):

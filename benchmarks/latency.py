@@ -32,8 +32,8 @@ import onnx
 import onnxruntime as ort
 from scipy.signal import butter
 
-from benchmarks.c_step import c_step_of
-from benchmarks.calls import (
+from holdfast.benchmarks.c_step import c_step_of
+from holdfast.benchmarks.calls import (
     BARE,
     C_FLOOR,
     C_STEP,
@@ -49,27 +49,27 @@ from benchmarks.calls import (
     learner_of,
     step_of,
 )
-from benchmarks.forest_c import c_walk
-from edge_runtime.contract import CLASSES, BoolArray, FloatArray
-from edge_runtime.errors import LibraryMissing
-from edge_runtime.graph import open_session, run_recording
-from edge_runtime.monitor import Model
-from edge_runtime.reading import Json
-from edge_runtime.timing import TURNS, busy_wait, time_in_turns
-from export.bank import bands_for
-from export.exporting import export_artifact
-from export.forest import Forest
-from export.learner import reference_votes
-from export.verify import cut_learners
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.crossval import fit_learner
-from training.datasets import load
-from training.featurise import FloatRows, features_of, spec_for
-from training.fitting import train
-from training.plan import RAW_BASELINE
-from training.recording import DataSet
+from holdfast.benchmarks.forest_c import c_walk
+from holdfast.edge_runtime.contract import CLASSES, BoolArray, FloatArray
+from holdfast.edge_runtime.errors import LibraryMissing
+from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.monitor import Model
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.timing import TURNS, busy_wait, time_in_turns
+from holdfast.export.bank import bands_for
+from holdfast.export.exporting import export_artifact
+from holdfast.export.forest import Forest
+from holdfast.export.learner import reference_votes
+from holdfast.export.verify import cut_learners
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.training.crossval import fit_learner
+from holdfast.training.datasets import load
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.fitting import train
+from holdfast.training.plan import RAW_BASELINE
+from holdfast.training.recording import DataSet
 
 BUDGET = Path(__file__).resolve().parent.parent / "edge_runtime" / "budget.toml"
 PERCENTILES = (50, 99, 99.9)

@@ -1,6 +1,6 @@
 """Whether the live page delays the loop: `holdfast run --web` beside browsers that stall and read.
 
-`python -m benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after another,
+`python -m holdfast.benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after another,
 in turns. A stalled browser asks for the events and never reads; its buffers are small, so the
 server's are soon full. Where the server disconnects it, it comes back at once. Counts and latencies
 are those of the run's own summary: times on this machine, of simulated samples.
@@ -19,10 +19,10 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO
 
-from edge_runtime.errors import OutputError
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
-from evaluation.provenance import host
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.provenance import host
 
 ROOT = Path(__file__).resolve().parent.parent
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh, table
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh, table
 
 HEADS = {
     "case": "watched by",

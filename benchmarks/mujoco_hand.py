@@ -19,10 +19,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from edge_runtime.contract import BoolArray, FloatArray
-from simulation.body import Body, Inputs, Pull
-from simulation.closed_loop.physics import HandsAndObjects
-from simulation.run import TrialMotion
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.simulation.body import Body, Inputs, Pull
+from holdfast.simulation.closed_loop.physics import HandsAndObjects
+from holdfast.simulation.run import TrialMotion
 
 PAD_M, PAD_KG = 5e-3, 5e-3
 SOLREF = "0.002 1"

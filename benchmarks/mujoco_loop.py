@@ -19,18 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.command import Parser, finish, path_argument
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import UsageError
-from edge_runtime.model import Model
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.loop_scores import ThreeRuns
-from simulation.card import read_card
-from simulation.closed_loop.controllers import managed
-from simulation.closed_loop.loop import ClosedLoop
-from simulation.closed_loop.outcome import LoopOutcome
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
+from holdfast.edge_runtime.command import Parser, finish, path_argument
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.loop_scores import ThreeRuns
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.controllers import managed
+from holdfast.simulation.closed_loop.loop import ClosedLoop
+from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
 
 MODEL = Path("models/holdfast-150hz.onnx")
 SEED = 0
@@ -153,7 +153,7 @@ def _compared(scene: Scene, trial: PlannedTrial, model: Model) -> dict[str, Any]
 def _run(scene: Scene, trial: PlannedTrial, model: Model, name: str, *, peer: bool) -> LoopRun:
     loop = ClosedLoop(scene, [trial, trial], model, managed(scene, name))
     if peer:
-        from benchmarks.mujoco_hand import MujocoWorld
+        from holdfast.benchmarks.mujoco_hand import MujocoWorld
 
         loop.world = MujocoWorld(loop.world)  # type: ignore[assignment]
     forces_n, grip_n = [], []

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mujoco_scene import (
+from holdfast.benchmarks.mujoco_scene import (
     FINGER_Z_M,
     GRAVITY_M_S2,
     THUMB_Z_M,
@@ -39,10 +39,10 @@ from benchmarks.mujoco_scene import (
     Variant,
     mjcf,
 )
-from edge_runtime.command import Parser, finish, path_argument
-from edge_runtime.errors import UsageError
-from edge_runtime.reading import Json
-from edge_runtime.writing import require_writable, write_whole
+from holdfast.edge_runtime.command import Parser, finish, path_argument
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import require_writable, write_whole
 
 try:
     import mujoco

@@ -1,6 +1,6 @@
 """What a network of whole numbers costs in time, beside the same in real numbers and the trees.
 
-`python -m benchmarks.network_time OUT.json`. All answer the same rows one at a time from their
+`python -m holdfast.benchmarks.network_time OUT.json`. All answer the same rows one at a time from their
 features on, interleaved; the numbers inside are of noise, on which the time does not depend.
 """
 
@@ -18,24 +18,24 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from edge_runtime.contract import CLASSES
-from edge_runtime.graph import open_session
-from edge_runtime.reading import Json
-from edge_runtime.timing import busy_wait, time_in_turns
-from edge_runtime.writing import write_whole
-from evaluation.provenance import host
-from export.builder import IR_VERSION, OPSET
-from export.committee import Committee
-from export.exporting import whole_graph
-from export.features import feature_count
-from export.forest import votes_of_trees
-from export.heads import Calibration, Head
-from export.learner import Learner
-from export.spec import BandsLeftOut, StepSpec
-from export.verify import cut_learners
-from training.featurise import FloatRows
-from training.network_fit import Members, fit_members, in_whole_numbers
-from training.plan import CLOCK_FREE_GROUPS, SIZES
+from holdfast.edge_runtime.contract import CLASSES
+from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.timing import busy_wait, time_in_turns
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.provenance import host
+from holdfast.export.builder import IR_VERSION, OPSET
+from holdfast.export.committee import Committee
+from holdfast.export.exporting import whole_graph
+from holdfast.export.features import feature_count
+from holdfast.export.forest import votes_of_trees
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import Learner
+from holdfast.export.spec import BandsLeftOut, StepSpec
+from holdfast.export.verify import cut_learners
+from holdfast.training.featurise import FloatRows
+from holdfast.training.network_fit import Members, fit_members, in_whole_numbers
+from holdfast.training.plan import CLOCK_FREE_GROUPS, SIZES
 
 SPEC = StepSpec(n_sensors=6, rate_hz=150.0, unit="N", groups=CLOCK_FREE_GROUPS)
 PLAN = SIZES["default"]

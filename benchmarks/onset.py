@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from drivers.camera.graph import watch
-from drivers.camera.motion import Motion, motion
-from drivers.camera.onset import (
+from holdfast.drivers.camera.graph import watch
+from holdfast.drivers.camera.motion import Motion, motion
+from holdfast.drivers.camera.onset import (
     GROSS_MM,
     HiddenMotion,
     Slip,
@@ -25,13 +25,13 @@ from drivers.camera.onset import (
     gross_distance_mm,
     largest_move_mm,
 )
-from drivers.camera.recording import read_tracks
-from drivers.camera.sources import Frame, Lens, Stored
-from edge_runtime.contract import FloatArray
-from edge_runtime.reading import Json
-from simulation.camera.frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
-from simulation.card import read_card
-from simulation.scene import Scene
+from holdfast.drivers.camera.recording import read_tracks
+from holdfast.drivers.camera.sources import Frame, Lens, Stored
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.reading import Json
+from holdfast.simulation.camera.frames import CAMERA, HAND_TAG, OBJECT_TAG, Camera
+from holdfast.simulation.card import read_card
+from holdfast.simulation.scene import Scene
 
 ACCELERATIONS_MM_S2 = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
 EACH = 10

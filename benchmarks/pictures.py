@@ -8,10 +8,10 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.calls import FLOOR, GRIP, OWN, STEP
-from benchmarks.cost.picture import figure as cost_figure
-from edge_runtime.reading import Json
-from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+from holdfast.benchmarks.calls import FLOOR, GRIP, OWN, STEP
+from holdfast.benchmarks.cost.picture import figure as cost_figure
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 Figures = Json
 """What WHAT.json holds."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulation.card import Card, read_card
-from simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.card import Card, read_card
+from holdfast.simulation.scene import Scene, SimulatedTrial
 
 STEPS_S = (4e-3, 2e-3, 1.667e-3, 8.334e-4, 4.167e-4, 2.084e-4)
 REFERENCE_S = 2.5e-5

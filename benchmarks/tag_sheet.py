@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from simulation.camera.apriltag import CODES, SIDE_CELLS, cells
+from holdfast.simulation.camera.apriltag import CODES, SIDE_CELLS, cells
 
 TAG_MM, MARGIN_MM, RULER_MM = 10.0, 10.0, 100
 FONT = 'font-size="3" font-family="sans-serif"'

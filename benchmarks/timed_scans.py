@@ -1,6 +1,6 @@
 """Scans that an FT232H times itself, beside the scan of today, while the host stalls: virtual.
 
-`python -m benchmarks.timed_scans OUT.json`. The real drivers on an emulated FT232H and a virtual
+`python -m holdfast.benchmarks.timed_scans OUT.json`. The real drivers on an emulated FT232H and a virtual
 clock; the host's stalls are drawn at random, the same for every row of a mean.
 """
 
@@ -15,19 +15,19 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.bridges import open_virtual
-from drivers.bus import Reply, Transfer
-from drivers.ft232h_timed import TimedFt232h
-from drivers.hand import Hand
-from drivers.layout import read_layout
-from drivers.virtual.at_once import AtOnce
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.hand import VirtualHand
-from edge_runtime.command import show
-from edge_runtime.contract import FloatArray
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
-from evaluation.provenance import host
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.bus import Reply, Transfer
+from holdfast.drivers.ft232h_timed import TimedFt232h
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import read_layout
+from holdfast.drivers.virtual.at_once import AtOnce
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.provenance import host
 
 RATE_HZ, SECONDS = 150.0, 120.0
 STALL_EVERY, MEANS_MS = 150, (5.0, 20.0, 60.0)

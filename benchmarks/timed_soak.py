@@ -1,6 +1,6 @@
 """The live loop in real time on an emulated FT232H, today's and timed by the chip, in turns.
 
-`python -m benchmarks.timed_soak OUT.json [SECONDS]`. The host's stalls are those of this machine:
+`python -m holdfast.benchmarks.timed_soak OUT.json [SECONDS]`. The host's stalls are those of this machine:
 every turn of one way is followed by a turn of the other, so both meet the same neighbours. The
 emulated chip is part of the process, and its answers have the times at which a chip would give
 them.
@@ -16,24 +16,24 @@ from dataclasses import asdict
 from itertools import cycle, islice
 from pathlib import Path
 
-from drivers.bridges import open_virtual
-from drivers.hand import Hand
-from drivers.live_hand import LiveHand
-from drivers.timed_bridge import timed_virtual
-from drivers.timed_hand import TimedHand, TimedLiveHand
-from drivers.virtual.clock import DeviceClock
-from drivers.virtual.hand import VirtualHand
-from edge_runtime.clock import MonotonicClock
-from edge_runtime.command import show
-from edge_runtime.contract import FloatArray
-from edge_runtime.live import Summary, run_live
-from edge_runtime.model import Model
-from edge_runtime.monitor import GripMonitor
-from edge_runtime.priority import real_time
-from edge_runtime.reading import Json
-from edge_runtime.tare import Tare
-from edge_runtime.writing import write_whole
-from evaluation.provenance import host
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.timed_bridge import timed_virtual
+from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
+from holdfast.drivers.virtual.clock import DeviceClock
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.live import Summary, run_live
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.edge_runtime.priority import real_time
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.provenance import host
 
 MODEL = Path("models/holdfast-150hz.onnx")
 SECONDS, TURN_S = 300.0, 30.0

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.crossval import cross_validate, fit_learner
-from training.datasets import load
-from training.featurise import features_of, spec_for
-from training.plan import TrainingPlan
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.training.crossval import cross_validate, fit_learner
+from holdfast.training.datasets import load
+from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.plan import TrainingPlan
 
 TRIALS = (50, 100, 200, 400)
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, Unit, channel_names
-from edge_runtime.errors import (
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, Unit, channel_names
+from holdfast.edge_runtime.errors import (
     ChannelError,
     EmptyRecording,
     NotANumber,

@@ -6,24 +6,24 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from drivers.bus import Bus
-from edge_runtime.errors import UsageError
+from holdfast.drivers.bus import Bus
+from holdfast.edge_runtime.errors import UsageError
 
 BRIDGES = {
     "ft232h": (
-        "drivers.ft232h:Ft232h",
-        "drivers.virtual.ft232h:VirtualFt232h",
-        "drivers.ft232h:FT232H_IDS",
+        "holdfast.drivers.ft232h:Ft232h",
+        "holdfast.drivers.virtual.ft232h:VirtualFt232h",
+        "holdfast.drivers.ft232h:FT232H_IDS",
     ),
     "tiny-usb": (
-        "drivers.tiny_usb:TinyUsb",
-        "drivers.virtual.tiny_usb:VirtualTinyUsb",
-        "drivers.tiny_usb:TINY_USB_IDS",
+        "holdfast.drivers.tiny_usb:TinyUsb",
+        "holdfast.drivers.virtual.tiny_usb:VirtualTinyUsb",
+        "holdfast.drivers.tiny_usb:TINY_USB_IDS",
     ),
     "mcp2221": (
-        "drivers.mcp2221:Mcp2221",
-        "drivers.virtual.mcp2221:VirtualMcp2221",
-        "drivers.mcp2221:MCP2221_IDS",
+        "holdfast.drivers.mcp2221:Mcp2221",
+        "holdfast.drivers.virtual.mcp2221:VirtualMcp2221",
+        "holdfast.drivers.mcp2221:MCP2221_IDS",
     ),
 }
 """Name -> (driver, emulation, USB ids)."""
@@ -33,14 +33,14 @@ OWN_SPEED = ("ft232h", "mcp2221")
 
 def open_usb(name: str, number: int, bus_hz: int) -> Bus:
     """The driver on the machine's USB. Raises a DeviceError."""
-    from drivers.usb import real_backend
+    from holdfast.drivers.usb import real_backend
 
     return _driver(name, real_backend(), number, bus_hz)
 
 
 def bridges_on_usb() -> list[str]:
     """URLs of the bridges that are plugged in. Raises LibraryMissing, AccessDenied."""
-    from drivers.usb import find_usb, real_backend
+    from holdfast.drivers.usb import find_usb, real_backend
 
     backend = real_backend()
     found = {name: find_usb(ids_of(name), backend) for name in BRIDGES}
@@ -58,7 +58,7 @@ def open_native(name: str) -> Bus:
     """The board's own bus, by its number. Raises a DeviceError or UsageError."""
     if not name.isdecimal() or len(name) > 9:
         raise UsageError(f"i2c://{name}: not a bus number", next_step="i2c://1 means /dev/i2c-1")
-    bus: Bus = _load("drivers.native_i2c:NativeI2C")(int(name))
+    bus: Bus = _load("holdfast.drivers.native_i2c:NativeI2C")(int(name))
     return bus
 
 
@@ -77,7 +77,7 @@ class VirtualBridge:
 
 def open_virtual(name: str, hand: Any, bus_hz: int) -> VirtualBridge:
     """An emulated bridge in front of a virtual hand."""
-    from drivers.virtual.usb_backend import VirtualBackend
+    from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
     backend = VirtualBackend(_load(BRIDGES[name][1])(hand), hand.clock, hand.faults, hand.power_off)
     return VirtualBridge(name, backend, bus_hz)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from drivers.bus import Bus, Transfer
-from drivers.layout import Finger
-from drivers.tmag5273 import (
+from holdfast.drivers.bus import Bus, Transfer
+from holdfast.drivers.layout import Finger
+from holdfast.drivers.tmag5273 import (
     CHECKED_BYTES,
     MANUFACTURER_ID,
     PACKET_BYTES,
@@ -25,7 +25,7 @@ from drivers.tmag5273 import (
     packet,
     packet_crc,
 )
-from edge_runtime.errors import DeviceNotFound, WrongDevice
+from holdfast.edge_runtime.errors import DeviceNotFound, WrongDevice
 
 WAKE_S = 100e-6
 READ_BACK = 9

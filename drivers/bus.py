@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from edge_runtime.errors import BusStuck, TransferFailed
+from holdfast.edge_runtime.errors import BusStuck, TransferFailed
 
 MOST_CLEARS = 9
 """One chip behind each of a mux's eight channels may hold SDA low, but only while it is enabled."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from edge_runtime.errors import (
+from holdfast.edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.edge_runtime.errors import (
     ChannelError,
 )
 

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from drivers.bias import Bias
-from drivers.calibration import Calibration, CalibrationOrigin
-from edge_runtime.contract import UNITS, BoolArray, FloatArray
-from edge_runtime.errors import (
+from holdfast.drivers.bias import Bias
+from holdfast.drivers.calibration import Calibration, CalibrationOrigin
+from holdfast.edge_runtime.contract import UNITS, BoolArray, FloatArray
+from holdfast.edge_runtime.errors import (
     ChannelError,
     DataError,
     DataNotFound,
     NotANumber,
     UnitError,
 )
-from edge_runtime.reading import json_of, require_file, text_of
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.reading import json_of, require_file, text_of
+from holdfast.edge_runtime.writing import write_whole
 
 FORMAT = 1
 CALIBRATION, BIAS = "calibration", "bias"

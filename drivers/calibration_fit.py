@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drivers.calibration import Calibration, CalibrationOrigin, turn
-from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from edge_runtime.errors import (
+from holdfast.drivers.calibration import Calibration, CalibrationOrigin, turn
+from holdfast.edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.edge_runtime.errors import (
     ChannelError,
     DataError,
     EmptyRecording,

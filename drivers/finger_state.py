@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from drivers.bus import Reply, Transfer
-from drivers.layout import Finger
-from drivers.packet_check import PacketCheck
-from drivers.tmag5273 import (
+from holdfast.drivers.bus import Reply, Transfer
+from holdfast.drivers.layout import Finger
+from holdfast.drivers.packet_check import PacketCheck
+from holdfast.drivers.tmag5273 import (
     CHECKED_BYTES,
     PACKET_BYTES,
     RESERVED_STATUS,

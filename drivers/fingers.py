@@ -20,16 +20,16 @@ from typing import Literal
 
 import numpy as np
 
-from drivers.bring_up import bring_up
-from drivers.bus import Bus, Reply, Transfer
-from drivers.finger_state import TRY_AGAIN_NS, FingerState
-from drivers.layout import Finger
-from drivers.mux import is_mux, plain_read
-from drivers.packet_check import MOST_TEST_PACKETS
-from drivers.scan_plan import ScanPlan, ScanPlanner
-from drivers.tmag5273 import GENERAL_CALL, TRIGGER, Setup, conversion_s, field_ut
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.errors import DeviceError, DeviceNotFound, WrongDevice
+from holdfast.drivers.bring_up import bring_up
+from holdfast.drivers.bus import Bus, Reply, Transfer
+from holdfast.drivers.finger_state import TRY_AGAIN_NS, FingerState
+from holdfast.drivers.layout import Finger
+from holdfast.drivers.mux import is_mux, plain_read
+from holdfast.drivers.packet_check import MOST_TEST_PACKETS
+from holdfast.drivers.scan_plan import ScanPlan, ScanPlanner
+from holdfast.drivers.tmag5273 import GENERAL_CALL, TRIGGER, Setup, conversion_s, field_ut
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.errors import DeviceError, DeviceNotFound, WrongDevice
 
 TRIES_AT_START = 3
 """One flipped bit must not keep a hand from starting."""

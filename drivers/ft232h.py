@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.usb_bridge import UsbBridge, require_bus_hz
-from edge_runtime.errors import BusStuck, TransferFailed, UsageError
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.usb_bridge import UsbBridge, require_bus_hz
+from holdfast.edge_runtime.errors import BusStuck, TransferFailed, UsageError
 
 FT232H_IDS = ((0x0403, 0x6014),)
 OUT_ENDPOINT, IN_ENDPOINT = 0x02, 0x81

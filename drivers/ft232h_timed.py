@@ -23,8 +23,8 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.bus import Reply, Transfer
-from drivers.ft232h import (
+from holdfast.drivers.bus import Reply, Transfer
+from holdfast.drivers.ft232h import (
     FLUSH,
     IN_ENDPOINT,
     MASTER_HZ,
@@ -39,8 +39,8 @@ from drivers.ft232h import (
     batch_of,
     replies_of,
 )
-from drivers.usb import TIMEOUT_MS
-from edge_runtime.errors import TransferFailed, UsageError
+from holdfast.drivers.usb import TIMEOUT_MS
+from holdfast.edge_runtime.errors import TransferFailed, UsageError
 
 IDLE = 0x8F
 """Clock 8 (n + 1) bits without data."""

@@ -17,12 +17,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from drivers.bus import Bus, freeing
-from drivers.finger_state import TRY_AGAIN_NS
-from drivers.fingers import Crc, Fingers, Reading
-from drivers.layout import LAYOUTS, Finger
-from drivers.tmag5273 import Setup
-from edge_runtime.errors import BusStuck, DeviceError, TransferFailed
+from holdfast.drivers.bus import Bus, freeing
+from holdfast.drivers.finger_state import TRY_AGAIN_NS
+from holdfast.drivers.fingers import Crc, Fingers, Reading
+from holdfast.drivers.layout import LAYOUTS, Finger
+from holdfast.drivers.tmag5273 import Setup
+from holdfast.edge_runtime.errors import BusStuck, DeviceError, TransferFailed
 
 FAILURES_TO_REOPEN = 3
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 
 MUX_ADDRESSES = range(0x70, 0x78)
 MUX_ADDRESS = MUX_ADDRESSES[0]

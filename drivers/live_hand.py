@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.hand import Hand
-from edge_runtime.contract import FloatArray, Unit
-from edge_runtime.live import SourceReading
+from holdfast.drivers.hand import Hand
+from holdfast.edge_runtime.contract import FloatArray, Unit
+from holdfast.edge_runtime.live import SourceReading
 
 
 class LiveHand:

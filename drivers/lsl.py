@@ -14,10 +14,18 @@ from typing import Protocol
 
 import numpy as np
 
-from drivers.lsl_streams import StreamFacts, order_of, unit_of
-from edge_runtime.contract import SITUATIONS, UNITS, BoolArray, FloatArray, Prediction, Sample, Unit
-from edge_runtime.errors import DeviceLost, DeviceNotFound, RateError
-from edge_runtime.live import SourceReading
+from holdfast.drivers.lsl_streams import StreamFacts, order_of, unit_of
+from holdfast.edge_runtime.contract import (
+    SITUATIONS,
+    UNITS,
+    BoolArray,
+    FloatArray,
+    Prediction,
+    Sample,
+    Unit,
+)
+from holdfast.edge_runtime.errors import DeviceLost, DeviceNotFound, RateError
+from holdfast.edge_runtime.live import SourceReading
 
 FIRST_S = 5.0
 """An opened stream must send within this time."""

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drivers.lsl import Inlet
-from edge_runtime.errors import DeviceLost
-from edge_runtime.intent import Intent, intent_of
+from holdfast.drivers.lsl import Inlet
+from holdfast.edge_runtime.errors import DeviceLost
+from holdfast.edge_runtime.intent import Intent, intent_of
 
 
 class LslIntent:

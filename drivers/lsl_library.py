@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drivers.lsl import DECISION, LslAnswers
-from drivers.lsl_streams import StreamFacts
-from edge_runtime.contract import Unit, channel_names
-from edge_runtime.errors import DeviceLost, DeviceNotFound, LibraryMissing
-from edge_runtime.extras import needs_extra
+from holdfast.drivers.lsl import DECISION, LslAnswers
+from holdfast.drivers.lsl_streams import StreamFacts
+from holdfast.edge_runtime.contract import Unit, channel_names
+from holdfast.edge_runtime.errors import DeviceLost, DeviceNotFound, LibraryMissing
+from holdfast.edge_runtime.extras import needs_extra
 
 try:
     with needs_extra("lsl"):

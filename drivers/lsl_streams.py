@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from edge_runtime.contract import UNITS, Unit, channel_names
-from edge_runtime.errors import ChannelError, UnitError
-from edge_runtime.visible import listed
+from holdfast.edge_runtime.contract import UNITS, Unit, channel_names
+from holdfast.edge_runtime.errors import ChannelError, UnitError
+from holdfast.edge_runtime.visible import listed
 
 UNIT_WORDS: dict[str, Unit] = {
     "n": "N",

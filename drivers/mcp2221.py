@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.bus import NOT_ACKED, Reply, Transfer, require_short
-from drivers.usb import named_errors
-from drivers.usb_bridge import UsbBridge, require_bus_hz
-from edge_runtime.errors import BusStuck, TransferFailed
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, require_short
+from holdfast.drivers.usb import named_errors
+from holdfast.drivers.usb_bridge import UsbBridge, require_bus_hz
+from holdfast.edge_runtime.errors import BusStuck, TransferFailed
 
 MCP2221_IDS = ((0x04D8, 0x00DD),)
 HID_INTERFACE, OUT_ENDPOINT, IN_ENDPOINT, REPORT = 2, 0x03, 0x83, 64

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from drivers.bus import Bus, Transfer
+from holdfast.drivers.bus import Bus, Transfer
 
 ALIKE_BYTES = 8
 """A chip with one register answers a plain read of this many bytes with equal bytes."""

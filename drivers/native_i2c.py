@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import smbus2
 
-from drivers.bus import NOT_ACKED, Reply, Transfer, require_short
-from edge_runtime.errors import (
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, require_short
+from holdfast.edge_runtime.errors import (
     AccessDenied,
     BusStuck,
     DeviceError,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.replay import Replay
-from edge_runtime.contract import Unit
-from edge_runtime.live import SourceReading
+from holdfast.drivers.replay import Replay
+from holdfast.edge_runtime.contract import Unit
+from holdfast.edge_runtime.live import SourceReading
 
 
 class PacedReplay:

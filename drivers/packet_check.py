@@ -16,7 +16,7 @@ different packets sends no CRC at all.
 
 from __future__ import annotations
 
-from drivers.tmag5273 import packet_crc
+from holdfast.drivers.tmag5273 import packet_crc
 
 TEST_PACKETS = 8
 MOST_TEST_PACKETS = 24

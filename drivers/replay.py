@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import UNITS, BoolArray, FloatArray, Sample, Unit
-from edge_runtime.errors import DataNotFound, UnitError
-from edge_runtime.preparation import Preparation
-from edge_runtime.reading import json_of, require_file, text_of
-from edge_runtime.trial_file import read_trial
-from edge_runtime.trial_layout import TACTILE
+from holdfast.edge_runtime.contract import UNITS, BoolArray, FloatArray, Sample, Unit
+from holdfast.edge_runtime.errors import DataNotFound, UnitError
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.edge_runtime.reading import json_of, require_file, text_of
+from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.edge_runtime.trial_layout import TACTILE
 
 META = "meta.json"
 BIAS_REMOVED = "bias_removed"

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.bus import Reply, Transfer
-from drivers.finger_state import FingerState
-from drivers.layout import Channel, Finger, masks_of, muxes_of, read_behind
-from drivers.mux import enable_channels
+from holdfast.drivers.bus import Reply, Transfer
+from holdfast.drivers.finger_state import FingerState
+from holdfast.drivers.layout import Channel, Finger, masks_of, muxes_of, read_behind
+from holdfast.drivers.mux import enable_channels
 
 
 @dataclass

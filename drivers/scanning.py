@@ -13,12 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from drivers.bring_up import identify
-from drivers.bus import Bus, Transfer, freeing
-from drivers.layout import CHANNELS, LAYOUTS, MUX_ADDRESS, MUX_ADDRESSES
-from drivers.mux import answering, enable_channels, is_mux, plain_read
-from drivers.tmag5273 import FACTORY_ADDRESSES, RANGES_MT, REGISTERS
-from edge_runtime.errors import DeviceNotFound, WrongDevice
+from holdfast.drivers.bring_up import identify
+from holdfast.drivers.bus import Bus, Transfer, freeing
+from holdfast.drivers.layout import CHANNELS, LAYOUTS, MUX_ADDRESS, MUX_ADDRESSES
+from holdfast.drivers.mux import answering, enable_channels, is_mux, plain_read
+from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, RANGES_MT, REGISTERS
+from holdfast.edge_runtime.errors import DeviceNotFound, WrongDevice
 
 FIRST_ADDRESS, LAST_ADDRESS = 0x08, 0x7F
 """0x78 is a factory address of the sensor; tools that stop at 0x77 never see it."""

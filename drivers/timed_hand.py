@@ -14,14 +14,14 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from drivers.bus import Bus
-from drivers.fingers import Reading
-from drivers.ft232h_timed import BLOCKS, TimedFt232h, most_block
-from drivers.hand import Hand
-from drivers.layout import LAYOUTS, Finger
-from drivers.live_hand import LiveHand
-from drivers.scan_plan import ScanPlan
-from edge_runtime.errors import DeviceError, UsageError
+from holdfast.drivers.bus import Bus
+from holdfast.drivers.fingers import Reading
+from holdfast.drivers.ft232h_timed import BLOCKS, TimedFt232h, most_block
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import LAYOUTS, Finger
+from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.scan_plan import ScanPlan
+from holdfast.edge_runtime.errors import DeviceError, UsageError
 
 MOST_AHEAD = 16
 

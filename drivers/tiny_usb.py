@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from drivers.bus import NOT_ACKED, Reply, Transfer, require_short
-from drivers.usb import Stalled
-from drivers.usb_bridge import UsbBridge
-from edge_runtime.errors import BusStuck, TransferFailed, UsageError
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer, require_short
+from holdfast.drivers.usb import Stalled
+from holdfast.drivers.usb_bridge import UsbBridge
+from holdfast.edge_runtime.errors import BusStuck, TransferFailed, UsageError
 
 TINY_USB_IDS = ((0x0403, 0xC631), (0x1C40, 0x0534))
 VENDOR_OUT, VENDOR_IN = 0x41, 0xC1

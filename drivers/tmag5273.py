@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.contract import FloatArray
 
 FACTORY_ADDRESSES = (0x35, 0x22, 0x78, 0x44)
 GENERAL_CALL = 0x00

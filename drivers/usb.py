@@ -11,7 +11,7 @@ import usb.backend.libusb1
 import usb.core
 import usb.util
 
-from edge_runtime.errors import (
+from holdfast.edge_runtime.errors import (
     AccessDenied,
     DeviceError,
     DeviceLost,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from drivers.usb import UsbId, UsbPort
-from edge_runtime.errors import UsageError
+from holdfast.drivers.usb import UsbId, UsbPort
+from holdfast.edge_runtime.errors import UsageError
 
 
 class UsbBridge:

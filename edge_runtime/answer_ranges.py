@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.errors import NotAModel
-from edge_runtime.graph import Outputs
-from edge_runtime.model_file import ModelCard
-from edge_runtime.onnx_rules import votes_in_all
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.errors import NotAModel
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.onnx_rules import votes_in_all
 
 ROUNDING = 1e-5
 """A probability is a float32, and so is a sum of eight of them."""

@@ -15,7 +15,7 @@ from typing import IO
 
 import numpy as np
 
-from edge_runtime.errors import TooLarge
+from holdfast.edge_runtime.errors import TooLarge
 
 NOT_AN_ARCHIVE = (
     OSError,

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.errors import GoldenMismatch, LibraryRefused
-from edge_runtime.golden import check_golden, golden_input
-from edge_runtime.graph import Outputs
-from edge_runtime.model import read_model
-from edge_runtime.model_file import SEAL_KEY, read_sealed
-from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, OnnxModel, read_onnx
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.errors import GoldenMismatch, LibraryRefused
+from holdfast.edge_runtime.golden import check_golden, golden_input
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.model import read_model
+from holdfast.edge_runtime.model_file import SEAL_KEY, read_sealed
+from holdfast.edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, OnnxModel, read_onnx
 
 LIBRARY = "libholdfast.so"
 OUTSIDE = ("features", "state_out")

@@ -7,8 +7,8 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.errors import CardError
-from edge_runtime.reading import Json, text_of
+from holdfast.edge_runtime.errors import CardError
+from holdfast.edge_runtime.reading import Json, text_of
 
 
 def read_toml(path: Path) -> tuple[str, Json]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.golden import golden_input
-from edge_runtime.monitor import Model
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.golden import golden_input
+from holdfast.edge_runtime.monitor import Model
 
 
 @dataclass(frozen=True)

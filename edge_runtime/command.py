@@ -14,9 +14,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import NoReturn, TextIO
 
-from edge_runtime.errors import HoldfastError, OutputError, UsageError
-from edge_runtime.log_sink import stream_sink
-from edge_runtime.visible import one_line, visible_lines
+from holdfast.edge_runtime.errors import HoldfastError, OutputError, UsageError
+from holdfast.edge_runtime.log_sink import stream_sink
+from holdfast.edge_runtime.visible import one_line, visible_lines
 
 
 class Parser(argparse.ArgumentParser):

@@ -13,10 +13,10 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from edge_runtime.contract import CommandLink
-from edge_runtime.errors import UsageError
-from edge_runtime.live import Command
-from edge_runtime.reading import json_of
+from holdfast.edge_runtime.contract import CommandLink
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.live import Command
+from holdfast.edge_runtime.reading import json_of
 
 LONGEST = 1024
 MOST_A_SAMPLE = 32

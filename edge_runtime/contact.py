@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray, Unit
+from holdfast.edge_runtime.contract import FloatArray, Unit
 
 NORMAL_FLOOR: MappingProxyType[Unit, float] = MappingProxyType(
     {"N": 0.3, "uT": 100.0, "count": 300.0}

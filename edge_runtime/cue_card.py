@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.card_file import CardReader, read_toml
-from edge_runtime.cues import KINDS, UNKNOWN, CueRule, CueTable, Pattern
-from edge_runtime.errors import CardError, DataNotFound
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.card_file import CardReader, read_toml
+from holdfast.edge_runtime.cues import KINDS, UNKNOWN, CueRule, CueTable, Pattern
+from holdfast.edge_runtime.errors import CardError, DataNotFound
+from holdfast.edge_runtime.reading import Json
 
 SHIPPED = Path(__file__).with_name("cues.toml")
 SECTIONS = ("title", "most_per_s", "cues")

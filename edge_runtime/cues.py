@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from edge_runtime.contract import Prediction
+from holdfast.edge_runtime.contract import Prediction
 
 KINDS = ("unknown", "act", "arm", "risky_slip", "safe_slip", "grasp", "nothing")
 """The situations, and before them the decision's requests; the first that applies counts."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Literal
 
-from edge_runtime.contract import NOTHING, RISKY_SLIP
+from holdfast.edge_runtime.contract import NOTHING, RISKY_SLIP
 
 UNKNOWN = -1
 ActEnd = Literal["released", "timed_out", "opened", "overridden"]

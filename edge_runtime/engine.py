@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 
 if TYPE_CHECKING:
-    from edge_runtime.model_file import ModelCard
-    from edge_runtime.stepper import Stepper
+    from holdfast.edge_runtime.model_file import ModelCard
+    from holdfast.edge_runtime.stepper import Stepper
 
 ONNXRUNTIME, C = "onnxruntime", "c"
 ENGINES = (ONNXRUNTIME, C)
@@ -40,11 +40,13 @@ class ModelChoice:
     def open(self) -> OpenedModel:
         """The model, checked. Raises a ModelError, or UsageError."""
         if self.engine == C:
-            from edge_runtime.c_engine import CompiledModel
+            from holdfast.edge_runtime.c_engine import CompiledModel
 
             return CompiledModel(self.path, self.library)
         if self.library:
             raise UsageError("--library is for the C engine", next_step="add --engine c")
-        from edge_runtime.model import Model  # here, because a compiled library answers without it
+        from holdfast.edge_runtime.model import (
+            Model,  # here, because a compiled library answers without it
+        )
 
         return Model(self.path)

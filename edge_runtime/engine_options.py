@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import path_argument
-from edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
+from holdfast.edge_runtime.command import path_argument
+from holdfast.edge_runtime.engine import ENGINES, ONNXRUNTIME, ModelChoice
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:

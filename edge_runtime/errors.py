@@ -47,7 +47,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from edge_runtime.visible import one_line
+from holdfast.edge_runtime.visible import one_line
 
 
 class HoldfastError(Exception):

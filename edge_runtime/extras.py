@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from edge_runtime.errors import LibraryMissing
+from holdfast.edge_runtime.errors import LibraryMissing
 
 
 @contextmanager

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from edge_runtime.contract import RATE_TOLERANCE
-from edge_runtime.errors import ChannelError, RateError, UnitError
-from edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.contract import RATE_TOLERANCE
+from holdfast.edge_runtime.errors import ChannelError, RateError, UnitError
+from holdfast.edge_runtime.model_file import ModelCard
 
 
 def require_fit(

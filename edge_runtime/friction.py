@@ -23,10 +23,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edge_runtime.lanes import Lanes, Number
+from holdfast.edge_runtime.lanes import Lanes, Number
 
 if TYPE_CHECKING:
-    from edge_runtime.grip import GripSense
+    from holdfast.edge_runtime.grip import GripSense
 
 FIRM_N = 0.3
 """A ratio counts from this grip on, N a side."""

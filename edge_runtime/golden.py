@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.errors import GoldenMismatch, NotAModel
-from edge_runtime.graph import Outputs, run_recording
-from edge_runtime.reading import Json, json_of
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.errors import GoldenMismatch, NotAModel
+from holdfast.edge_runtime.graph import Outputs, run_recording
+from holdfast.edge_runtime.reading import Json, json_of
 
 if TYPE_CHECKING:
     import onnxruntime as ort

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.stepper import Steps
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.stepper import Steps
 
 if TYPE_CHECKING:
     import onnxruntime as ort

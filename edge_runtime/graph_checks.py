@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.check_result import CheckResult, clean_input
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.graph import Outputs, StepGraph, run_recording, run_recordings
-from edge_runtime.monitor import Model
-from edge_runtime.onnx_rules import votes_in_all
+from holdfast.edge_runtime.check_result import CheckResult, clean_input
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.graph import Outputs, StepGraph, run_recording, run_recordings
+from holdfast.edge_runtime.monitor import Model
+from holdfast.edge_runtime.onnx_rules import votes_in_all
 
 SILENT_STEPS = 10_000
 WARM_STEPS = 500

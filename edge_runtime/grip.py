@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from edge_runtime.lanes import Flag, Lanes, Number
+from holdfast.edge_runtime.lanes import Flag, Lanes, Number
 
 SLIP_P = 0.5
 """p(risky slip) above which the published controllers see a slip."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from edge_runtime.contract import BoolArray, FloatArray, Prediction, Unit
-from edge_runtime.errors import UsageError
-from edge_runtime.friction import FrictionMargin
-from edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, GripSense
-from edge_runtime.grip_command import HOLD, IDLE, MODES, YIELD, GripCommand
-from edge_runtime.lanes import ONE_LANE, Lanes, Number
-from edge_runtime.supervisor import Limits, Supervisor
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Prediction, Unit
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.friction import FrictionMargin
+from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, GripSense
+from holdfast.edge_runtime.grip_command import HOLD, IDLE, MODES, YIELD, GripCommand
+from holdfast.edge_runtime.lanes import ONE_LANE, Lanes, Number
+from holdfast.edge_runtime.supervisor import Limits, Supervisor
 
 FORCE_CONTROLLERS = ("pd-shear", "sliding-mode")
 """Controllers whose parameters are in N: they need forces, not raw fields."""

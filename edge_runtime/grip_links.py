@@ -18,8 +18,8 @@ from contextlib import suppress
 from threading import Thread
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
-from edge_runtime.errors import UsageError
-from edge_runtime.serial_port import forget_unsent, open_port, opening_error, unsent_bytes
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.serial_port import forget_unsent, open_port, opening_error, unsent_bytes
 
 DEFAULT_BAUD = 115200
 MOST_UNSENT = 96

@@ -13,9 +13,9 @@ import errno
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from edge_runtime.grip_command import EXPIRES_MS
-from edge_runtime.grip_links import SerialLink, UdpLink, open_link
-from edge_runtime.guardian import Guardian
+from holdfast.edge_runtime.grip_command import EXPIRES_MS
+from holdfast.edge_runtime.grip_links import SerialLink, UdpLink, open_link
+from holdfast.edge_runtime.guardian import Guardian
 
 FIRST_RETRY_NS, LAST_RETRY_NS = 50_000_000, 2_000_000_000
 TRIALS = 3

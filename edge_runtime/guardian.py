@@ -10,8 +10,8 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from edge_runtime.errors import OutputError
-from edge_runtime.guardian_process import FRESH, GOODBYE, READY, RELEASE
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.guardian_process import FRESH, GOODBYE, READY, RELEASE
 
 SCRIPT = Path(__file__).with_name("guardian_process.py")
 START_S = 30.0

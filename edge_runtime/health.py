@@ -11,7 +11,7 @@ from collections import deque
 
 import numpy as np
 
-from edge_runtime.contract import RATE_TOLERANCE, BoolArray, FloatArray
+from holdfast.edge_runtime.contract import RATE_TOLERANCE, BoolArray, FloatArray
 
 RING = 8
 """A hand repeats itself if it cycles through this many readings or fewer."""

@@ -16,9 +16,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
-from edge_runtime.commands import EXPIRES_NS, printable, waiting
-from edge_runtime.contract import CommandLink
-from edge_runtime.reading import json_of
+from holdfast.edge_runtime.commands import EXPIRES_NS, printable, waiting
+from holdfast.edge_runtime.contract import CommandLink
+from holdfast.edge_runtime.reading import json_of
 
 Wants = Literal["open", "close", "rest", "unknown", ""]
 """What the wearer wants; "" where the stream has only envelopes and no level is given."""

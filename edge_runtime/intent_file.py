@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.errors import ColumnError, NotANumber
-from edge_runtime.intent import WORDS, Intent, Wants, share
-from edge_runtime.reading import text_of
+from holdfast.edge_runtime.errors import ColumnError, NotANumber
+from holdfast.edge_runtime.intent import WORDS, Intent, Wants, share
+from holdfast.edge_runtime.reading import text_of
 
 HEAD = ("Time (s)", "host (ns)", "wants")
 ALLOWED: tuple[Wants, ...] = ("", "unknown", *WORDS)

@@ -29,10 +29,17 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, CommandLink, FloatArray, Prediction, Sample, Unit
-from edge_runtime.monitor import GripMonitor
-from edge_runtime.reading import Json
-from edge_runtime.tare import Tare
+from holdfast.edge_runtime.contract import (
+    BoolArray,
+    CommandLink,
+    FloatArray,
+    Prediction,
+    Sample,
+    Unit,
+)
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.tare import Tare
 
 STAGES = ("read", "convert", "step", "decide", "emit")
 REMEMBERED = 1 << 16

@@ -7,7 +7,7 @@ import io
 import os
 from typing import Literal, Protocol, TextIO
 
-from edge_runtime.line_writer import CLOSING_S, LineWriter
+from holdfast.edge_runtime.line_writer import CLOSING_S, LineWriter
 
 Kind = Literal["log", "acting"]
 

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.errors import EmptyRecording, OutputError
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.errors import EmptyRecording, OutputError
+from holdfast.edge_runtime.writing import write_whole
 
 TORN = ".torn"
 

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.answer_ranges import require_in_range
-from edge_runtime.errors import NotAModel
-from edge_runtime.golden import check_golden, golden_answers, golden_from_json
-from edge_runtime.graph import Outputs, StepGraph, open_session
-from edge_runtime.memory import give_back
-from edge_runtime.model_file import (
+from holdfast.edge_runtime.answer_ranges import require_in_range
+from holdfast.edge_runtime.errors import NotAModel
+from holdfast.edge_runtime.golden import check_golden, golden_answers, golden_from_json
+from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session
+from holdfast.edge_runtime.memory import give_back
+from holdfast.edge_runtime.model_file import (
     GOLDEN_KEY,
     ModelCard,
     check_runtime,
@@ -25,8 +25,8 @@ from edge_runtime.model_file import (
     read_sealed,
     require_own_seal,
 )
-from edge_runtime.onnx_bytes import read_onnx
-from edge_runtime.onnx_rules import require_ours
+from holdfast.edge_runtime.onnx_bytes import read_onnx
+from holdfast.edge_runtime.onnx_rules import require_ours
 
 if TYPE_CHECKING:
     import onnxruntime as ort

@@ -10,11 +10,11 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.contract import CLASSES, SITUATIONS, UNITS, Unit
-from edge_runtime.decision import LIMITS, DecisionRules
-from edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
-from edge_runtime.preparation import Preparation, preparation_from_json
-from edge_runtime.reading import Json, json_of, require_file
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS, UNITS, Unit
+from holdfast.edge_runtime.decision import LIMITS, DecisionRules
+from holdfast.edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
+from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
+from holdfast.edge_runtime.reading import Json, json_of, require_file
 
 SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.clock import MonotonicClock
-from edge_runtime.contract import (
+from holdfast.edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.contract import (
     CLASSES,
     NOTHING,
     SITUATIONS,
@@ -20,14 +20,14 @@ from edge_runtime.contract import (
     Sample,
     State,
 )
-from edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
-from edge_runtime.engine import OpenedModel
-from edge_runtime.errors import ChannelError, TimeError
-from edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.errors import ChannelError, TimeError
+from holdfast.edge_runtime.health import LoadedStart, RateWatch, RepeatWatch
 
 # the README's import: a monitor and its model from one module
-from edge_runtime.model import Model as Model
-from edge_runtime.onnx_rules import ANSWERS, WEIGHS
+from holdfast.edge_runtime.model import Model as Model
+from holdfast.edge_runtime.onnx_rules import ANSWERS, WEIGHS
 
 NOW_NS = MonotonicClock().now_ns
 OLDEST_PERIODS = 2.0

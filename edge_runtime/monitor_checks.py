@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from edge_runtime.check_result import CheckResult, clean_input
-from edge_runtime.clock import MonotonicClock
-from edge_runtime.contract import GRASP, RISKY_SLIP, FloatArray, Sample
-from edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
-from edge_runtime.golden import AMPLITUDE
-from edge_runtime.health import RING
-from edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.check_result import CheckResult, clean_input
+from holdfast.edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, FloatArray, Sample
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionState, decide, period_us
+from holdfast.edge_runtime.golden import AMPLITUDE
+from holdfast.edge_runtime.health import RING
+from holdfast.edge_runtime.monitor import GripMonitor, Model
 
 CERTAIN_PERMILLE = 1000
 CLOCK_READS = 20_000

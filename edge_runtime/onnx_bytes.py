@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.protobuf import (
+from holdfast.edge_runtime.protobuf import (
     LENGTH,
     VARINT,
     Field,

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, SITUATIONS
-from edge_runtime.onnx_bytes import Node
-from edge_runtime.onnx_network import Walk, logits_of_shares, require_layers
-from edge_runtime.onnx_tensors import Tensor
+from holdfast.edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, SITUATIONS
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.edge_runtime.onnx_network import Walk, logits_of_shares, require_layers
+from holdfast.edge_runtime.onnx_tensors import Tensor
 
 Matrix = npt.NDArray[np.float32]
 

@@ -13,9 +13,9 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.onnx_bytes import FLOAT, INT64, Node
-from edge_runtime.onnx_tensors import Tensor
-from edge_runtime.onnx_trees import EXACT_FLOAT32
+from holdfast.edge_runtime.onnx_bytes import FLOAT, INT64, Node
+from holdfast.edge_runtime.onnx_tensors import Tensor
+from holdfast.edge_runtime.onnx_trees import EXACT_FLOAT32
 
 LARGEST_FEATURE = LARGEST_SCALE = 2.0**100
 MOST_LAYERS = 8

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edge_runtime.onnx_bytes import (
+from holdfast.edge_runtime.onnx_bytes import (
     BOOL,
     DOUBLE,
     DTYPES,
@@ -18,7 +18,7 @@ from edge_runtime.onnx_bytes import (
     INT32,
     INT64,
 )
-from edge_runtime.onnx_tensors import Call, Tensor, require
+from holdfast.edge_runtime.onnx_tensors import Call, Tensor, require
 
 
 def _broadcast(call: Call) -> tuple[int, ...]:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edge_runtime.onnx_bytes import BOOL, Node, OnnxModel
-from edge_runtime.onnx_tensors import Tensor
+from holdfast.edge_runtime.onnx_bytes import BOOL, Node, OnnxModel
+from holdfast.edge_runtime.onnx_tensors import Tensor
 
 Bounds = tuple[float, float]
 ANYTHING: Bounds = (-math.inf, math.inf)

@@ -11,16 +11,25 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.golden import golden_length
-from edge_runtime.model_file import ModelCard
-from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64, Node, OnnxModel, TensorSpec
-from edge_runtime.onnx_correction import require_correction
-from edge_runtime.onnx_network import require_network
-from edge_runtime.onnx_ranges import require_indices
-from edge_runtime.onnx_shapes import shapes_of
-from edge_runtime.onnx_tensors import Tensor
-from edge_runtime.onnx_trees import EXACT_FLOAT32, require_trees
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.golden import golden_length
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.onnx_bytes import (
+    BOOL,
+    DOUBLE,
+    FLOAT,
+    INT32,
+    INT64,
+    Node,
+    OnnxModel,
+    TensorSpec,
+)
+from holdfast.edge_runtime.onnx_correction import require_correction
+from holdfast.edge_runtime.onnx_network import require_network
+from holdfast.edge_runtime.onnx_ranges import require_indices
+from holdfast.edge_runtime.onnx_shapes import shapes_of
+from holdfast.edge_runtime.onnx_tensors import Tensor
+from holdfast.edge_runtime.onnx_trees import EXACT_FLOAT32, require_trees
 
 IR_VERSION = 10
 OPSETS = {"": 20, "ai.onnx.ml": 3}

@@ -12,14 +12,14 @@ import math
 
 import numpy as np
 
-from edge_runtime.onnx_bytes import (
+from holdfast.edge_runtime.onnx_bytes import (
     DTYPES,
     MOST_ELEMENTS,
     Node,
     OnnxModel,
 )
-from edge_runtime.onnx_operators import RULES
-from edge_runtime.onnx_tensors import Call, Tensor, require
+from holdfast.edge_runtime.onnx_operators import RULES
+from holdfast.edge_runtime.onnx_tensors import Call, Tensor, require
 
 MOST_WORK = 10**10
 """Numbers made or multiplied to replay the golden sequences: some seconds. Default model: 3.4e7."""

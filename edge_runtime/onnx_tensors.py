@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.onnx_bytes import (
+from holdfast.edge_runtime.onnx_bytes import (
     Node,
 )
-from edge_runtime.protobuf import IntArray
+from holdfast.edge_runtime.protobuf import IntArray
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.onnx_bytes import Node
-from edge_runtime.protobuf import IntArray
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.edge_runtime.protobuf import IntArray
 
 MOST_DEPTH = 1000
 """onnxruntime recurses once for each level when it reads a tree."""

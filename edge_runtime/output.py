@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 
-from edge_runtime.contract import Prediction
+from holdfast.edge_runtime.contract import Prediction
 
 
 def to_json_line(prediction: Prediction) -> str:

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from edge_runtime.contract import NORMAL_AXIS, FloatArray
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.contract import NORMAL_AXIS, FloatArray
+from holdfast.edge_runtime.reading import Json
 
 MOST_ROWS = 100_000
 """A bias is taken from fewer rows; these would be ten minutes of a resting hand."""

@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.errors import DataNotFound, TooLarge
+from holdfast.edge_runtime.errors import DataNotFound, TooLarge
 
 Json = dict[str, Any]
 """A JSON object as it stands in a file, looked up by its keys."""

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from edge_runtime.contract import Sample, channel_names
-from edge_runtime.sinks import Sink, file_sink
-from edge_runtime.trial_file import TIME_COLUMN
+from holdfast.edge_runtime.contract import Sample, channel_names
+from holdfast.edge_runtime.sinks import Sink, file_sink
+from holdfast.edge_runtime.trial_file import TIME_COLUMN
 
 
 class SampleFile:

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.check_result import CheckResult
-from edge_runtime.errors import HoldfastError
-from edge_runtime.golden import golden_answers, golden_from_json
-from edge_runtime.graph_checks import (
+from holdfast.edge_runtime.check_result import CheckResult
+from holdfast.edge_runtime.errors import HoldfastError
+from holdfast.edge_runtime.golden import golden_answers, golden_from_json
+from holdfast.edge_runtime.graph_checks import (
     check_corrupted_samples,
     check_large_offset,
     check_one_against_many,
@@ -23,9 +23,9 @@ from edge_runtime.graph_checks import (
     check_silence_and_memory,
     check_votes,
 )
-from edge_runtime.model_file import GOLDEN_KEY
-from edge_runtime.monitor import Model
-from edge_runtime.monitor_checks import (
+from holdfast.edge_runtime.model_file import GOLDEN_KEY
+from holdfast.edge_runtime.monitor import Model
+from holdfast.edge_runtime.monitor_checks import (
     check_clock,
     check_decision,
     check_unbelievable,

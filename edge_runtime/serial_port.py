@@ -12,7 +12,7 @@ import os
 import struct
 import termios
 
-from edge_runtime.errors import AccessDenied, DeviceError, DeviceNotFound, UsageError
+from holdfast.edge_runtime.errors import AccessDenied, DeviceError, DeviceNotFound, UsageError
 
 RATES = {
     int(name[1:]): value

@@ -16,13 +16,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from edge_runtime.contract import Prediction
-from edge_runtime.errors import OutputError, UsageError
-from edge_runtime.line_writer import CLOSING_S
-from edge_runtime.log_sink import Kind, LogSink
-from edge_runtime.log_sink import Sink as Sink
-from edge_runtime.log_sink import stream_sink as stream_sink
-from edge_runtime.output import to_json_line
+from holdfast.edge_runtime.contract import Prediction
+from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.line_writer import CLOSING_S
+from holdfast.edge_runtime.log_sink import Kind, LogSink
+from holdfast.edge_runtime.log_sink import Sink as Sink
+from holdfast.edge_runtime.log_sink import stream_sink as stream_sink
+from holdfast.edge_runtime.output import to_json_line
 
 
 class UdpSink:

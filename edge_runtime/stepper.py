@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
 
 
 class Stepper(Protocol):

@@ -22,11 +22,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
-from edge_runtime.lanes import Flag, Lanes, Number
+from holdfast.edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
+from holdfast.edge_runtime.lanes import Flag, Lanes, Number
 
 if TYPE_CHECKING:
-    from edge_runtime.grip import GripSense
+    from holdfast.edge_runtime.grip import GripSense
 
 
 @dataclass(frozen=True)

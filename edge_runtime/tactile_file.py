@@ -16,10 +16,10 @@ import threading
 from pathlib import Path
 from queue import SimpleQueue
 
-from edge_runtime.contract import BoolArray, FloatArray, channel_names
-from edge_runtime.errors import ColumnError, EmptyRecording, NotANumber, OutputError
-from edge_runtime.mending import MendResult, move_aside, read_damaged
-from edge_runtime.trial_file import TIME_COLUMN, check_columns
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, channel_names
+from holdfast.edge_runtime.errors import ColumnError, EmptyRecording, NotANumber, OutputError
+from holdfast.edge_runtime.mending import MendResult, move_aside, read_damaged
+from holdfast.edge_runtime.trial_file import TIME_COLUMN, check_columns
 
 SYNC_EVERY_NS = 1_000_000_000
 MOST_SENSORS = 64

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.preparation import Preparation
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.preparation import Preparation
 
 
 class Tare:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.contract import FloatArray
 
 TURNS = 40
 CALLS_A_TURN = 100

@@ -17,10 +17,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray, channel_names
-from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, TimeError
-from edge_runtime.reading import require_file, require_lines
-from edge_runtime.visible import listed
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, channel_names
+from holdfast.edge_runtime.errors import (
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+    TimeError,
+)
+from holdfast.edge_runtime.reading import require_file, require_lines
+from holdfast.edge_runtime.visible import listed
 
 TIME_COLUMN = "Time"
 RECORDER_COLUMNS = ("host_ns", "device_us", "sequence")

@@ -16,8 +16,8 @@ from __future__ import annotations
 from pathlib import Path
 from types import MappingProxyType
 
-from edge_runtime.errors import LabelError
-from edge_runtime.reading import Json, json_of, text_of
+from holdfast.edge_runtime.errors import LabelError
+from holdfast.edge_runtime.reading import Json, json_of, text_of
 
 META, EVENTS, TACTILE = "meta.json", "events.jsonl", "tactile.csv"
 TRUTH_SUFFIX, ONSET_SUFFIX, FRAMES_SUFFIX = ".truth.json", ".onset.json", ".frames.npz"

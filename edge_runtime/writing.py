@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from edge_runtime.errors import OutputError
+from holdfast.edge_runtime.errors import OutputError
 
 UNFINISHED = ".unfinished"
 """The end of a folder's name until everything in it is written."""

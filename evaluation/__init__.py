@@ -3,15 +3,17 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off
+from holdfast import (
+    edge_runtime as edge_runtime,  # first of all: it switches onnxruntime's telemetry off
+)
 
 if TYPE_CHECKING:
-    from evaluation.frames import to_frame as to_frame
-    from evaluation.model_outputs import run_model as run_model
+    from holdfast.evaluation.frames import to_frame as to_frame
+    from holdfast.evaluation.model_outputs import run_model as run_model
 
 MOST_FALSE_PER_MIN = 0.5
 """Default: false alarms a minute that are allowed where a confidence is chosen."""
-_LATE = {"to_frame": "evaluation.frames", "run_model": "evaluation.model_outputs"}
+_LATE = {"to_frame": "holdfast.evaluation.frames", "run_model": "holdfast.evaluation.model_outputs"}
 """Imported when first used, so that `holdfast evaluate --help` loads no pandas."""
 
 

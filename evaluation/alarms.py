@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import NOTHING, RISKY_SLIP, BoolArray
-from edge_runtime.decision import UNKNOWN, DecisionRules, period_us
-from training.recording import Recording
+from holdfast.edge_runtime.contract import NOTHING, RISKY_SLIP, BoolArray
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, period_us
+from holdfast.training.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -15,30 +15,30 @@ from typing import TypeVar
 
 import numpy as np
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, BoolArray
-from edge_runtime.decision import UNKNOWN, DecisionRules
-from edge_runtime.graph import open_session, steps_of
-from evaluation.alarms import Answers, act_requests
-from evaluation.detector_baselines import (
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, BoolArray
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
+from holdfast.edge_runtime.graph import open_session, steps_of
+from holdfast.evaluation.alarms import Answers, act_requests
+from holdfast.evaluation.detector_baselines import (
     band_pass_fires,
     cone_fires,
     detector_signals,
     is_narrow,
 )
-from evaluation.event_scores import CONFIDENCES, match_alarms
-from evaluation.labels import BAND, CONE, ORACLE, RAW, SHEAR_RATE
-from evaluation.model_outputs import everywhere, risky_permille
-from evaluation.simple_baselines import shear_change
-from export.builder import GraphBuilder
-from export.detectors import detector_names
-from export.heads import Head, add_heads
-from export.spec import StepSpec
-from export.step_graph import add_features_alone
-from training.crossval import fit_learner, main_task, uncalibrated
-from training.featurise import features_of, spec_for
-from training.plan import RAW_BASELINE
-from training.recording import DataSet, Recording
+from holdfast.evaluation.event_scores import CONFIDENCES, match_alarms
+from holdfast.evaluation.labels import BAND, CONE, ORACLE, RAW, SHEAR_RATE
+from holdfast.evaluation.model_outputs import everywhere, risky_permille
+from holdfast.evaluation.simple_baselines import shear_change
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.detectors import detector_names
+from holdfast.export.heads import Head, add_heads
+from holdfast.export.spec import StepSpec
+from holdfast.export.step_graph import add_features_alone
+from holdfast.training.crossval import fit_learner, main_task, uncalibrated
+from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.plan import RAW_BASELINE
+from holdfast.training.recording import DataSet, Recording
 
 Requests = Callable[[float], list[BoolArray]]
 """Setting -> [T] a recording, whether an act is requested."""

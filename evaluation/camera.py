@@ -18,14 +18,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.contract import RISKY_SLIP, SITUATIONS
-from edge_runtime.errors import LabelError
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import EVENTS, ONSET_SUFFIX, TACTILE, read_events, truth_path
-from evaluation.event_scores import AlarmOutcome, EventMatch
-from evaluation.statistics import Spread, spread
-from training.objects import read_json
-from training.recording import Recording
+from holdfast.edge_runtime.contract import RISKY_SLIP, SITUATIONS
+from holdfast.edge_runtime.errors import LabelError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import (
+    EVENTS,
+    ONSET_SUFFIX,
+    TACTILE,
+    read_events,
+    truth_path,
+)
+from holdfast.evaluation.event_scores import AlarmOutcome, EventMatch
+from holdfast.evaluation.statistics import Spread, spread
+from holdfast.training.objects import read_json
+from holdfast.training.recording import Recording
 
 CAMERA, KEY, SCENE, RISKY = "camera", "key", "scene", SITUATIONS[RISKY_SLIP]
 LATE_S = 0.05

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from evaluation.closing_hand import KeptObjects
-from evaluation.statistics import McNemar, Spread
-from training.figures import ABSENT, Interval, LevelF1, Share, over
+from holdfast.evaluation.closing_hand import KeptObjects
+from holdfast.evaluation.statistics import McNemar, Spread
+from holdfast.training.figures import ABSENT, Interval, LevelF1, Share, over
 
 
 def number(value: float | None, places: int = 2) -> str:

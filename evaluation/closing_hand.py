@@ -29,10 +29,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from evaluation.statistics import spread
-from evaluation.truths import Grasp
-from training.timeline import RiskyEvent
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.evaluation.statistics import spread
+from holdfast.evaluation.truths import Grasp
+from holdfast.training.timeline import RiskyEvent
 
 CLOSING_S = 0.37
 """Full stroke of the Michelangelo hand (Front. Syst. Neurosci. 9:162, 2015, table 1)."""

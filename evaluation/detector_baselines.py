@@ -13,15 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from onnx import TensorProto
 
-from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from edge_runtime.graph import BATCH, open_session, steps_of
-from evaluation.model_outputs import everywhere
-from export.bank import noise_gain
-from export.builder import GraphBuilder
-from export.detectors import add_bank
-from export.guard import add_guard
-from export.spec import NOISE_RMS, StepSpec
-from training.recording import Recording
+from holdfast.edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.edge_runtime.graph import BATCH, open_session, steps_of
+from holdfast.evaluation.model_outputs import everywhere
+from holdfast.export.bank import noise_gain
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.detectors import add_bank
+from holdfast.export.guard import add_guard
+from holdfast.export.spec import NOISE_RMS, StepSpec
+from holdfast.training.recording import Recording
 
 OUTPUTS = ("loudest", "now", "usable")
 NARROW = 2048

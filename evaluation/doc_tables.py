@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.command import show
-from edge_runtime.reading import Json
-from evaluation.markers import write_between
-from evaluation.page import markdown
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.markers import write_between
+from holdfast.evaluation.page import markdown
 
 Tables = dict[str, str]
 """Marker's name -> Markdown."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from edge_runtime.reading import Json
-from training.datasets.eflesh_slip import ThresholdAccuracy
-from training.figures import Interval
+from holdfast.edge_runtime.reading import Json
+from holdfast.training.datasets.eflesh_slip import ThresholdAccuracy
+from holdfast.training.figures import Interval
 
 
 @dataclass(frozen=True)

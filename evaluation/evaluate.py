@@ -8,30 +8,30 @@ from functools import partial
 
 import numpy as np
 
-from edge_runtime.engine import ModelChoice, OpenedModel
-from edge_runtime.errors import UsageError
-from edge_runtime.graph import Outputs
-from evaluation.baselines import Baseline, baselines, raw_forest
-from evaluation.evaluation_figures import Evaluation, all_sets
-from evaluation.event_scores import choose_confidence
-from evaluation.jobs import Workers
-from evaluation.model_outputs import OUTPUTS, everywhere, read_outputs, steps_with
-from evaluation.request import EvaluationRequest
-from evaluation.scored_set import ScoredSet, score_set
-from evaluation.thresholds import Chosen, MatchingStreams, Thresholds, find_thresholds
-from evaluation.window_scores import (
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.evaluation.baselines import Baseline, baselines, raw_forest
+from holdfast.evaluation.evaluation_figures import Evaluation, all_sets
+from holdfast.evaluation.event_scores import choose_confidence
+from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.model_outputs import OUTPUTS, everywhere, read_outputs, steps_with
+from holdfast.evaluation.request import EvaluationRequest
+from holdfast.evaluation.scored_set import ScoredSet, score_set
+from holdfast.evaluation.thresholds import Chosen, MatchingStreams, Thresholds, find_thresholds
+from holdfast.evaluation.window_scores import (
     WindowFigures,
     at_windows,
     heads_with_task,
     require_model_fits,
     window_figures,
 )
-from export.spec import StepSpec
-from training.datasets import find, load
-from training.fitting import with_situations
-from training.objects import read_json
-from training.recording import DataSet
-from training.say import Part, Say, ignored
+from holdfast.export.spec import StepSpec
+from holdfast.training.datasets import find, load
+from holdfast.training.fitting import with_situations
+from holdfast.training.objects import read_json
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Part, Say, ignored
 
 ALONE = Workers()
 

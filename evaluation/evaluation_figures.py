@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
-from edge_runtime.model_file import ModelCard
-from edge_runtime.reading import Json
-from evaluation.closing_hand import droppable
-from evaluation.methods import MethodFigures, MethodResult, method_figures, together
-from evaluation.outcomes import OutcomeRow, outcome_table
-from evaluation.scored_set import ScoredSet, SetFigures, compared
-from evaluation.shown_trials import ShownTrial
-from evaluation.statistics import McNemar
-from evaluation.thresholds import Thresholds
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.closing_hand import droppable
+from holdfast.evaluation.methods import MethodFigures, MethodResult, method_figures, together
+from holdfast.evaluation.outcomes import OutcomeRow, outcome_table
+from holdfast.evaluation.scored_set import ScoredSet, SetFigures, compared
+from holdfast.evaluation.shown_trials import ShownTrial
+from holdfast.evaluation.statistics import McNemar
+from holdfast.evaluation.thresholds import Thresholds
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.decision import DecisionRules
-from evaluation.alarms import Answers, act_requests
-from evaluation.statistics import Spread, ratio_interval, spread
-from training.figures import Interval
-from training.metrics import draw_groups
-from training.recording import Recording
-from training.timeline import RiskyEvent
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.evaluation.alarms import Answers, act_requests
+from holdfast.evaluation.statistics import Spread, ratio_interval, spread
+from holdfast.training.figures import Interval
+from holdfast.training.metrics import draw_groups
+from holdfast.training.recording import Recording
+from holdfast.training.timeline import RiskyEvent
 
 IntArray = npt.NDArray[np.int64]
 COLLAR_S = 0.020

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from edge_runtime.contract import CLASSES, SITUATIONS
-from evaluation.evaluation_figures import Evaluation
-from evaluation.labels import shown
-from evaluation.model_outputs import ModelOutputs
-from training.recording import Recording
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
+from holdfast.evaluation.evaluation_figures import Evaluation
+from holdfast.evaluation.labels import shown
+from holdfast.evaluation.model_outputs import ModelOutputs
+from holdfast.training.recording import Recording
 
 UNKNOWN, ALL_SETS = "unknown", "all sets"
 LOW_HIGH = ("low", "high")

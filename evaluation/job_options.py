@@ -7,7 +7,7 @@ import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from evaluation.jobs import Workers
+    from holdfast.evaluation.jobs import Workers
 
 CORES = len(os.sched_getaffinity(0))
 """That this process may use."""
@@ -27,7 +27,7 @@ def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
 
 def chosen_workers(args: argparse.Namespace) -> Workers:
     """Where the user wants jobs to run."""
-    from evaluation.jobs import Workers
+    from holdfast.evaluation.jobs import Workers
 
     return Workers(args.jobs, args.dask)
 

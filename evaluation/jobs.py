@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from joblib import Parallel, delayed
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 
 if TYPE_CHECKING:
     from distributed import Client

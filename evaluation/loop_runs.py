@@ -6,24 +6,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 
-from edge_runtime.engine import ModelChoice, OpenedModel
-from edge_runtime.errors import UsageError
-from edge_runtime.fit import require_fit
-from edge_runtime.grip import CONTROLLERS, AnswerRules
-from edge_runtime.reading import Json
-from edge_runtime.supervisor import Limits
-from evaluation.jobs import Workers
-from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
-from simulation.card import read_card
-from simulation.closed_loop.actuator import Drive
-from simulation.closed_loop.controllers import managed, oracle, vibration
-from simulation.closed_loop.loop import LoopSettings, Make, batches, run_batch
-from simulation.closed_loop.outcome import LoopOutcome
-from simulation.closed_loop.people import Habits
-from simulation.closed_loop.recording import model_of
-from simulation.effects import EFFECTS
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.fit import require_fit
+from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.actuator import Drive
+from holdfast.simulation.closed_loop.controllers import managed, oracle, vibration
+from holdfast.simulation.closed_loop.loop import LoopSettings, Make, batches, run_batch
+from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.simulation.closed_loop.people import Habits
+from holdfast.simulation.closed_loop.recording import model_of
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
 
 ORACLE, VIBRATION = "oracle", "vibration"
 CHOICES = (*CONTROLLERS, VIBRATION, ORACLE)

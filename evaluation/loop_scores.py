@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import RISKY_ACTIONS
-from evaluation.statistics import share
-from simulation.closed_loop.oracle import needed_grip_n
-from simulation.closed_loop.outcome import LoopOutcome
-from training.figures import Interval
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import RISKY_ACTIONS
+from holdfast.evaluation.statistics import share
+from holdfast.simulation.closed_loop.oracle import needed_grip_n
+from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.training.figures import Interval
 
 BLOCKED_N = 5.0
 BLOCKED_S = 0.3

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from edge_runtime.errors import DataNotFound
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.edge_runtime.writing import write_whole
 
 
 def write_between(page: str | Path, name: str, written: str) -> None:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray
-from evaluation.camera import CameraFigures, SeenSlip, camera_figures
-from evaluation.closing_hand import Droppable, KeptObjects
-from evaluation.event_scores import (
+from holdfast.edge_runtime.contract import BoolArray
+from holdfast.evaluation.camera import CameraFigures, SeenSlip, camera_figures
+from holdfast.evaluation.closing_hand import Droppable, KeptObjects
+from holdfast.evaluation.event_scores import (
     COLLAR_S,
     COLLARS_S,
     EventMatch,
@@ -23,10 +23,10 @@ from evaluation.event_scores import (
     event_scores,
     match_alarms,
 )
-from evaluation.statistics import share
-from evaluation.truths import DISTURBANCES, Grasp, style_of, voluntary_actions
-from training.figures import Interval, Share
-from training.recording import Recording
+from holdfast.evaluation.statistics import share
+from holdfast.evaluation.truths import DISTURBANCES, Grasp, style_of, voluntary_actions
+from holdfast.training.figures import Interval, Share
+from holdfast.training.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import RISKY_SLIP, BoolArray
-from edge_runtime.decision import UNKNOWN
-from edge_runtime.engine import OpenedModel
-from edge_runtime.graph import Outputs
-from edge_runtime.stepper import Steps
-from evaluation.alarms import Answers
-from evaluation.scores import answers_at
-from evaluation.window_scores import require_model_fits
-from export.reference import IntArray
-from training.recording import DataSet, Recording
-from training.say import Part, ignored
-from training.stepping import stepped
+from holdfast.edge_runtime.contract import RISKY_SLIP, BoolArray
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.stepper import Steps
+from holdfast.evaluation.alarms import Answers
+from holdfast.evaluation.scores import answers_at
+from holdfast.evaluation.window_scores import require_model_fits
+from holdfast.export.reference import IntArray
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.say import Part, ignored
+from holdfast.training.stepping import stepped
 
 OUTPUTS = ("situation", "votes", "unknown", "detectors", "p_situation")
 NO_CLASS = -1

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edge_runtime.contract import SAFE_SLIP, BoolArray
-from evaluation.event_scores import match_alarms
-from evaluation.methods import LabelledTrial
-from evaluation.model_outputs import ModelOutputs
-from evaluation.truths import style_of, voluntary_actions
+from holdfast.edge_runtime.contract import SAFE_SLIP, BoolArray
+from holdfast.evaluation.event_scores import match_alarms
+from holdfast.evaluation.methods import LabelledTrial
+from holdfast.evaluation.model_outputs import ModelOutputs
+from holdfast.evaluation.truths import style_of, voluntary_actions
 
 ACTIONS = {"pass": "pass", "pull": "pull or fall", "fall": "pull or fall", "put-down": "put-down"}
 COLUMNS = ("pass", "pull or fall", "put-down")

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.writing import write_whole
 
 CSS = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:62rem;margin:2rem auto;

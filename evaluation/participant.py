@@ -13,20 +13,20 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from edge_runtime.contract import SITUATIONS, BoolArray
-from edge_runtime.engine import OpenedModel
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import RISKY_ACTIONS, TACTILE, truth_path
-from evaluation.event_scores import EventMatch, match_alarms
-from evaluation.methods import LabelledTrial, without_samples
-from evaluation.model_outputs import ModelOutputs, run_model
-from evaluation.outcomes import recognised
-from evaluation.shown_trials import ShownTrial
-from evaluation.statistics import Spread, spread
-from evaluation.thresholds import requests_of
-from training.datasets import load
-from training.objects import read_json
-from training.recording import Recording
+from holdfast.edge_runtime.contract import SITUATIONS, BoolArray
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import RISKY_ACTIONS, TACTILE, truth_path
+from holdfast.evaluation.event_scores import EventMatch, match_alarms
+from holdfast.evaluation.methods import LabelledTrial, without_samples
+from holdfast.evaluation.model_outputs import ModelOutputs, run_model
+from holdfast.evaluation.outcomes import recognised
+from holdfast.evaluation.shown_trials import ShownTrial
+from holdfast.evaluation.statistics import Spread, spread
+from holdfast.evaluation.thresholds import requests_of
+from holdfast.training.datasets import load
+from holdfast.training.objects import read_json
+from holdfast.training.recording import Recording
 
 SLIPS = SITUATIONS[2:]
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from edge_runtime.decision import UNKNOWN
-from evaluation.evaluation_figures import TimesMs
-from evaluation.shown_trials import ShownTrial
-from evaluation.states import CalibrationBin, ConfusionFigures
-from evaluation.stream_pictures import labelled, runs
-from evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
-from training.figures import ABSENT
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.evaluation.evaluation_figures import TimesMs
+from holdfast.evaluation.shown_trials import ShownTrial
+from holdfast.evaluation.states import CalibrationBin, ConfusionFigures
+from holdfast.evaluation.stream_pictures import labelled, runs
+from holdfast.evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
+from holdfast.training.figures import ABSENT
 
 CURVES = (
     ("to_state", "to the first risky_slip state", "#56b4e9", "-"),

@@ -9,17 +9,17 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from edge_runtime.engine import ModelChoice
-from edge_runtime.errors import DataNotFound, NotAModel
-from edge_runtime.reading import Json, json_of, text_of
-from evaluation.eflesh_figures import EfleshFigures
-from evaluation.evaluate import evaluate_events
-from evaluation.evaluation_figures import Evaluation
-from evaluation.request import EvaluationRequest
-from training.datasets import load
-from training.plan import TrainingPlan
-from training.recording import DataSet
-from training.splits import assign_groups
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.errors import DataNotFound, NotAModel
+from holdfast.edge_runtime.reading import Json, json_of, text_of
+from holdfast.evaluation.eflesh_figures import EfleshFigures
+from holdfast.evaluation.evaluate import evaluate_events
+from holdfast.evaluation.evaluation_figures import Evaluation
+from holdfast.evaluation.request import EvaluationRequest
+from holdfast.training.datasets import load
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import assign_groups
 
 HUMAN, EFLESH = "human_slip_uskin", "eflesh_slip"
 NEXT = (

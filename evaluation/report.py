@@ -5,20 +5,20 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from evaluation import pictures as draw
-from evaluation.cells import interval, median, number, p_cell, percent, percent_interval
-from evaluation.closing_hand import KeptObjects
-from evaluation.evaluation_figures import Evaluation
-from evaluation.labels import DEPLOYED, ORACLE, shown
-from evaluation.methods import MethodFigures
-from evaluation.page import key, write_page
-from evaluation.real_sets import RealFigures, RealSetsMissing
-from evaluation.report_data import SIMULATED, data_section, how_made, real_section
-from evaluation.report_methods import actions_section, camera_section, methods_section
-from evaluation.report_parts import heading, kind_of
-from evaluation.report_states import closing_section, outcomes_section, states_section
-from evaluation.style import SITUATION_COLOURS
-from training.hold_out import PLURAL
+from holdfast.evaluation import pictures as draw
+from holdfast.evaluation.cells import interval, median, number, p_cell, percent, percent_interval
+from holdfast.evaluation.closing_hand import KeptObjects
+from holdfast.evaluation.evaluation_figures import Evaluation
+from holdfast.evaluation.labels import DEPLOYED, ORACLE, shown
+from holdfast.evaluation.methods import MethodFigures
+from holdfast.evaluation.page import key, write_page
+from holdfast.evaluation.real_sets import RealFigures, RealSetsMissing
+from holdfast.evaluation.report_data import SIMULATED, data_section, how_made, real_section
+from holdfast.evaluation.report_methods import actions_section, camera_section, methods_section
+from holdfast.evaluation.report_parts import heading, kind_of
+from holdfast.evaluation.report_states import closing_section, outcomes_section, states_section
+from holdfast.evaluation.style import SITUATION_COLOURS
+from holdfast.training.hold_out import PLURAL
 
 CLOSE = """<style>table.close th{white-space:normal} table.close .note{font-size:.7rem}
 table.close td{vertical-align:top}

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import html
 
-from edge_runtime.contract import SITUATIONS
-from evaluation.camera import onsets_in_words
-from evaluation.cells import number
-from evaluation.eflesh_figures import EfleshFigures
-from evaluation.evaluation_figures import Evaluation
-from evaluation.labels import shown
-from evaluation.page import Row, table
-from evaluation.real_sets import HUMAN, RealFigures, RealSetsMissing
-from evaluation.report_methods import method_tables
-from evaluation.scored_set import SetCard
-from training.figures import LevelF1, over
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.evaluation.camera import onsets_in_words
+from holdfast.evaluation.cells import number
+from holdfast.evaluation.eflesh_figures import EfleshFigures
+from holdfast.evaluation.evaluation_figures import Evaluation
+from holdfast.evaluation.labels import shown
+from holdfast.evaluation.page import Row, table
+from holdfast.evaluation.real_sets import HUMAN, RealFigures, RealSetsMissing
+from holdfast.evaluation.report_methods import method_tables
+from holdfast.evaluation.scored_set import SetCard
+from holdfast.training.figures import LevelF1, over
 
 SIMULATED = (
     "Simulated: objects, hands, people (styles are ranges of parameters, not people), sensors, and "

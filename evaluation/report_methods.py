@@ -5,8 +5,8 @@ from __future__ import annotations
 import html
 from collections.abc import Iterator, Mapping
 
-from evaluation.camera import CameraFigures
-from evaluation.cells import (
+from holdfast.evaluation.camera import CameraFigures
+from holdfast.evaluation.cells import (
     interval,
     kept_cell,
     median,
@@ -20,13 +20,13 @@ from evaluation.cells import (
     spread_cell,
     with_interval,
 )
-from evaluation.evaluation_figures import Evaluation
-from evaluation.labels import BASELINES, ORACLE, is_this_model, shown
-from evaluation.methods import MethodFigures
-from evaluation.outcomes import STYLES
-from evaluation.page import Row, table
-from evaluation.report_parts import heading, kind_of
-from evaluation.statistics import McNemar
+from holdfast.evaluation.evaluation_figures import Evaluation
+from holdfast.evaluation.labels import BASELINES, ORACLE, is_this_model, shown
+from holdfast.evaluation.methods import MethodFigures
+from holdfast.evaluation.outcomes import STYLES
+from holdfast.evaluation.page import Row, table
+from holdfast.evaluation.report_parts import heading, kind_of
+from holdfast.evaluation.statistics import McNemar
 
 DETECTION = (
     "method",

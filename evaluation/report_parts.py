@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 
-from evaluation.evaluation_figures import Evaluation
+from holdfast.evaluation.evaluation_figures import Evaluation
 
 
 def kind_of(of: Evaluation) -> str:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import html
 
-from evaluation import pictures as draw
-from evaluation.cells import above, kept_cell, macro_f1_cell, number, percent, spread_cell
-from evaluation.closing_hand import CLOSING_S, LAG_S, MOST_N, STROKE_MM, ClosingModel
-from evaluation.evaluation_figures import Evaluation
-from evaluation.outcomes import COLUMNS, STYLES, THESIS, OutcomeRow
-from evaluation.page import Row, table
-from evaluation.report_parts import heading, kind_of
-from evaluation.scored_set import SetFigures
-from evaluation.states import ConfusionFigures
-from training.figures import ABSENT
+from holdfast.evaluation import pictures as draw
+from holdfast.evaluation.cells import above, kept_cell, macro_f1_cell, number, percent, spread_cell
+from holdfast.evaluation.closing_hand import CLOSING_S, LAG_S, MOST_N, STROKE_MM, ClosingModel
+from holdfast.evaluation.evaluation_figures import Evaluation
+from holdfast.evaluation.outcomes import COLUMNS, STYLES, THESIS, OutcomeRow
+from holdfast.evaluation.page import Row, table
+from holdfast.evaluation.report_parts import heading, kind_of
+from holdfast.evaluation.scored_set import SetFigures
+from holdfast.evaluation.states import ConfusionFigures
+from holdfast.training.figures import ABSENT
 
 
 def closing_section(of: Evaluation) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from evaluation import MOST_FALSE_PER_MIN
+from holdfast.evaluation import MOST_FALSE_PER_MIN
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from edge_runtime.contract import CLASSES
-from evaluation.scores import ClassScores, LevelScores
-from evaluation.stream_pictures import labelled
-from evaluation.style import FINGER_COLOURS, INK, OURS, QUIET, WARNING, Bar, bars, svg
-from training.figures import ABSENT
+from holdfast.edge_runtime.contract import CLASSES
+from holdfast.evaluation.scores import ClassScores, LevelScores
+from holdfast.evaluation.stream_pictures import labelled
+from holdfast.evaluation.style import FINGER_COLOURS, INK, OURS, QUIET, WARNING, Bar, bars, svg
+from holdfast.training.figures import ABSENT
 
 METHOD_COLOURS = (OURS, QUIET, WARNING)
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from edge_runtime.contract import BoolArray
-from edge_runtime.reading import Json
-from evaluation.baselines import Baseline
-from evaluation.camera import onsets_by, seen_beside
-from evaluation.closing_hand import ClosingModel, Drop, closing_model, drop_of, droppable
-from evaluation.methods import (
+from holdfast.edge_runtime.contract import BoolArray
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.baselines import Baseline
+from holdfast.evaluation.camera import onsets_by, seen_beside
+from holdfast.evaluation.closing_hand import ClosingModel, Drop, closing_model, drop_of, droppable
+from holdfast.evaluation.methods import (
     LabelledTrial,
     MethodFigures,
     MethodResult,
@@ -19,17 +19,17 @@ from evaluation.methods import (
     method_result,
     without_samples,
 )
-from evaluation.model_outputs import ModelOutputs
-from evaluation.outcomes import JudgedTrial, judged_trials
-from evaluation.shown_trials import ShownTrial, shown_trials
-from evaluation.states import StateFigures, risky_states, state_figures
-from evaluation.statistics import McNemar, mcnemar
-from evaluation.thresholds import Thresholds, requests_of
-from evaluation.truths import grasp_of, grasps_beside
-from evaluation.window_scores import WindowFigures
-from training.objects import read_json
-from training.recording import DataSet
-from training.say import Part, ignored
+from holdfast.evaluation.model_outputs import ModelOutputs
+from holdfast.evaluation.outcomes import JudgedTrial, judged_trials
+from holdfast.evaluation.shown_trials import ShownTrial, shown_trials
+from holdfast.evaluation.states import StateFigures, risky_states, state_figures
+from holdfast.evaluation.statistics import McNemar, mcnemar
+from holdfast.evaluation.thresholds import Thresholds, requests_of
+from holdfast.evaluation.truths import grasp_of, grasps_beside
+from holdfast.evaluation.window_scores import WindowFigures
+from holdfast.training.objects import read_json
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Part, ignored
 
 MADE_FROM = ("title", "card_sha256", "seed", "effects")
 """Keys of a set's meta.json that its figures repeat."""

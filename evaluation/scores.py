@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import (
+from holdfast.edge_runtime.contract import (
     CLASSES,
     GRASP,
     NOTHING,
@@ -21,10 +21,10 @@ from edge_runtime.contract import (
     SITUATIONS,
     BoolArray,
 )
-from export.reference import IntArray, riskier_argmax, situation_votes
-from training.figures import Interval, Share
-from training.metrics import Labels, share_scores, situation_scores
-from training.recording import DataSet
+from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.training.figures import Interval, Share
+from holdfast.training.metrics import Labels, share_scores, situation_scores
+from holdfast.training.recording import DataSet
 
 LEVELS = {"eight": CLASSES, "seven": ("nothing", *CLASSES[2:]), "four": SITUATIONS}
 CEILING = 0.875

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray
-from evaluation.methods import LabelledTrial
-from evaluation.model_outputs import ModelOutputs
+from holdfast.edge_runtime.contract import BoolArray
+from holdfast.evaluation.methods import LabelledTrial
+from holdfast.evaluation.model_outputs import ModelOutputs
 
 ROWS_SHOWN = 8
 

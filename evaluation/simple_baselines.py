@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from export.spec import window_samples
-from training.datasets.human_slip_labels import contact_force_n, frames_since_contact
-from training.featurise import FloatRows, features_of, spec_for
-from training.plan import RAW_GROUPS
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.export.spec import window_samples
+from holdfast.training.datasets.human_slip_labels import contact_force_n, frames_since_contact
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.plan import RAW_GROUPS
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 BACK_SAMPLES, JUMP_N = 2, 0.5
 SHEAR_RATE_LAW = "a slip where |S[t] - S[t-2]| > 0.5 N, S the sum over the fingers of |x| + |y|"

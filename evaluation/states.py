@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import RISKY_SLIP, SITUATIONS, BoolArray
-from edge_runtime.decision import UNKNOWN
-from evaluation.event_scores import EventMatch, event_scores, match_alarms
-from evaluation.methods import without_samples
-from evaluation.model_outputs import NO_CLASS, ModelOutputs
-from evaluation.scores import LEVELS, labels_at
-from evaluation.statistics import Spread, share
-from evaluation.truths import voluntary_actions
-from training.figures import Interval, Share
-from training.metrics import Labels, situation_scores
-from training.timeline import Phase
+from holdfast.edge_runtime.contract import RISKY_SLIP, SITUATIONS, BoolArray
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.evaluation.event_scores import EventMatch, event_scores, match_alarms
+from holdfast.evaluation.methods import without_samples
+from holdfast.evaluation.model_outputs import NO_CLASS, ModelOutputs
+from holdfast.evaluation.scores import LEVELS, labels_at
+from holdfast.evaluation.statistics import Spread, share
+from holdfast.evaluation.truths import voluntary_actions
+from holdfast.training.figures import Interval, Share
+from holdfast.training.metrics import Labels, situation_scores
+from holdfast.training.timeline import Phase
 
 BINS = 15
 

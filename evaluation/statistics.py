@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
-from edge_runtime.contract import BoolArray, FloatArray
-from training.figures import Interval, Share
-from training.metrics import INTERVAL_PERCENT
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.training.figures import Interval, Share
+from holdfast.training.metrics import INTERVAL_PERCENT
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from edge_runtime.contract import NORMAL_AXIS, RISKY_SLIP, SITUATIONS, FloatArray
-from edge_runtime.decision import UNKNOWN
-from evaluation.streams import StreamPicture
-from evaluation.style import (
+from holdfast.edge_runtime.contract import NORMAL_AXIS, RISKY_SLIP, SITUATIONS, FloatArray
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.evaluation.streams import StreamPicture
+from holdfast.evaluation.style import (
     FINGER_COLOURS,
     INK,
     QUIET,

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, FloatArray
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
-from edge_runtime.trial_layout import truth_path
-from evaluation.scores import labels_at
-from export.learner import reference_votes
-from export.reference import IntArray, riskier_argmax, situation_votes
-from export.spec import StepSpec
-from training.critical_points import CriticalPoint, offline_critical_points
-from training.crossval import fit_learner
-from training.featurise import FloatRows, features_everywhere, spec_for
-from training.objects import read_json
-from training.plan import TrainingPlan
-from training.recording import DataSet, Recording
-from training.timeline import Phase, read_truth
+from holdfast.edge_runtime.contract import RISKY_SLIP, SAFE_SLIP, FloatArray
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
+from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.evaluation.scores import labels_at
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.export.spec import StepSpec
+from holdfast.training.critical_points import CriticalPoint, offline_critical_points
+from holdfast.training.crossval import fit_learner
+from holdfast.training.featurise import FloatRows, features_everywhere, spec_for
+from holdfast.training.objects import read_json
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.timeline import Phase, read_truth
 
 SHOWN = {"pull": RISKY_SLIP, "fall": RISKY_SLIP, "pass": SAFE_SLIP}
 EVENTS = ("load_onset_s", "incipient_slip_s", "gross_slip_s", "contact_lost_s")

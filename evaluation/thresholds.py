@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from edge_runtime.contract import BoolArray
-from edge_runtime.decision import DecisionRules
-from edge_runtime.model_file import ModelCard
-from edge_runtime.reading import Json
-from evaluation.alarms import act_requests
-from evaluation.baselines import Baseline, MatchedBaseline, false_per_min, matched
-from evaluation.labels import BASELINES, CHOSEN, DEPLOYED
-from evaluation.model_outputs import ModelOutputs
-from training.recording import Recording
-from training.say import Part, ignored
+from holdfast.edge_runtime.contract import BoolArray
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.alarms import act_requests
+from holdfast.evaluation.baselines import Baseline, MatchedBaseline, false_per_min, matched
+from holdfast.evaluation.labels import BASELINES, CHOSEN, DEPLOYED
+from holdfast.evaluation.model_outputs import ModelOutputs
+from holdfast.training.recording import Recording
+from holdfast.training.say import Part, ignored
 
 
 @dataclass(frozen=True)

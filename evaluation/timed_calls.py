@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import cycle
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.graph import StepGraph, open_session
-from training.featurise import FloatRows
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.graph import StepGraph, open_session
+from holdfast.training.featurise import FloatRows
 
 
 def learner_call(model: bytes, rows: FloatRows) -> Callable[[], object]:

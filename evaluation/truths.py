@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import truth_path
-from training.objects import read_json
-from training.recording import Recording
-from training.timeline import Phase, RiskyEvent
+from holdfast.edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.training.objects import read_json
+from holdfast.training.recording import Recording
+from holdfast.training.timeline import Phase, RiskyEvent
 
 DISTURBANCES = {"dFn": "grip_change", "dFt": "load_n", "dq": "motor_mm"}
 SAME_MOMENT_S = 0.02

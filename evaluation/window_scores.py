@@ -8,18 +8,18 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import SITUATIONS, FloatArray
-from edge_runtime.engine import OpenedModel
-from edge_runtime.fit import require_fit
-from edge_runtime.graph import Outputs, run_recordings
-from edge_runtime.monitor import Model
-from edge_runtime.reading import Json
-from training.featurise import pick_rows, rows_wanted
-from training.figures import HeadFigures
-from training.fitting import fingerprint, with_situations
-from training.metrics import report
-from training.plan import TASK_HEADS
-from training.recording import DataSet
+from holdfast.edge_runtime.contract import SITUATIONS, FloatArray
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.fit import require_fit
+from holdfast.edge_runtime.graph import Outputs, run_recordings
+from holdfast.edge_runtime.monitor import Model
+from holdfast.edge_runtime.reading import Json
+from holdfast.training.featurise import pick_rows, rows_wanted
+from holdfast.training.figures import HeadFigures
+from holdfast.training.fitting import fingerprint, with_situations
+from holdfast.training.metrics import report
+from holdfast.training.plan import TASK_HEADS
+from holdfast.training.recording import DataSet
 
 
 @dataclass(frozen=True)

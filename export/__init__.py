@@ -4,4 +4,4 @@ It reads an artifact folder (forests as skops, the rest as JSON and plain arrays
 training.
 """
 
-import edge_runtime as edge_runtime  # first: it switches off onnxruntime's telemetry
+from holdfast import edge_runtime as edge_runtime  # first: it switches off onnxruntime's telemetry

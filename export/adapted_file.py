@@ -16,14 +16,14 @@ from pathlib import Path
 
 import onnx
 
-from edge_runtime.decision import DecisionRules
-from edge_runtime.errors import NotAdapted, VerificationFailed
-from edge_runtime.model_file import CARD_KEY, SEAL_KEY
-from edge_runtime.reading import Json, json_of
-from export.correction import Correction, add_correction, remove_correction
-from export.network import LOGIT_STEPS
-from export.seal import seal, sealed_with
-from export.spec import StepSpec
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.errors import NotAdapted, VerificationFailed
+from holdfast.edge_runtime.model_file import CARD_KEY, SEAL_KEY
+from holdfast.edge_runtime.reading import Json, json_of
+from holdfast.export.correction import Correction, add_correction, remove_correction
+from holdfast.export.network import LOGIT_STEPS
+from holdfast.export.seal import seal, sealed_with
+from holdfast.export.spec import StepSpec
 
 BASE_KEY = "holdfast.base"
 MOST_BASE_BYTES = 16 << 20

@@ -15,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.decision import DecisionRules
-from edge_runtime.errors import ArtifactError, OutputError, TooLarge
-from edge_runtime.preparation import Preparation, preparation_from_json
-from edge_runtime.reading import Json, json_of, text_of
-from edge_runtime.writing import remove, write_whole
-from export.committee import Committee
-from export.features import feature_count
-from export.forest import FOREST_KINDS, Forest
-from export.heads import MAIN_HEAD, Calibration, Head
-from export.learner import Learner, features_in, forest_of, network_of
-from export.network import Network
-from export.network_file import read_network, write_network
-from export.reference import FloatRows
-from export.spec import StepSpec
+from holdfast.edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.errors import ArtifactError, OutputError, TooLarge
+from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
+from holdfast.edge_runtime.reading import Json, json_of, text_of
+from holdfast.edge_runtime.writing import remove, write_whole
+from holdfast.export.committee import Committee
+from holdfast.export.features import feature_count
+from holdfast.export.forest import FOREST_KINDS, Forest
+from holdfast.export.heads import MAIN_HEAD, Calibration, Head
+from holdfast.export.learner import Learner, features_in, forest_of, network_of
+from holdfast.export.network import Network
+from holdfast.export.network_file import read_network, write_network
+from holdfast.export.reference import FloatRows
+from holdfast.export.spec import StepSpec
 
 FORMAT = 1
 INDEX = "artifact.json"

@@ -22,7 +22,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.errors import RateError
+from holdfast.edge_runtime.errors import RateError
 
 BANDS_HZ = tuple(float(f) for f in range(10, 60, 5))
 DAMPING = 0.1

@@ -6,9 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from export.builder import GraphBuilder
-from export.forest import EXACT_FLOAT32, Forest, IntArray, add_forest, forest_votes, votes_of_trees
-from export.network import Float32Array, Network, add_network, network_votes
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.forest import (
+    EXACT_FLOAT32,
+    Forest,
+    IntArray,
+    add_forest,
+    forest_votes,
+    votes_of_trees,
+)
+from holdfast.export.network import Float32Array, Network, add_network, network_votes
 
 
 @dataclass(frozen=True)

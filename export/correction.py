@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 import onnx
 
-from edge_runtime.onnx_correction import risky_of_shares, risky_to_safe
-from export.builder import GraphBuilder
-from export.forest import IntArray
-from export.network import Float32Array, Network, add_shares, network_shares
+from holdfast.edge_runtime.onnx_correction import risky_of_shares, risky_to_safe
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.forest import IntArray
+from holdfast.export.network import Float32Array, Network, add_shares, network_shares
 
 PREFIX = "adapted_"
 """Begins the name of every tensor that a correction adds."""

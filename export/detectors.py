@@ -13,10 +13,10 @@ from __future__ import annotations
 import numpy as np
 from onnx import TensorProto
 
-from export.bank import STATES_PER_BAND, noise_gain, step_matrix
-from export.builder import GraphBuilder
-from export.guard import Guarded
-from export.spec import NOISE_RMS, StepSpec
+from holdfast.export.bank import STATES_PER_BAND, noise_gain, step_matrix
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.guard import Guarded
+from holdfast.export.spec import NOISE_RMS, StepSpec
 
 GRAIN = 1e-30
 """Every number in the filter moves this far towards zero: silence must not become subnormal

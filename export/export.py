@@ -17,12 +17,12 @@ if not __package__:
 import argparse
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, run_script, show
-from edge_runtime.errors import OutputError, UsageError
-from edge_runtime.visible import visible
+from holdfast.edge_runtime.command import path_argument, run_script, show
+from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.visible import visible
 
 if TYPE_CHECKING:
-    from export.verification import HeadVerification
+    from holdfast.export.verification import HeadVerification
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         return _export_c(args)
     if args.build:
         raise UsageError("--build compiles C", next_step="add --to c")
-    from export.exporting import MODEL_NAME, export_artifact
+    from holdfast.export.exporting import MODEL_NAME, export_artifact
 
     require_replaceable(args.artifact, args.out or args.artifact / MODEL_NAME, force=args.force)
     path, report = export_artifact(args.artifact, args.out, say=_say_stage)
@@ -60,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _export_c(args: argparse.Namespace) -> int:
     """Export a sealed file as C; prints its memory and what the self-test found."""
-    from edge_runtime.c_engine import LIBRARY, default_folder
-    from export.c.exporting import export_c
+    from holdfast.edge_runtime.c_engine import LIBRARY, default_folder
+    from holdfast.export.c.exporting import export_c
 
     model = args.artifact / "holdfast.onnx" if args.artifact.is_dir() else args.artifact
     folder = args.out or default_folder(model)
@@ -94,7 +94,7 @@ def _agreement(head: HeadVerification) -> str:
 
 def require_replaceable(artifact: Path, model: Path, *, force: bool) -> None:
     """Raise OutputError where model or card would replace part of the artifact, or another file."""
-    from export.artifact import INDEX, ROWS
+    from holdfast.export.artifact import INDEX, ROWS
 
     for path in (model, model.with_suffix(".json")):
         own = path.resolve().parent == artifact.resolve()

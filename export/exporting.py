@@ -9,18 +9,18 @@ from pathlib import Path
 
 import onnx
 
-from edge_runtime.errors import UsageError
-from edge_runtime.model_file import CARD_SUFFIX
-from edge_runtime.reading import Json
-from edge_runtime.writing import require_writable, write_whole
-from export.artifact import read_artifact
-from export.builder import GraphBuilder
-from export.heads import Head, add_heads
-from export.seal import model_card, seal
-from export.spec import StepSpec
-from export.step_graph import add_step
-from export.verification import ExportReport
-from export.verify import verify
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.model_file import CARD_SUFFIX
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.export.artifact import read_artifact
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.heads import Head, add_heads
+from holdfast.export.seal import model_card, seal
+from holdfast.export.spec import StepSpec
+from holdfast.export.step_graph import add_step
+from holdfast.export.verification import ExportReport
+from holdfast.export.verify import verify
 
 MODEL_NAME = "holdfast.onnx"
 

@@ -15,13 +15,13 @@ from itertools import groupby
 import numpy as np
 from onnx import TensorProto
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import UsageError
-from export.builder import GraphBuilder
-from export.guard import Guarded
-from export.history import LAGS_S, History, Triples
-from export.spec import HISTORY_S, WINDOW_S, StepSpec
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.guard import Guarded
+from holdfast.export.history import LAGS_S, History, Triples
+from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
 
 SPANS_S = (0.10, 0.25, 0.50)
 SCALED_LAGS = (1, 3, 5)

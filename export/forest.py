@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
-from export.builder import GraphBuilder
+from holdfast.export.builder import GraphBuilder
 
 EXACT_FLOAT32 = 2**24
 REMAINDER_DIGITS = 6

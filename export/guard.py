@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from onnx import TensorProto
 
-from edge_runtime.contract import FloatArray
-from export.builder import GraphBuilder
-from export.spec import RANGE_LIMIT, StepSpec
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.spec import RANGE_LIMIT, StepSpec
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from export.learner import Learner, features_in, forest_of, network_of
-from export.network import Inputs
-from export.reference import FloatRows
+from holdfast.export.learner import Learner, features_in, forest_of, network_of
+from holdfast.export.network import Inputs
+from holdfast.export.reference import FloatRows
 
 THRESHOLD_ROWS = 20_000
 STEP_ROWS, STEP_SHARE = 5_000, 0.2

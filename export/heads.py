@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from edge_runtime.contract import CLASSES, SITUATIONS
-from edge_runtime.reading import Json
-from export.builder import GraphBuilder
-from export.learner import Learner, add_learner, votes_in_all
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
+from holdfast.edge_runtime.reading import Json
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.learner import Learner, add_learner, votes_in_all
 
 MAIN_HEAD = "situation"
 

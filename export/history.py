@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import FloatArray
-from export.builder import GraphBuilder
-from export.guard import Guarded
-from export.spec import StepSpec
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.guard import Guarded
+from holdfast.export.spec import StepSpec
 
 LAGS_S = (0.05, 0.10, 0.17, 0.25, 0.37, 0.50)
 

@@ -6,11 +6,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from edge_runtime.errors import NotANumber
-from export.builder import GraphBuilder
-from export.committee import Committee, add_committee, committee_votes
-from export.forest import Forest, IntArray, add_forest, forest_votes, votes_of_trees
-from export.network import Float32Array, Network, add_network, network_votes
+from holdfast.edge_runtime.errors import NotANumber
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.committee import Committee, add_committee, committee_votes
+from holdfast.export.forest import Forest, IntArray, add_forest, forest_votes, votes_of_trees
+from holdfast.export.network import Float32Array, Network, add_network, network_votes
 
 Learner: TypeAlias = Forest | Network | Committee
 LEARNERS = ("forest", "network", "committee")

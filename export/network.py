@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 from onnx import TensorProto
 
-from edge_runtime.onnx_network import INPUT_MOST, LARGEST_FEATURE
-from export.builder import GraphBuilder
-from export.forest import EXACT_FLOAT32, IntArray
+from holdfast.edge_runtime.onnx_network import INPUT_MOST, LARGEST_FEATURE
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.forest import EXACT_FLOAT32, IntArray
 
 Float32Array = npt.NDArray[np.float32]
 HIDDEN_MOST = 255

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.archives import require_modest_archive
-from edge_runtime.writing import write_whole
-from export.network import Inputs, Layer, Network
+from holdfast.edge_runtime.archives import require_modest_archive
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.export.network import Inputs, Layer, Network
 
 INPUTS, LAYER = ("knee", "gain", "offset"), ("weights", "bias", "scale")
 

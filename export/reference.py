@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import SITUATIONS, BoolArray, FloatArray
-from export.forest import IntArray
-from export.heads import MAIN_HEAD, Head
-from export.spec import RANGE_LIMIT, StepSpec
+from holdfast.edge_runtime.contract import SITUATIONS, BoolArray, FloatArray
+from holdfast.export.forest import IntArray
+from holdfast.export.heads import MAIN_HEAD, Head
+from holdfast.export.spec import RANGE_LIMIT, StepSpec
 
 FloatRows = npt.NDArray[np.float32]
 

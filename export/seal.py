@@ -8,18 +8,18 @@ from collections.abc import Mapping
 
 import onnx
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import channel_names
-from edge_runtime.golden import golden_answers, golden_to_json
-from edge_runtime.graph import open_session
-from edge_runtime.model_file import CARD_KEY, DIGITS, FORMAT, GOLDEN_KEY, SEAL_KEY
-from edge_runtime.reading import Json
-from export.artifact import Artifact
-from export.detectors import detector_names
-from export.forest import vote_bits
-from export.heads import Head
-from export.learner import forest_of, kind_of, network_of, votes_in_all
-from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import channel_names
+from holdfast.edge_runtime.golden import golden_answers, golden_to_json
+from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.model_file import CARD_KEY, DIGITS, FORMAT, GOLDEN_KEY, SEAL_KEY
+from holdfast.edge_runtime.reading import Json
+from holdfast.export.artifact import Artifact
+from holdfast.export.detectors import detector_names
+from holdfast.export.forest import vote_bits
+from holdfast.export.heads import Head
+from holdfast.export.learner import forest_of, kind_of, network_of, votes_in_all
+from holdfast.export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
 
 TIE_RULE = "the riskier class wins"
 

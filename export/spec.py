@@ -6,10 +6,10 @@ import math
 import warnings
 from dataclasses import asdict, dataclass, field, replace
 
-from edge_runtime.contract import UNITS, Unit
-from edge_runtime.errors import ChannelError, RateError, UnitError
-from edge_runtime.reading import Json
-from export.bank import BANDS_HZ, bands_for
+from holdfast.edge_runtime.contract import UNITS, Unit
+from holdfast.edge_runtime.errors import ChannelError, RateError, UnitError
+from holdfast.edge_runtime.reading import Json
+from holdfast.export.bank import BANDS_HZ, bands_for
 
 
 class BandsLeftOut(UserWarning):

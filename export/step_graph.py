@@ -6,11 +6,11 @@ import math
 
 import onnx
 
-from export.builder import GraphBuilder
-from export.detectors import add_bank, add_detectors
-from export.features import GROUPS, add_features
-from export.guard import add_guard
-from export.spec import StepSpec
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.detectors import add_bank, add_detectors
+from holdfast.export.features import GROUPS, add_features
+from holdfast.export.guard import add_guard
+from holdfast.export.spec import StepSpec
 
 
 def add_step(graph: GraphBuilder, spec: StepSpec) -> str:

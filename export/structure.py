@@ -12,12 +12,12 @@ import numpy as np
 import onnx
 from onnx import helper
 
-from edge_runtime.errors import VerificationFailed
-from export.forest import Forest, leaf_votes
-from export.hard_rows import largest_float32_not_above
-from export.heads import Head
-from export.learner import forest_of, network_of
-from export.network import Network
+from holdfast.edge_runtime.errors import VerificationFailed
+from holdfast.export.forest import Forest, leaf_votes
+from holdfast.export.hard_rows import largest_float32_not_above
+from holdfast.export.heads import Head
+from holdfast.export.learner import forest_of, network_of
+from holdfast.export.network import Network
 
 
 def require_same_numbers(model: onnx.ModelProto, head: Head, votes_name: str) -> int:

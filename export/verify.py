@@ -14,15 +14,15 @@ import numpy.typing as npt
 import onnx
 from onnx.utils import Extractor
 
-from edge_runtime.contract import CLASSES, SITUATIONS
-from edge_runtime.errors import VerificationFailed
-from edge_runtime.golden import golden_input
-from edge_runtime.graph import BATCH, StepGraph, open_session, run_recording
-from export.forest import FOREST_KINDS, Forest
-from export.hard_rows import hard_rows
-from export.heads import MAIN_HEAD, Head
-from export.learner import reference_votes
-from export.reference import (
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
+from holdfast.edge_runtime.errors import VerificationFailed
+from holdfast.edge_runtime.golden import golden_input
+from holdfast.edge_runtime.graph import BATCH, StepGraph, open_session, run_recording
+from holdfast.export.forest import FOREST_KINDS, Forest
+from holdfast.export.hard_rows import hard_rows
+from holdfast.export.heads import MAIN_HEAD, Head
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import (
     FloatRows,
     reference_flags,
     reference_heavy,
@@ -30,9 +30,9 @@ from export.reference import (
     reference_probability,
     riskier_argmax,
 )
-from export.spec import StepSpec
-from export.structure import require_same_numbers
-from export.verification import HeadVerification, PredictDisagreement, Verification
+from holdfast.export.spec import StepSpec
+from holdfast.export.structure import require_same_numbers
+from holdfast.export.verification import HeadVerification, PredictDisagreement, Verification
 
 SINGLE_ROWS = 2_000
 PROBABILITY_TOLERANCE = 1e-5

@@ -13,15 +13,15 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 
-from edge_runtime.errors import VerificationFailed
-from edge_runtime.golden import golden_input
-from edge_runtime.graph import Outputs, open_session, run_recording
-from edge_runtime.model_file import ModelCard
-from export.correction import Correction, corrected_votes
-from export.hard_rows import edge_rows, step_rows
-from export.network import Inputs
-from export.reference import FloatRows, riskier_argmax, situation_votes, weighted
-from export.verify import cut_learners
+from holdfast.edge_runtime.errors import VerificationFailed
+from holdfast.edge_runtime.golden import golden_input
+from holdfast.edge_runtime.graph import Outputs, open_session, run_recording
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.export.correction import Correction, corrected_votes
+from holdfast.export.hard_rows import edge_rows, step_rows
+from holdfast.export.network import Inputs
+from holdfast.export.reference import FloatRows, riskier_argmax, situation_votes, weighted
+from holdfast.export.verify import cut_learners
 
 CHUNK, SINGLE_ROWS = 4096, 1_000
 OF_THE_VOTES = ("votes", "situation", "p_situation", "p_class", "weight")

@@ -14,16 +14,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, show
-from edge_runtime.errors import OutputError, UsageError
-from edge_runtime.writing import require_writable, write_whole
+from holdfast.edge_runtime.command import path_argument, show
+from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.writing import require_writable, write_whole
 
 if TYPE_CHECKING:
-    from edge_runtime.model import Model
-    from evaluation.adapting.adapt import Fitted
-    from export.verify_adapted import AdaptedVerification
-    from training.progress import Stages
-    from training.recording import DataSet
+    from holdfast.edge_runtime.model import Model
+    from holdfast.evaluation.adapting.adapt import Fitted
+    from holdfast.export.verify_adapted import AdaptedVerification
+    from holdfast.training.progress import Stages
+    from holdfast.training.recording import DataSet
 
 STAGES = 7
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_options(args: argparse.Namespace) -> None:
     """Raise UsageError or OutputError before anything long begins."""
-    from edge_runtime.model_file import CARD_SUFFIX
+    from holdfast.edge_runtime.model_file import CARD_SUFFIX
 
     if args.undo and (args.data or args.person or args.slips):
         raise UsageError(
@@ -78,8 +78,8 @@ def _require_options(args: argparse.Namespace) -> None:
 
 
 def _undo(args: argparse.Namespace) -> int:
-    from edge_runtime.model_file import read_sealed
-    from export.adapted_file import undone
+    from holdfast.edge_runtime.model_file import read_sealed
+    from holdfast.export.adapted_file import undone
 
     base = undone(read_sealed(args.model), args.model)
     _write(args.out, base)
@@ -88,7 +88,7 @@ def _undo(args: argparse.Namespace) -> int:
 
 
 def _adapt(args: argparse.Namespace) -> int:
-    from training.progress import stages
+    from holdfast.training.progress import stages
 
     with stages(STAGES) as say:
         say("loading the libraries and the model")
@@ -109,11 +109,11 @@ def _adapt(args: argparse.Namespace) -> int:
 
 def _adapted(args: argparse.Namespace, say: Stages) -> tuple[Fitted, AdaptedVerification]:
     """Fit, build, verify and write."""
-    from evaluation.adapting.adapt import adapt, of_person
-    from evaluation.adapting.base import base_model
-    from export.adapted_file import adapted
-    from export.verify_adapted import verify_adapted
-    from training.datasets import load
+    from holdfast.evaluation.adapting.adapt import adapt, of_person
+    from holdfast.evaluation.adapting.base import base_model
+    from holdfast.export.adapted_file import adapted
+    from holdfast.export.verify_adapted import verify_adapted
+    from holdfast.training.datasets import load
 
     with base_model(args.model) as (model, base):
         say("reading the person's recordings")
@@ -129,8 +129,8 @@ def _adapted(args: argparse.Namespace, say: Stages) -> tuple[Fitted, AdaptedVeri
 
 
 def _slips(args: argparse.Namespace, model: Model, say: Stages) -> DataSet:
-    from evaluation.adapting.slips import simulated_slips
-    from training.datasets import load
+    from holdfast.evaluation.adapting.slips import simulated_slips
+    from holdfast.training.datasets import load
 
     if args.slips:
         say(f"reading {args.slips}")
@@ -141,9 +141,9 @@ def _slips(args: argparse.Namespace, model: Model, say: Stages) -> DataSet:
 
 def _write(path: Path, data: bytes) -> None:
     """The file, and its card beside it."""
-    from edge_runtime.model import read_model
-    from edge_runtime.model_file import CARD_SUFFIX
-    from export.exporting import readable_card
+    from holdfast.edge_runtime.model import read_model
+    from holdfast.edge_runtime.model_file import CARD_SUFFIX
+    from holdfast.export.exporting import readable_card
 
     card, _ = read_model(data, path)
     write_whole(path, data)

@@ -11,14 +11,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument
-from edge_runtime.reading import Json
-from evaluation.job_options import CORES, add_job_options, chosen_workers
+from holdfast.edge_runtime.command import path_argument
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.job_options import CORES, add_job_options, chosen_workers
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from evaluation.jobs import Workers
+    from holdfast.evaluation.jobs import Workers
 
 MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
@@ -58,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write WHAT.json and WHAT.svg, print the tables."""
-    from edge_runtime.writing import require_writable, write_whole
-    from training.progress import stages
+    from holdfast.edge_runtime.writing import require_writable, write_whole
+    from holdfast.training.progress import stages
 
     require_writable(args.out)
     request = BenchRequest(args.out, chosen_workers(args))
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     with stages(len(chosen)) as begin:
         for what in chosen:
             begin(f"{what}: {MEASURES[what].about}")
-            from benchmarks.pictures import PICTURES
+            from holdfast.benchmarks.pictures import PICTURES
 
             figures = MEASURES[what].measure(request)
             text = json.dumps(figures | _host(what), indent=2) + "\n"
@@ -83,8 +83,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_tables(what: str, figures: Json) -> None:
-    from benchmarks.cost.page import short
-    from evaluation.page import markdown
+    from holdfast.benchmarks.cost.page import short
+    from holdfast.evaluation.page import markdown
 
     for title, rows in short(figures).items() if what == "cost" else figures.items():
         is_table = isinstance(rows, list) and rows and isinstance(rows[0], dict)
@@ -98,15 +98,15 @@ def _rows(rows: Iterable[DataclassInstance]) -> list[Json]:
 
 
 def _effects(request: BenchRequest) -> Json:
-    from benchmarks.effects import empty_list_over_core, prices
+    from holdfast.benchmarks.effects import empty_list_over_core, prices
 
     return {"prices": _rows(prices()), "empty_list_over_core": empty_list_over_core()}
 
 
 def _simulator(request: BenchRequest) -> Json:
-    from benchmarks.friction_peers import table
-    from benchmarks.hold_and_pull import rows
-    from benchmarks.simulator import plausibility, size_curve, step_curve
+    from holdfast.benchmarks.friction_peers import table
+    from holdfast.benchmarks.hold_and_pull import rows
+    from holdfast.benchmarks.simulator import plausibility, size_curve, step_curve
 
     step, sizes, leads = _rows(step_curve()), asdict(size_curve()), _rows(plausibility())
     peers = {"hold_and_pull": _rows(rows(request.out)), "friction": _rows(table())}
@@ -114,8 +114,8 @@ def _simulator(request: BenchRequest) -> Json:
 
 
 def _latency(request: BenchRequest) -> Json:
-    from benchmarks.hand import memory
-    from benchmarks.latency import budgets, latency
+    from holdfast.benchmarks.hand import memory
+    from holdfast.benchmarks.latency import budgets, latency
 
     figures, processes = latency(MODEL), memory(MODEL)
     limited = budgets(figures.ratios, figures.bytes, processes[-1].resident_mb)
@@ -127,29 +127,29 @@ def _latency(request: BenchRequest) -> Json:
 
 
 def _instructions(request: BenchRequest) -> Json:
-    from benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
+    from holdfast.benchmarks.instructions import INSTRUCTIONS_A_CYCLE, instructions
 
     rows = _rows(instructions(MODEL))
     return {"rows": rows, "assumed_instructions_a_cycle": INSTRUCTIONS_A_CYCLE}
 
 
 def _training(request: BenchRequest) -> Json:
-    from benchmarks.training_time import training_times
+    from holdfast.benchmarks.training_time import training_times
 
     return {"rows": _rows(training_times())}
 
 
 def _cost(request: BenchRequest) -> Json:
-    from benchmarks.cost.surface import cost
+    from holdfast.benchmarks.cost.surface import cost
 
     return cost(request.out / "cost", workers=request.workers)
 
 
 def _hand(request: BenchRequest) -> Json:
-    from benchmarks.hand import fault_table, latency, memory, scan_costs
-    from benchmarks.hand_delays import delays
-    from benchmarks.hand_rows import HandFigures
-    from edge_runtime.monitor import Model
+    from holdfast.benchmarks.hand import fault_table, latency, memory, scan_costs
+    from holdfast.benchmarks.hand_delays import delays
+    from holdfast.benchmarks.hand_rows import HandFigures
+    from holdfast.edge_runtime.monitor import Model
 
     act_samples = Model(MODEL).card.decision.act_samples
     scans = scan_costs()
@@ -162,7 +162,7 @@ def _hand(request: BenchRequest) -> Json:
 
 
 def _onset(request: BenchRequest) -> Json:
-    from benchmarks.onset import held, pulls, ramps
+    from holdfast.benchmarks.onset import held, pulls, ramps
 
     moved = {"ramps": ramps(), "pulls": pulls()}
     written: Json = {name: [row.to_json() for row in rows] for name, rows in moved.items()}
@@ -211,7 +211,7 @@ MEASURES: dict[str, Measure] = {
 
 def _host(what: str) -> Json:
     """Where and with what it was measured, for every JSON; all measures use fixed seeds."""
-    from evaluation.provenance import host
+    from holdfast.evaluation.provenance import host
 
     versions = {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
     machine = {**asdict(host()), "cpu": _cpu()}

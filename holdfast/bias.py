@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import path_argument, positive, show
+from holdfast.edge_runtime.command import path_argument, positive, show
 from holdfast.live_options import add_live_options, force_of
 
 
@@ -23,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, judge, write."""
-    from drivers.calibration_file import write_bias
-    from edge_runtime.writing import require_writable
+    from holdfast.drivers.calibration_file import write_bias
+    from holdfast.edge_runtime.writing import require_writable
     from holdfast.hand_bias import measure_bias, require_good
     from holdfast.live_sources import open_live
     from holdfast.messages import say

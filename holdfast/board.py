@@ -16,5 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print one file."""
-    sys.stdout.write(files("drivers.board").joinpath(PARTS[args.part]).read_text(encoding="utf-8"))
+    sys.stdout.write(
+        files("holdfast.drivers.board").joinpath(PARTS[args.part]).read_text(encoding="utf-8")
+    )
     return 0

@@ -6,12 +6,12 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from drivers.bus import Bus, Transfer
-from drivers.layout import masks_of, muxes_of, read_layout
-from drivers.mux import enable_channels
-from drivers.scanning import as_layout, look_at
-from drivers.tmag5273 import PACKET_BYTES, RESULTS
-from edge_runtime.command import show
+from holdfast.drivers.bus import Bus, Transfer
+from holdfast.drivers.layout import masks_of, muxes_of, read_layout
+from holdfast.drivers.mux import enable_channels
+from holdfast.drivers.scanning import as_layout, look_at
+from holdfast.drivers.tmag5273 import PACKET_BYTES, RESULTS
+from holdfast.edge_runtime.command import show
 from holdfast.live_sources import named_addresses, open_bus
 from holdfast.real_time import RunClock
 

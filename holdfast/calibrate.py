@@ -12,8 +12,8 @@ import json
 from datetime import date
 from pathlib import Path
 
-from edge_runtime.command import path_argument, seed, show
-from edge_runtime.writing import require_writable, write_whole
+from holdfast.edge_runtime.command import path_argument, seed, show
+from holdfast.edge_runtime.writing import require_writable, write_whole
 
 STAGES = 5
 """Reading, then a linear map and trees for the normal and for the shear probings."""
@@ -34,10 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge on probings left out, print, write."""
-    from drivers.calibration_file import write_calibration
     from holdfast.calibration.judging import as_json, in_words, judge
     from holdfast.calibration.reading import read_studies
-    from training.progress import stages
+    from holdfast.drivers.calibration_file import write_calibration
+    from holdfast.training.progress import stages
 
     for target in filter(None, (args.out, args.json)):
         require_writable(target.parent)

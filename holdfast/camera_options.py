@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import positive
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.command import positive
+from holdfast.edge_runtime.errors import UsageError
 
 if TYPE_CHECKING:
-    from drivers.camera.sources import FrameSource
+    from holdfast.drivers.camera.sources import FrameSource
 
 FPS, EXPOSURE_MS = 60.0, 2.0
 OF_OAK = ("tag_mm", "fps", "exposure_ms")
@@ -36,7 +36,7 @@ def require_camera_options(args: argparse.Namespace, *more: str) -> None:
 
     more: names of further options that only an OAK uses.
     """
-    from drivers.camera.sources import OAK
+    from holdfast.drivers.camera.sources import OAK
 
     if args.camera == OAK:
         if args.tag_mm is None:
@@ -77,8 +77,8 @@ def printed_mm(word: str) -> float:
 
 def stored(path: Path, say: Callable[[str], None]) -> FrameSource:
     """Frames on disk or a recorded folder as a source. Raises a DataError or LibraryMissing."""
-    from drivers.camera.library import load_depthai
-    from drivers.camera.recording import read_recorded
-    from drivers.camera.sources import read_frames
+    from holdfast.drivers.camera.library import load_depthai
+    from holdfast.drivers.camera.recording import read_recorded
+    from holdfast.drivers.camera.sources import read_frames
 
     return read_recorded(path, load_depthai(say)) if path.is_dir() else read_frames(path)

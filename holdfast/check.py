@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import show
-from edge_runtime.errors import DataError
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.errors import DataError
 
 if TYPE_CHECKING:
-    from training.folder_report import Cell, FolderReport, Missing
+    from holdfast.training.folder_report import Cell, FolderReport, Missing
 
 HEADS = ("person", "object", "action", "trials", "Hz", "unit", "mass, g", "labels by")
 CLASS_HEADS = ("situation", "light, s", "heavy, s")
@@ -40,9 +40,9 @@ def run(args: argparse.Namespace) -> int:
     """Examine the folder and print the report."""
     if args.example:
         return _write_example(Path(args.folder))
-    from training.datasets import find
-    from training.folder_check import examine
-    from training.progress import stages
+    from holdfast.training.datasets import find
+    from holdfast.training.folder_check import examine
+    from holdfast.training.progress import stages
 
     with stages(1) as say:
         say(f"reading {args.folder}")
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write_example(folder: Path) -> int:
-    from training.example_data import LOGGER, TRIALS, write_example
+    from holdfast.training.example_data import LOGGER, TRIALS, write_example
 
     write_example(folder)
     show(
@@ -89,7 +89,7 @@ def _alike(missing: Sequence[Missing]) -> list[tuple[Missing, int]]:
 
 
 def _summary(report: FolderReport) -> list[str]:
-    from training.hold_out import in_words as counted
+    from holdfast.training.hold_out import in_words as counted
 
     if report.layout is None or report.held_out_by is None:
         return [f"{report.folder}: no recording can be read"]

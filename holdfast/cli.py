@@ -10,16 +10,19 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 
-from edge_runtime.command import Parser, finish
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.command import Parser, finish
+from holdfast.edge_runtime.errors import UsageError
 from holdfast.settings import COMMANDS, SettingsParser, read_settings
 
 VERBS = {
     "simulate": ("holdfast.simulate", "simulate the trials of a scene card, with their truth"),
     "check": ("holdfast.check", "say what a folder of recordings holds and what is missing"),
     "convert": ("holdfast.convert", "write recordings in the formats of other tools"),
-    "train": ("training.train", "train on recordings; writes an artifact folder"),
-    "export": ("export.export", "turn an artifact folder into one verified, sealed model file"),
+    "train": ("holdfast.training.train", "train on recordings; writes an artifact folder"),
+    "export": (
+        "holdfast.export.export",
+        "turn an artifact folder into one verified, sealed model file",
+    ),
     "adapt": ("holdfast.adapt", "adapt a model file to one person, from two minutes of recording"),
     "evaluate": ("holdfast.evaluate", "score a model file on labelled sets or folders"),
     "replay": ("holdfast.replay", "a model's answers on a recorded trial, as JSON lines"),

@@ -11,8 +11,8 @@ import argparse
 from collections.abc import Mapping
 from importlib import import_module
 
-from edge_runtime.command import path_argument
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.command import path_argument
+from holdfast.edge_runtime.errors import UsageError
 from holdfast.settings import COMMANDS, add_config_option
 
 SHELLS = ("bash", "zsh", "fish")

@@ -11,9 +11,9 @@ import argparse
 from importlib import import_module
 from typing import Any
 
-from edge_runtime.command import path_argument, show
-from edge_runtime.contract import UNITS
-from edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.command import path_argument, show
+from holdfast.edge_runtime.contract import UNITS
+from holdfast.edge_runtime.errors import OutputError, UsageError
 
 WRITERS = {
     "parquet": "holdfast.interop.tables",
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _to_format(args: argparse.Namespace) -> int:
-    from edge_runtime.writing import whole_folder
+    from holdfast.edge_runtime.writing import whole_folder
 
     writer: Any = import_module(WRITERS[args.to])
     from holdfast.interop.carried import carried_trials

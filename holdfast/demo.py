@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from edge_runtime.command import Parser, finish, path_argument
-from edge_runtime.errors import HoldfastError
-from edge_runtime.writing import require_writable
 from holdfast.demo_trials import RATE_HZ, TRAIN, TRIALS, UNSEEN
+from holdfast.edge_runtime.command import Parser, finish, path_argument
+from holdfast.edge_runtime.errors import HoldfastError
+from holdfast.edge_runtime.writing import require_writable
 
 RELEASED = "models/holdfast-150hz.onnx"
 """In the checkout."""
@@ -33,15 +33,15 @@ def run(out: Path, work: Path) -> int:
 
 def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     """All steps that need the libraries, which load while the trials are simulated."""
-    from edge_runtime.monitor import Model
-    from export.exporting import export_artifact
     from holdfast.demo_grip import close_the_loop, section
     from holdfast.demo_watch import COLUMN_S, show, watch
-    from studies.scenes.figures import MadeBy
-    from studies.scenes.report import demo_report
-    from training.datasets.thesis import load
-    from training.fitting import train, versions
-    from training.plan import TrainingPlan
+    from holdfast.edge_runtime.monitor import Model
+    from holdfast.export.exporting import export_artifact
+    from holdfast.studies.scenes.figures import MadeBy
+    from holdfast.studies.scenes.report import demo_report
+    from holdfast.training.datasets.thesis import load
+    from holdfast.training.fitting import train, versions
+    from holdfast.training.plan import TrainingPlan
 
     data = load(ready(TRAIN), windows="thesis")
     trained = train(data, work / "model", TrainingPlan(), seed=0)

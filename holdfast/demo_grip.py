@@ -13,17 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.grip import GripSense
-from edge_runtime.model import Model
-from evaluation.stream_pictures import labelled
-from evaluation.style import OURS, QUIET, WARNING, svg
-from simulation.card import read_card
-from simulation.closed_loop.controllers import managed
-from simulation.closed_loop.loop import ClosedLoop, LoopController, LoopTruth, Make
-from simulation.closed_loop.outcome import LoopOutcome
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.model import Model
+from holdfast.evaluation.stream_pictures import labelled
+from holdfast.evaluation.style import OURS, QUIET, WARNING, svg
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.controllers import managed
+from holdfast.simulation.closed_loop.loop import ClosedLoop, LoopController, LoopTruth, Make
+from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
 
 CARD = Path(__file__).parent / "demo_grip.toml"
 SEED = 2

@@ -10,9 +10,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from simulation.card import read_card
-from simulation.folder import write_recording, write_set
-from simulation.scene import Scene
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_recording, write_set
+from holdfast.simulation.scene import Scene
 
 RATE_HZ = 150.0
 TRIALS = 240

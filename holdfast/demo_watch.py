@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import SITUATIONS, Prediction, Sample
-from edge_runtime.decision import UNKNOWN
-from edge_runtime.monitor import GripMonitor, Model
-from evaluation.streams import StreamPicture, picture_of
-from training.recording import Recording
+from holdfast.edge_runtime.contract import SITUATIONS, Prediction, Sample
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.evaluation.streams import StreamPicture, picture_of
+from holdfast.training.recording import Recording
 
 LETTERS = ".gsR"
 """nothing, grasp, safe slip, risky slip; unknown is a question mark."""

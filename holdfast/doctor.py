@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from edge_runtime.command import show
+from holdfast.edge_runtime.command import show
 
 EXTRAS = {
     "live path": ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
@@ -113,8 +113,8 @@ def _package(extra: str, name: str) -> Finding:
 
 
 def _runtime() -> list[Finding]:
-    from edge_runtime.errors import RuntimeRefused
-    from edge_runtime.model_file import check_runtime
+    from holdfast.edge_runtime.errors import RuntimeRefused
+    from holdfast.edge_runtime.model_file import check_runtime
 
     try:
         check_runtime()
@@ -124,7 +124,7 @@ def _runtime() -> list[Finding]:
 
 
 def _data_sets() -> list[Finding]:
-    from training.datasets import PUBLIC_SETS, data_folder
+    from holdfast.training.datasets import PUBLIC_SETS, data_folder
 
     folder = data_folder()
     step = "set HOLDFAST_DATA to the folder with it (only for figures on real recordings)"
@@ -137,8 +137,8 @@ def _data_sets() -> list[Finding]:
 
 
 def _default_model() -> list[Finding]:
-    from edge_runtime.errors import HoldfastError
-    from edge_runtime.monitor import Model
+    from holdfast.edge_runtime.errors import HoldfastError
+    from holdfast.edge_runtime.monitor import Model
 
     path = Path("build/default/holdfast.onnx")
     if not path.exists():
@@ -153,7 +153,7 @@ def _default_model() -> list[Finding]:
 
 def _settings() -> list[Finding]:
     """Each value of holdfast.toml here, and where it comes from."""
-    from edge_runtime.errors import HoldfastError
+    from holdfast.edge_runtime.errors import HoldfastError
     from holdfast.settings import DEFAULT, read_settings
 
     try:
@@ -169,8 +169,8 @@ def _settings() -> list[Finding]:
 
 
 def _libusb() -> list[Finding]:
-    from drivers.usb import real_backend
-    from edge_runtime.errors import LibraryMissing
+    from holdfast.drivers.usb import real_backend
+    from holdfast.edge_runtime.errors import LibraryMissing
 
     try:
         return [Finding("libusb", "ok", str(real_backend().lib._name))]
@@ -180,9 +180,9 @@ def _libusb() -> list[Finding]:
 
 def _bridges() -> list[Finding]:
     """Every bridge on USB: whether this user may open it, and which kernel driver is bound."""
-    from drivers.bridges import BRIDGES, ids_of
-    from drivers.usb import UsbPort, find_usb, real_backend
-    from edge_runtime.errors import DeviceError
+    from holdfast.drivers.bridges import BRIDGES, ids_of
+    from holdfast.drivers.usb import UsbPort, find_usb, real_backend
+    from holdfast.edge_runtime.errors import DeviceError
 
     findings = []
     for name in BRIDGES:
@@ -243,7 +243,7 @@ def _governor() -> list[Finding]:
 
 
 def _priority() -> list[Finding]:
-    from edge_runtime.priority import PRIORITY, real_time
+    from holdfast.edge_runtime.priority import PRIORITY, real_time
 
     with real_time() as allowed:
         if allowed:

@@ -6,20 +6,20 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, positive, seed, show
-from edge_runtime.engine_options import add_engine_options, chosen_model
-from edge_runtime.writing import require_writable, write_whole
-from evaluation import MOST_FALSE_PER_MIN
-from evaluation.job_options import add_job_options, chosen_workers
+from holdfast.edge_runtime.command import path_argument, positive, seed, show
+from holdfast.edge_runtime.engine_options import add_engine_options, chosen_model
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation import MOST_FALSE_PER_MIN
+from holdfast.evaluation.job_options import add_job_options, chosen_workers
 
 if TYPE_CHECKING:
-    from evaluation.camera import CameraFigures
-    from evaluation.evaluation_figures import Evaluation
-    from evaluation.methods import MethodFigures
-    from evaluation.request import EvaluationRequest
-    from evaluation.window_scores import WindowFigures
-    from training.figures import HeadFigures
-    from training.progress import Stages
+    from holdfast.evaluation.camera import CameraFigures
+    from holdfast.evaluation.evaluation_figures import Evaluation
+    from holdfast.evaluation.methods import MethodFigures
+    from holdfast.evaluation.request import EvaluationRequest
+    from holdfast.evaluation.window_scores import WindowFigures
+    from holdfast.training.figures import HeadFigures
+    from holdfast.training.progress import Stages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
-    from training.progress import stages
+    from holdfast.training.progress import stages
 
     for out in (args.json, args.report):
         if out is not None:
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _request(args: argparse.Namespace) -> EvaluationRequest:
-    from evaluation.request import EvaluationRequest
+    from holdfast.evaluation.request import EvaluationRequest
 
     return EvaluationRequest(
         tuple(args.data),
@@ -77,8 +77,8 @@ def _request(args: argparse.Namespace) -> EvaluationRequest:
 
 def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages) -> Evaluation:
     """The figures, once they are written where the options want them."""
-    from evaluation.evaluate import evaluate_events
-    from evaluation.real_sets import real_figures
+    from holdfast.evaluation.evaluate import evaluate_events
+    from holdfast.evaluation.real_sets import real_figures
 
     model, workers = chosen_model(args), chosen_workers(args)
     evaluation = evaluate_events(model, request, say, say.part, workers)
@@ -90,7 +90,7 @@ def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages
     if args.json is not None:
         write_whole(args.json, json.dumps(figures, indent=1, allow_nan=False) + "\n")
     if args.report is not None:
-        from evaluation.report import write_event_report
+        from holdfast.evaluation.report import write_event_report
 
         say("drawing the report")
         write_event_report(args.report, evaluation, real)
@@ -99,8 +99,8 @@ def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages
 
 def in_words(of: Evaluation) -> list[str]:
     """The figures as lines for people, with the caveats that belong to them."""
-    from evaluation.camera import onsets_in_words
-    from evaluation.labels import shown
+    from holdfast.evaluation.camera import onsets_in_words
+    from holdfast.evaluation.labels import shown
 
     lines = [line for one in of.sets.values() for line in _windows_in_words(one.windows)]
     headline = of.thresholds.headline
@@ -157,7 +157,7 @@ def _camera_in_words(name: str, of: CameraFigures | None) -> list[str]:
 
 
 def _windows_in_words(figures: WindowFigures) -> list[str]:
-    from training.summary import situation_lines, with_interval
+    from holdfast.training.summary import situation_lines, with_interval
 
     heads, head = figures.heads, figures.heads.predict_250ms
     lines = [
@@ -191,7 +191,7 @@ def _warnings(figures: WindowFigures) -> list[str]:
 
 
 def _trials_in_words(of: HeadFigures) -> str:
-    from training.hold_out import in_words
+    from holdfast.training.hold_out import in_words
 
     trials = in_words(of.n_trials, "trial")
     return (

@@ -10,11 +10,11 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
-from edge_runtime.command import path_argument, positive
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.command import path_argument, positive
+from holdfast.edge_runtime.errors import UsageError
 
 if TYPE_CHECKING:
-    from simulation.closed_loop.actuator import Drive
+    from holdfast.simulation.closed_loop.actuator import Drive
 
 VIRTUAL = "virtual"
 DEFAULT_CONTROLLER = "holdfast"
@@ -61,7 +61,7 @@ def is_virtual(url: str | None) -> bool:
 
 def drive_of(url: str) -> Drive:
     """The drive of virtual?lag_ms=..&ceiling_n=... Raises UsageError."""
-    from simulation.closed_loop.actuator import Drive
+    from holdfast.simulation.closed_loop.actuator import Drive
 
     known = [one.name for one in fields(Drive)]
     figures = {}

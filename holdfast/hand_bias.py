@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from drivers.bias import Bias, bias_of
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import DataError
-from edge_runtime.live import Source
+from holdfast.drivers.bias import Bias, bias_of
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import DataError
+from holdfast.edge_runtime.live import Source
 
 RATE_HZ = 100.0
 """Of a hand, which has no rate of its own."""

@@ -12,11 +12,11 @@ from dataclasses import replace
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from edge_runtime.commands import receiving
-from edge_runtime.contract import CommandLink
-from edge_runtime.errors import UsageError
-from edge_runtime.intent import IntentMonitor, UdpIntent
-from edge_runtime.live import Command
+from holdfast.edge_runtime.commands import receiving
+from holdfast.edge_runtime.contract import CommandLink
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.intent import IntentMonitor, UdpIntent
+from holdfast.edge_runtime.live import Command
 
 MOST_ENVELOPES = 16
 DEFAULT_LEVEL = 0.5
@@ -67,8 +67,8 @@ def intent_monitor(
     if url is None:
         yield None
     elif url.startswith("lsl://"):
-        from drivers.lsl_intent import LslIntent
-        from drivers.lsl_library import LslInlet
+        from holdfast.drivers.lsl_intent import LslIntent
+        from holdfast.drivers.lsl_library import LslInlet
 
         with closing(LslInlet(_name(url))) as inlet:
             yield IntentMonitor(LslIntent(inlet, clock.now_ns, say), clock.now_ns, say, opens_at)

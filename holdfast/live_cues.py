@@ -12,10 +12,19 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.cue_card import SHIPPED, read_cues
-from edge_runtime.cues import QUIET, QUIET_NS, SILENCE, UNKNOWN, Cues, CueTable, Pattern, cue_line
-from edge_runtime.grip_sinks import LineSink, line_sink
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.cue_card import SHIPPED, read_cues
+from holdfast.edge_runtime.cues import (
+    QUIET,
+    QUIET_NS,
+    SILENCE,
+    UNKNOWN,
+    Cues,
+    CueTable,
+    Pattern,
+    cue_line,
+)
+from holdfast.edge_runtime.grip_sinks import LineSink, line_sink
 
 Say = Callable[[str], None]
 Emit = Callable[[Prediction, Sample, Any], int | None]

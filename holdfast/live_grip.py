@@ -12,14 +12,14 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.errors import ChannelError
-from edge_runtime.grip_command import GripCommand, last_line, to_line
-from edge_runtime.grip_control import GripControl
-from edge_runtime.grip_sinks import LineSink, line_sink
-from edge_runtime.live import Source
-from edge_runtime.model_file import ModelCard
-from edge_runtime.supervisor import Limits
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.errors import ChannelError
+from holdfast.edge_runtime.grip_command import GripCommand, last_line, to_line
+from holdfast.edge_runtime.grip_control import GripControl
+from holdfast.edge_runtime.grip_sinks import LineSink, line_sink
+from holdfast.edge_runtime.live import Source
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.supervisor import Limits
 from holdfast.grip_options import DEFAULT_CONTROLLER, drive_of, is_virtual
 
 if TYPE_CHECKING:

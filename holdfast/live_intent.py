@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from edge_runtime.intent import IntentMonitor
-from edge_runtime.intent_file import intent_header, intent_row
-from edge_runtime.sinks import Sink, file_sink
-from edge_runtime.trial_layout import intent_path
+from holdfast.edge_runtime.intent import IntentMonitor
+from holdfast.edge_runtime.intent_file import intent_header, intent_row
+from holdfast.edge_runtime.sinks import Sink, file_sink
+from holdfast.edge_runtime.trial_layout import intent_path
 
 
 class IntentLog:

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument
-from edge_runtime.errors import UnitError
+from holdfast.edge_runtime.command import path_argument
+from holdfast.edge_runtime.errors import UnitError
 
 if TYPE_CHECKING:
-    from edge_runtime.contract import FloatArray
-    from edge_runtime.live import Source
+    from holdfast.edge_runtime.contract import FloatArray
+    from holdfast.edge_runtime.live import Source
 
 
 def add_live_options(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +33,7 @@ def force_of(path: Path | None) -> Callable[[FloatArray], FloatArray] | None:
     """The map from field to force in a calibration file, or None. Raises a DataError."""
     if path is None:
         return None
-    from drivers.calibration_file import read_calibration
+    from holdfast.drivers.calibration_file import read_calibration
 
     return read_calibration(path).apply
 
@@ -42,7 +42,7 @@ def resting_of(path: Path | None, source: Source) -> FloatArray | None:
     """A bias file [C] that fits the source, or None. Raises a DataError."""
     if path is None:
         return None
-    from drivers.calibration_file import read_bias
+    from holdfast.drivers.calibration_file import read_bias
 
     bias = read_bias(path)
     if bias.unit != source.unit or len(bias.values) != source.n_channels:

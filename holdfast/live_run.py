@@ -12,20 +12,20 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from edge_runtime.commands import command_port
-from edge_runtime.contract import FloatArray, Prediction, Sample
-from edge_runtime.engine import OpenedModel
-from edge_runtime.engine_options import chosen_model
-from edge_runtime.errors import OutputError, RateError
-from edge_runtime.fit import require_fit
-from edge_runtime.intent import IntentMonitor
-from edge_runtime.live import Command, Source, SourceReading, Summary, run_live
-from edge_runtime.monitor import GripMonitor
-from edge_runtime.notify import service_watchdog
-from edge_runtime.sample_file import SampleFile, sample_file
-from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
-from edge_runtime.tare import Tare
-from edge_runtime.visible import visible
+from holdfast.edge_runtime.commands import command_port
+from holdfast.edge_runtime.contract import FloatArray, Prediction, Sample
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.engine_options import chosen_model
+from holdfast.edge_runtime.errors import OutputError, RateError
+from holdfast.edge_runtime.fit import require_fit
+from holdfast.edge_runtime.intent import IntentMonitor
+from holdfast.edge_runtime.live import Command, Source, SourceReading, Summary, run_live
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.edge_runtime.notify import service_watchdog
+from holdfast.edge_runtime.sample_file import SampleFile, sample_file
+from holdfast.edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, udp_sink
+from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.visible import visible
 from holdfast.grip_options import is_virtual, require_grip
 from holdfast.intent_options import intended, intent_monitor, require_intent
 from holdfast.live_options import force_of, resting_of
@@ -34,7 +34,7 @@ from holdfast.real_time import RunClock, SceneClock, first_in_line
 from holdfast.stopping import output_from_the_background, stop_signals, until
 
 if TYPE_CHECKING:
-    from drivers.lsl import LslAnswers
+    from holdfast.drivers.lsl import LslAnswers
     from holdfast.live_cues import CueOutput
     from holdfast.live_grip import GripOutput
     from holdfast.live_intent import IntentLog
@@ -183,7 +183,7 @@ def _grip(
 def _lsl(args: argparse.Namespace, model: OpenedModel, clock: RunClock) -> LslAnswers | None:
     if not args.lsl:
         return None
-    from drivers.lsl_library import open_answers
+    from holdfast.drivers.lsl_library import open_answers
 
     card = model.card
     return open_answers(args.lsl, card.n_channels // 3, card.unit, card.rate_hz, clock.now_ns)

@@ -18,19 +18,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.virtual.hand import Track
-from edge_runtime.errors import UsageError
-from edge_runtime.grip_command import EXPIRES_MS, GripCommand
+from holdfast.drivers.virtual.hand import Track
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.grip_command import EXPIRES_MS, GripCommand
 from holdfast.live_sources import planned_scene
-from simulation.closed_loop.actuator import Actuator, Drive
-from simulation.closed_loop.people import Habits
-from simulation.closed_loop.physics import HandsAndObjects, Spans
-from simulation.closed_loop.sensing import LoopSensors
-from simulation.protocol import PlannedTrial
-from simulation.run import TrialMotion
-from simulation.scene import Scene
-from simulation.script import grid_of
-from simulation.truth import Truth, truth_of
+from holdfast.simulation.closed_loop.actuator import Actuator, Drive
+from holdfast.simulation.closed_loop.people import Habits
+from holdfast.simulation.closed_loop.physics import HandsAndObjects, Spans
+from holdfast.simulation.closed_loop.sensing import LoopSensors
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import grid_of
+from holdfast.simulation.truth import Truth, truth_of
 
 ROWS_HZ = 300.0
 STEP_S = 1.0 / ROWS_HZ

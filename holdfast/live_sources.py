@@ -25,28 +25,28 @@ from urllib.parse import parse_qs, unquote
 
 import numpy as np
 
-from drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
-from drivers.bus import Bus
-from drivers.fingers import Crc
-from drivers.hand import Hand
-from drivers.layout import read_layout
-from drivers.live_hand import LiveHand
-from drivers.paced import PacedReplay
-from drivers.timed_bridge import device_clock, open_timed_usb, timed_virtual
-from drivers.timed_hand import TimedHand, TimedLiveHand
-from drivers.tmag5273 import Setup
-from edge_runtime.contract import UNITS, FloatArray
-from edge_runtime.errors import UsageError
-from edge_runtime.live import Source
+from holdfast.drivers.bridges import BRIDGES, open_native, open_usb, open_virtual
+from holdfast.drivers.bus import Bus
+from holdfast.drivers.fingers import Crc
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import read_layout
+from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.paced import PacedReplay
+from holdfast.drivers.timed_bridge import device_clock, open_timed_usb, timed_virtual
+from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
+from holdfast.drivers.tmag5273 import Setup
+from holdfast.edge_runtime.contract import UNITS, FloatArray
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.live import Source
 from holdfast.messages import progress_of, say
 from holdfast.mistakes import require_meant
 from holdfast.sources import MOST_DIGITS, SIM, open_source, simulated_trial, split_url
 from holdfast.timed_source import KEY, scans_ahead
 
 if TYPE_CHECKING:
-    from drivers.virtual.hand import VirtualHand
-    from simulation.protocol import PlannedTrial
-    from simulation.scene import Scene, SimulatedTrial
+    from holdfast.drivers.virtual.hand import VirtualHand
+    from holdfast.simulation.protocol import PlannedTrial
+    from holdfast.simulation.scene import Scene, SimulatedTrial
 
 HANDS = ("usb", "i2c", "virtual")
 LSL, LSL_KEYS = "lsl", ("unit", "rate_hz")
@@ -139,8 +139,8 @@ def _stream(
             "--calibration is for a hand, not for a stream",
             next_step="send forces, or leave it out",
         )
-    from drivers.lsl import LslSource
-    from drivers.lsl_library import LslInlet
+    from holdfast.drivers.lsl import LslSource
+    from holdfast.drivers.lsl_library import LslInlet
 
     rate_hz = source.number("rate_hz", 0) or None
     known = next((one for one in UNITS if one == unit), None)
@@ -233,8 +233,8 @@ def _started(
 def _virtual(
     source: SourceUrl, clock: Any, say: Callable[[str], None], field: Any = None
 ) -> VirtualHand:
-    from drivers.virtual.faults import read_fault
-    from drivers.virtual.hand import WIRINGS, VirtualHand
+    from holdfast.drivers.virtual.faults import read_fault
+    from holdfast.drivers.virtual.hand import WIRINGS, VirtualHand
 
     layout = source.text("layout", "mux")
     name = layout.partition("@")[0]
@@ -256,7 +256,7 @@ def _virtual(
 
 def _track(scene: str, seed: int, trial: int, say: Callable[[str], None]) -> Any:
     """The field of a scene's trial at the chips, or a hand at rest."""
-    from drivers.virtual.hand import Track, still
+    from holdfast.drivers.virtual.hand import Track, still
 
     if not scene:
         return still()
@@ -322,11 +322,11 @@ def _planned(
 
 def _scene_at_chips(name: str, seed: int, rate_hz: float, step_s: float | None) -> Scene:
     """The scene in uT without the effects of the virtual chip and bus, and without a controller."""
-    from simulation.card import read_card
-    from simulation.effects import AVERAGING
-    from simulation.scene import Scene
-    from simulation.sensor.chip import CHIP
-    from simulation.sensor.timing import TIMING
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.effects import AVERAGING
+    from holdfast.simulation.scene import Scene
+    from holdfast.simulation.sensor.chip import CHIP
+    from holdfast.simulation.sensor.timing import TIMING
 
     card = read_card(name, rate_hz=rate_hz) if Path(name).is_file() else read_card(name)
     of_the_chip = {effect.name for effect in (AVERAGING, *CHIP, *TIMING)}
@@ -338,7 +338,7 @@ def _scene_at_chips(name: str, seed: int, rate_hz: float, step_s: float | None) 
 
 def _scene_force() -> ToForce:
     """The calibration of the scenes' sensors, for a virtual hand without a calibration."""
-    from simulation.sensor.calibration import linear_map
+    from holdfast.simulation.sensor.calibration import linear_map
 
     matrix = linear_map()[0]
     return lambda field_ut: np.einsum("ij,sj->si", matrix, field_ut)

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, positive, seed, show
-from edge_runtime.engine_options import add_engine_options, chosen_model
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.job_options import add_job_options, chosen_workers
+from holdfast.edge_runtime.command import path_argument, positive, seed, show
+from holdfast.edge_runtime.engine_options import add_engine_options, chosen_model
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.job_options import add_job_options, chosen_workers
 from holdfast.simulate import trial_count
 
 if TYPE_CHECKING:
-    from evaluation.loop_scores import LoopFigures
+    from holdfast.evaluation.loop_scores import LoopFigures
 
 MODEL = Path("models/holdfast-150hz.onnx")
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, print a line a controller, write the figures."""
-    from training.progress import counted
+    from holdfast.training.progress import counted
 
     _require_runnable(args)
     with counted(f"running {', '.join(args.cards)} in a closed loop (simulated)", 1) as done:
@@ -55,8 +55,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _require_runnable(args: argparse.Namespace) -> None:
     """Raise what would stop a run, before it is announced."""
-    from evaluation.loop_runs import CHOICES, require_runnable
-    from simulation.closed_loop.recording import model_of
+    from holdfast.evaluation.loop_runs import CHOICES, require_runnable
+    from holdfast.simulation.closed_loop.recording import model_of
 
     if args.json is not None:
         require_writable(args.json.parent)
@@ -69,7 +69,7 @@ def _require_runnable(args: argparse.Namespace) -> None:
 def _figures(
     args: argparse.Namespace, done: Callable[[float], None]
 ) -> dict[str, dict[str, LoopFigures]]:
-    from evaluation.loop_runs import LoopRequest, LoopRuns, LoopSet
+    from holdfast.evaluation.loop_runs import LoopRequest, LoopRuns, LoopSet
 
     sets = {card: LoopSet(card, args.trials, args.seed) for card in args.cards}
     requests = {n: LoopRequest(n, args.setting, args.lag_ms) for n in args.controller}
@@ -83,7 +83,7 @@ def _figures(
 
 def require_known(names: list[str], known: tuple[str, ...]) -> None:
     """Raise UsageError for a controller that does not exist."""
-    from edge_runtime.errors import UsageError
+    from holdfast.edge_runtime.errors import UsageError
 
     for name in names:
         if name not in known:
@@ -94,7 +94,7 @@ def require_known(names: list[str], known: tuple[str, ...]) -> None:
 
 
 def _json(args: argparse.Namespace, sets: dict[str, dict[str, LoopFigures]]) -> dict[str, object]:
-    from simulation.closed_loop.recording import model_of
+    from holdfast.simulation.closed_loop.recording import model_of
 
     return {
         "kind": "simulated",

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from edge_runtime.visible import visible_lines
+from holdfast.edge_runtime.visible import visible_lines
 
 PROGRESS_EVERY_S = 2.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 
 SCHEMES = ("usb", "i2c", "virtual", "sim", "replay")
 _NATIVE = re.compile(r"(?:/dev/)?i2c-(\d{1,3})")
@@ -39,7 +39,7 @@ def _meant(word: str) -> str:
 
 
 def _bridge(word: str) -> str:
-    from drivers.bridges import BRIDGES
+    from holdfast.drivers.bridges import BRIDGES
 
     name, _, options = word.partition("?")
     if name not in BRIDGES:
@@ -49,7 +49,7 @@ def _bridge(word: str) -> str:
 
 
 def _card(word: str) -> str:
-    from simulation.card import shipped
+    from holdfast.simulation.card import shipped
 
     name, _, _ = word.partition("?")
     return f"sim://{word}" if name in shipped() else ""

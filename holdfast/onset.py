@@ -12,9 +12,9 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from edge_runtime.command import path_argument, positive, show
-from edge_runtime.errors import UsageError
 from holdfast.camera_options import printed_mm
+from holdfast.edge_runtime.command import path_argument, positive, show
+from holdfast.edge_runtime.errors import UsageError
 from holdfast.onset_label import ACTIONS, write
 from holdfast.watched_trial import WatchedTrial, read
 
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find the onset, write it beside the trial, print it."""
-    from drivers.camera.onset import GROSS_MM, gross_distance_mm
+    from holdfast.drivers.camera.onset import GROSS_MM, gross_distance_mm
 
     held = [read(path, args.tag_mm) for path in args.no_slip]
     gross_mm = args.gross_mm or (
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
 def require_above_shear(held: list[WatchedTrial], gross_mm: float) -> None:
     """Raise UsageError where the distance is within the elastic shear of the pads."""
-    from drivers.camera.onset import largest_move_mm
+    from holdfast.drivers.camera.onset import largest_move_mm
 
     shear_mm = max((largest_move_mm(trial.moved) for trial in held), default=0.0)
     if gross_mm <= shear_mm:

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.errors import LabelError, UsageError
-from edge_runtime.trial_layout import (
+from holdfast.edge_runtime.errors import LabelError, UsageError
+from holdfast.edge_runtime.trial_layout import (
     EVENTS,
     ONSET_SUFFIX,
     RISKY_ACTIONS,
@@ -16,11 +16,11 @@ from edge_runtime.trial_layout import (
     VOLUNTARY_ACTIONS,
     read_events,
 )
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.writing import write_whole
 from holdfast.watched_trial import WatchedTrial
 
 if TYPE_CHECKING:
-    from drivers.camera.onset import Slip
+    from holdfast.drivers.camera.onset import Slip
 
 RISKY = (*RISKY_ACTIONS, "hold")
 ACTIONS = (*RISKY, *VOLUNTARY_ACTIONS)
@@ -87,7 +87,7 @@ class LabelBasis:
 
 def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:
     """Find the slip and write its label beside the trial; returns a sentence about it."""
-    from drivers.camera.onset import Slip, find_slip
+    from holdfast.drivers.camera.onset import Slip, find_slip
 
     try:
         found = find_slip(trial.moved, gross_mm)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from edge_runtime.clock import MonotonicClock
-from edge_runtime.priority import real_time
+from holdfast.edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.priority import real_time
 
 NO_PRIORITY = (
     "no real-time priority: other programs can delay a sample; holdfast doctor says how to allow it"

@@ -16,8 +16,8 @@ import argparse
 import sys
 from contextlib import ExitStack
 
-from edge_runtime.command import path_argument, positive, seed
 from holdfast.camera_options import add_camera_options
+from holdfast.edge_runtime.command import path_argument, positive, seed
 from holdfast.intent_options import add_intent_option
 from holdfast.live_options import add_live_options, add_web_option
 from holdfast.recorder.card import ACTIONS
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record until the plan is done, the operator stops it, or an error ends it."""
-    from edge_runtime.sinks import stream_sink
+    from holdfast.edge_runtime.sinks import stream_sink
     from holdfast.live_page.record_page import record_page
     from holdfast.real_time import RunClock
     from holdfast.recorder.keys import listening

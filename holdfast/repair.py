@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import path_argument, show
+from holdfast.edge_runtime.command import path_argument, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
 
     Returns the exit code of the last error where one could not be repaired: 3, or 5 on a full disk.
     """
-    from edge_runtime.errors import DataError, OutputError
+    from holdfast.edge_runtime.errors import DataError, OutputError
     from holdfast.recorder.folder import all_trials, alone
     from holdfast.recorder.mending import repaired
 

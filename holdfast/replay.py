@@ -15,9 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay the whole trial to stdout."""
-    from edge_runtime.fit import require_fit
-    from edge_runtime.monitor import GripMonitor, Model
-    from edge_runtime.output import to_json_line
+    from holdfast.edge_runtime.fit import require_fit
+    from holdfast.edge_runtime.monitor import GripMonitor, Model
+    from holdfast.edge_runtime.output import to_json_line
     from holdfast.sources import open_source
 
     model = Model(args.model)

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import argparse
 
-from edge_runtime.command import path_argument, positive
-from edge_runtime.engine_options import add_engine_options
+from holdfast.edge_runtime.command import path_argument, positive
+from holdfast.edge_runtime.engine_options import add_engine_options
 from holdfast.grip_options import add_grip_options
 from holdfast.intent_options import add_intent_option, add_obey_option
 from holdfast.live_options import add_live_options, add_web_option

@@ -14,9 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Look at one bus, or at every bridge that is plugged in."""
-    from drivers.bridges import BRIDGES, bridges_on_usb
-    from edge_runtime.errors import DeviceNotFound
     from holdfast.bus_scan import scan
+    from holdfast.drivers.bridges import BRIDGES, bridges_on_usb
+    from holdfast.edge_runtime.errors import DeviceNotFound
 
     urls = [args.url] if args.url else bridges_on_usb()
     if not urls:

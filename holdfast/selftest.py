@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print every check when it is done; returns 1 where one failed."""
     say(f"checking {args.model}, about 5 s")
-    from edge_runtime.self_checks import self_checks
+    from holdfast.edge_runtime.self_checks import self_checks
 
     failed = 0
     for one in self_checks(args.model):

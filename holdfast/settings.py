@@ -19,9 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.card_file import CardReader, read_toml
-from edge_runtime.command import Parser, path_argument
-from edge_runtime.errors import CardError, DataNotFound
+from holdfast.edge_runtime.card_file import CardReader, read_toml
+from holdfast.edge_runtime.command import Parser, path_argument
+from holdfast.edge_runtime.errors import CardError, DataNotFound
 
 DEFAULT = Path("holdfast.toml")
 HAND = ("source", "calibration", "bias", "model")

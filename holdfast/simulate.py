@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.command import path_argument, seed, show
-from edge_runtime.visible import visible
-from simulation.shipped import shipped
+from holdfast.edge_runtime.command import path_argument, seed, show
+from holdfast.edge_runtime.visible import visible
+from holdfast.simulation.shipped import shipped
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,10 +32,10 @@ def run(args: argparse.Namespace) -> int:
 
     An interrupted run leaves no folder.
     """
-    from simulation.card import read_card
-    from simulation.closed_loop.recording import require_controller, scene_of
-    from simulation.folder import require_new, write_set
-    from training.progress import counted
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.closed_loop.recording import require_controller, scene_of
+    from holdfast.simulation.folder import require_new, write_set
+    from holdfast.training.progress import counted
 
     require_new(args.out)
     card = read_card(args.card, rate_hz=args.rate, rate_option="--rate ")

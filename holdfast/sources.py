@@ -15,14 +15,14 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 
 import numpy as np
 
-from drivers.replay import Replay, open_replay
-from edge_runtime.errors import DataNotFound, UsageError
-from edge_runtime.preparation import Preparation
-from edge_runtime.reading import require_file
+from holdfast.drivers.replay import Replay, open_replay
+from holdfast.edge_runtime.errors import DataNotFound, UsageError
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.edge_runtime.reading import require_file
 from holdfast.mistakes import require_meant
 
 if TYPE_CHECKING:
-    from simulation.scene import Scene, SimulatedTrial
+    from holdfast.simulation.scene import Scene, SimulatedTrial
 
 REPLAY, SIM = "replay://", "sim://"
 SIM_KEYS = ("seed", "trial", "trials", "rate_hz")
@@ -72,8 +72,8 @@ def simulated_trial(url: str) -> tuple[Scene, SimulatedTrial] | None:
 
 @lru_cache(maxsize=1)
 def _trials_of(url: str) -> tuple[Scene, list[SimulatedTrial]]:
-    from simulation.card import read_card
-    from simulation.closed_loop.recording import scene_of
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.closed_loop.recording import scene_of
 
     parts, numbers = split_url(url), _numbers(url)
     card = read_card(parts.netloc + parts.path, rate_hz=numbers.get("rate_hz"))
@@ -129,7 +129,7 @@ def _index(chosen: str, count: int) -> int:
 
 def _from_set(name: str, channels: int | None) -> Replay:
     """SET#N; the reader of a set prepares its samples."""
-    from training.datasets import load
+    from holdfast.training.datasets import load
 
     folder, _, chosen = name.rpartition("#")
     data = load(folder, channels=channels, windows="natural")

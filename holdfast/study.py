@@ -14,8 +14,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, positive, show
 from holdfast.camera_options import add_camera_options
+from holdfast.edge_runtime.command import path_argument, positive, show
 from holdfast.human_study.shipped import CARDS, names_in
 from holdfast.intent_options import add_intent_option
 

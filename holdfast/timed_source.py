@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 
 KEY, BRIDGE = "timed", "ft232h"
 AHEAD = (2, 4, 8, 16)

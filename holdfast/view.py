@@ -16,10 +16,10 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
-from edge_runtime.intent import Intent, IntentMonitor
-from edge_runtime.line_writer import STREAM_LINES, STUCK_S, write_whole_line
-from edge_runtime.live import SourceReading
+from holdfast.edge_runtime.contract import NORMAL_AXIS, SITUATIONS, Prediction, Sample
+from holdfast.edge_runtime.intent import Intent, IntentMonitor
+from holdfast.edge_runtime.line_writer import STREAM_LINES, STUCK_S, write_whole_line
+from holdfast.edge_runtime.live import SourceReading
 
 REFRESH_HZ = 8
 BAR = 30

@@ -12,17 +12,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, positive, show
-from edge_runtime.errors import TagError
 from holdfast.camera_options import (
     add_camera_options,
     require_camera_options,
     shooting,
     stored,
 )
+from holdfast.edge_runtime.command import path_argument, positive, show
+from holdfast.edge_runtime.errors import TagError
 
 if TYPE_CHECKING:
-    from drivers.camera.sources import FrameSource
+    from holdfast.drivers.camera.sources import FrameSource
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises TagError where the size of a tag is impossible; the recording is kept.
     """
-    from drivers.camera.graph import watch
+    from holdfast.drivers.camera.graph import watch
     from holdfast.messages import say
     from holdfast.stopping import stop_signals
     from holdfast.watched_trial import doubt
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace) -> FrameSource:
     """The camera, or stored frames. Raises UsageError, a DataError or LibraryMissing."""
-    from drivers.camera.sources import OAK, Lens, Oak
+    from holdfast.drivers.camera.sources import OAK, Lens, Oak
     from holdfast.messages import say
 
     require_camera_options(args, "seconds")

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.errors import DataError, DataNotFound, LabelError, NotANumber, TimeError
-from edge_runtime.reading import require_lines
-from edge_runtime.trial_layout import FRAMES_SUFFIX, TACTILE
+from holdfast.edge_runtime.errors import DataError, DataNotFound, LabelError, NotANumber, TimeError
+from holdfast.edge_runtime.reading import require_lines
+from holdfast.edge_runtime.trial_layout import FRAMES_SUFFIX, TACTILE
 
 if TYPE_CHECKING:
-    from drivers.camera.motion import Motion
+    from holdfast.drivers.camera.motion import Motion
 
 OBJECT_TAG, HAND_TAG = 0, 1
 
@@ -34,8 +34,8 @@ def read(path: Path, tag_mm: float | None = None, apart_mm: float | None = None)
     """
     if path.is_dir():
         return watched(path, path, tag_mm, apart_mm)
-    from drivers.camera.graph import watch
-    from drivers.camera.sources import read_frames
+    from holdfast.drivers.camera.graph import watch
+    from holdfast.drivers.camera.sources import read_frames
     from holdfast.messages import say
 
     frames = path if path.name.endswith(FRAMES_SUFFIX) else path.with_suffix(FRAMES_SUFFIX)
@@ -63,8 +63,8 @@ def watched(
     folder: Path, trial: Path, tag_mm: float | None, apart_mm: float | None
 ) -> WatchedTrial:
     """Read a watched folder; trial: what its label belongs to. Raises LabelError if it is void."""
-    from drivers.camera.motion import motion
-    from drivers.camera.recording import TAGS, read_about, read_tracks, require_whole
+    from holdfast.drivers.camera.motion import motion
+    from holdfast.drivers.camera.recording import TAGS, read_about, read_tracks, require_whole
 
     about = read_about(folder)
     if about.get("void"):

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.contract import FloatArray
 
 
 @cache

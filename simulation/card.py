@@ -41,20 +41,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.card_file import CardReader, read_toml
-from edge_runtime.contract import UNITS, Unit
-from edge_runtime.errors import CardError, HoldfastError, UsageError
-from edge_runtime.grip import CONTROLLERS
-from edge_runtime.reading import Json
-from simulation.camera.frames import CAMERA
-from simulation.effect import Effect
-from simulation.effects import EFFECTS, step_settings
-from simulation.hand import HAND, HandLayout
-from simulation.hand_control import MODEL, NAMES, NUMBERS, HandControl
-from simulation.objects import OBJECT_KEYS, OBJECTS, Thing, thing
-from simulation.protocol import ACTIONS, COMMON, least_grip_n
-from simulation.shipped import CARDS, STYLES, shipped
-from simulation.values import Parameter
+from holdfast.edge_runtime.card_file import CardReader, read_toml
+from holdfast.edge_runtime.contract import UNITS, Unit
+from holdfast.edge_runtime.errors import CardError, HoldfastError, UsageError
+from holdfast.edge_runtime.grip import CONTROLLERS
+from holdfast.edge_runtime.reading import Json
+from holdfast.simulation.camera.frames import CAMERA
+from holdfast.simulation.effect import Effect
+from holdfast.simulation.effects import EFFECTS, step_settings
+from holdfast.simulation.hand import HAND, HandLayout
+from holdfast.simulation.hand_control import MODEL, NAMES, NUMBERS, HandControl
+from holdfast.simulation.objects import OBJECT_KEYS, OBJECTS, Thing, thing
+from holdfast.simulation.protocol import ACTIONS, COMMON, least_grip_n
+from holdfast.simulation.shipped import CARDS, STYLES, shipped
+from holdfast.simulation.values import Parameter
 
 MAX_GRIP_N = 70.0
 """The Michelangelo hand's greatest opposition grip."""

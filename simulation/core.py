@@ -26,10 +26,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
-from simulation.body import Body, Floor, Inputs, State, offset_m, recess_m
-from simulation.effect import NO_EFFECTS, PhysicsEffects
-from simulation.energy import TINY, keep_the_balance, taken_by_lags_j
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.body import Body, Floor, Inputs, State, offset_m, recess_m
+from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects
+from holdfast.simulation.energy import TINY, keep_the_balance, taken_by_lags_j
 
 IntArray = npt.NDArray[np.int64]
 RHO_TOLERANCE = 2e-3

@@ -17,8 +17,8 @@ from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray, FloatArray, Unit
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Unit
+from holdfast.simulation.values import Parameter
 
 Drawn = Mapping[str, Any]
 """Parameter name -> value of one trial: a float, or a list of floats."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simulation.camera.frames import Camera
-from simulation.effect import Effect
-from simulation.loop import LOOP_EFFECTS
-from simulation.sensor import SENSOR_EFFECTS
-from simulation.values import Parameter
+from holdfast.simulation.camera.frames import Camera
+from holdfast.simulation.effect import Effect
+from holdfast.simulation.loop import LOOP_EFFECTS
+from holdfast.simulation.sensor import SENSOR_EFFECTS
+from holdfast.simulation.values import Parameter
 
 
 def conversion_s(averages: float) -> float:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.body import Body, State, offset_m, recess_m
-from simulation.effect import PhysicsEffects
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.body import Body, State, offset_m, recess_m
+from holdfast.simulation.effect import PhysicsEffects
 
 TINY = 1e-300
 """Keeps a division by zero away."""

@@ -21,19 +21,19 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray, channel_names
-from edge_runtime.errors import OutputError
-from edge_runtime.reading import Json
-from edge_runtime.trial_file import TIME_COLUMN
-from edge_runtime.writing import require_writable, whole_folder, write_whole
-from simulation.camera.frames import Camera
-from simulation.card import Card
-from simulation.effect import Drawn, Signal
-from simulation.effects import EFFECTS
-from simulation.grip_record import COLUMNS, GripRecord
-from simulation.run import Done
-from simulation.scene import BATCH, Scene, SimulatedTrial
-from simulation.table import csv_bytes
+from holdfast.edge_runtime.contract import FloatArray, channel_names
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_file import TIME_COLUMN
+from holdfast.edge_runtime.writing import require_writable, whole_folder, write_whole
+from holdfast.simulation.camera.frames import Camera
+from holdfast.simulation.card import Card
+from holdfast.simulation.effect import Drawn, Signal
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.grip_record import COLUMNS, GripRecord
+from holdfast.simulation.run import Done
+from holdfast.simulation.scene import BATCH, Scene, SimulatedTrial
+from holdfast.simulation.table import csv_bytes
 
 KIND = "simulated"
 STREAM = "daily"

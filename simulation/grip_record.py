@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.reading import Json
-from simulation.table import Column
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.reading import Json
+from holdfast.simulation.table import Column
 
 COLUMNS = ("target_n", "needed_n", "mu_hat", "mode", "grip_n")
 """Of trial_<n>.grip.csv, after the time."""

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.values import Parameter
 
 HAND = {
     "thumb": Parameter(2.0, "", 2, 20, "contacts on the thumb"),

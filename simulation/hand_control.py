@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from simulation.closed_loop.actuator import Drive
-from simulation.values import Parameter
+from holdfast.simulation.closed_loop.actuator import Drive
+from holdfast.simulation.values import Parameter
 
 MODEL = "models/holdfast-150hz.onnx"
 NAMES = ("name", "model")

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from edge_runtime.trial_layout import MASSES_G
-from simulation.values import Parameter
+from holdfast.edge_runtime.trial_layout import MASSES_G
+from holdfast.simulation.values import Parameter
 
 OBJECT_KEYS = {
     "mass_g": Parameter(100.0, "g", 0.1, 5000.0, "mass"),

@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from simulation.effect import stream
-from simulation.hand import HandLayout
-from simulation.objects import Thing
-from simulation.values import Parameter
+from holdfast.simulation.effect import stream
+from holdfast.simulation.hand import HandLayout
+from holdfast.simulation.objects import Thing
+from holdfast.simulation.values import Parameter
 
 GRAVITY_M_S2 = 9.81
 NEVER_S = 1e9

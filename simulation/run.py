@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from simulation.body import Body, State, at_rest
-from simulation.core import step
-from simulation.effect import NO_EFFECTS, PhysicsEffects, without_lanes
-from simulation.protocol import PlannedTrial
-from simulation.script import Grid, Interval, Script, body_of, grid_of
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.simulation.body import Body, State, at_rest
+from holdfast.simulation.core import step
+from holdfast.simulation.effect import NO_EFFECTS, PhysicsEffects, without_lanes
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.script import Grid, Interval, Script, body_of, grid_of
 
 CHUNK = 64
 WORTH_LEAVING = 16

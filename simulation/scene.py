@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.camera.frames import Camera, Frames
-from simulation.card import Card, Row
-from simulation.effect import Drawn, PhysicsEffects, Signal, stream
-from simulation.effects import EFFECTS, step_settings
-from simulation.grip_record import GripRecord
-from simulation.protocol import PlannedTrial, draw_trial
-from simulation.run import Done, StepSettings, TrialMotion, motions
-from simulation.script import grid_of
-from simulation.sensor.calibration import calibrate
-from simulation.truth import Truth, truth_of
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.camera.frames import Camera, Frames
+from holdfast.simulation.card import Card, Row
+from holdfast.simulation.effect import Drawn, PhysicsEffects, Signal, stream
+from holdfast.simulation.effects import EFFECTS, step_settings
+from holdfast.simulation.grip_record import GripRecord
+from holdfast.simulation.protocol import PlannedTrial, draw_trial
+from holdfast.simulation.run import Done, StepSettings, TrialMotion, motions
+from holdfast.simulation.script import grid_of
+from holdfast.simulation.sensor.calibration import calibrate
+from holdfast.simulation.truth import Truth, truth_of
 
 BATCH = 1000
 """About this many trials are stepped together: fewer waste time on calls, more on memory."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
-from simulation.body import Body, Floor, Inputs, Pull
-from simulation.protocol import GRAVITY_M_S2, NEVER_S, PlannedTrial
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.body import Body, Floor, Inputs, Pull
+from holdfast.simulation.protocol import GRAVITY_M_S2, NEVER_S, PlannedTrial
 
 OPEN_GAP_M = 0.03
 SETTLE_S = 0.4

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.contract import FloatArray
 
 Column = tuple[FloatArray, int]
 Letters = npt.NDArray[np.uint8]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import (
+from holdfast.edge_runtime.contract import (
     GRASP,
     NOTHING,
     RISKY_SLIP,
@@ -22,11 +22,11 @@ from edge_runtime.contract import (
     BoolArray,
     FloatArray,
 )
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import RISKY_ACTIONS
-from simulation.protocol import PlannedTrial
-from simulation.run import TrialMotion
-from simulation.script import Times
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import RISKY_ACTIONS
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.script import Times
 
 LOAD_N = 0.1
 GROSS_SLIP_M = 2e-3

@@ -17,26 +17,26 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.command import Parser, finish, path_argument, seed
-from edge_runtime.reading import Json
-from edge_runtime.timing import time_in_turns
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.doc_tables import table as doc_table
-from evaluation.timed_calls import step_call
-from export.features import GROUPS, feature_count
-from export.learner import LEARNERS
-from export.spec import StepSpec
-from export.step_graph import feature_graph
-from training.crossval import HeldOut, cross_validate
-from training.datasets import load
-from training.featurise import features_of, spec_for
-from training.figures import ABSENT, Interval
-from training.fitting import held_out_figures, versions
-from training.paired import Gain, macro_f1_gain, prediction_gains
-from training.plan import LearnerKind, TrainingPlan
-from training.progress import stages
-from training.recording import DataSet
-from training.say import Say
+from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.timing import time_in_turns
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.doc_tables import table as doc_table
+from holdfast.evaluation.timed_calls import step_call
+from holdfast.export.features import GROUPS, feature_count
+from holdfast.export.learner import LEARNERS
+from holdfast.export.spec import StepSpec
+from holdfast.export.step_graph import feature_graph
+from holdfast.training.crossval import HeldOut, cross_validate
+from holdfast.training.datasets import load
+from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.figures import ABSENT, Interval
+from holdfast.training.fitting import held_out_figures, versions
+from holdfast.training.paired import Gain, macro_f1_gain, prediction_gains
+from holdfast.training.plan import LearnerKind, TrainingPlan
+from holdfast.training.progress import stages
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
 
 HUMAN = "human_slip_uskin"
 Rows = dict[str, tuple[str, ...]]

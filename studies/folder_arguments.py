@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from edge_runtime.command import path_argument, seed
+from holdfast.edge_runtime.command import path_argument, seed
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser, target: str) -> None:

@@ -21,11 +21,11 @@ from hard_cases import (  # noqa: F401  hooks: pytest finds them here by their n
 from hypothesis import settings
 from made_once import made_once
 
-from edge_runtime.errors import DataNotFound
-from training.datasets import find, load
+from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.training.datasets import find, load
 
 if TYPE_CHECKING:
-    from training.recording import DataSet
+    from holdfast.training.recording import DataSet
 
 
 pytest_plugins = [
@@ -81,7 +81,7 @@ class Built:
 @pytest.fixture(scope="session")
 def fixture_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The generated set, three trials a cell, at 50 Hz. Read only: many tests share it."""
-    from training.fixture import write_fixture
+    from holdfast.training.fixture import write_fixture
 
     return made_once(
         tmp_path_factory, "fixture", lambda folder: write_fixture(folder, trials_per_cell=3)
@@ -102,7 +102,7 @@ def four_situations(fixture_folder: Path, tmp_path_factory: pytest.TempPathFacto
 
     Its second task is made up: the prediction is "risky now".
     """
-    from training.fitting import with_situations
+    from holdfast.training.fitting import with_situations
 
     loaded = load(fixture_folder, windows="thesis")
     rows = with_situations(loaded).tasks["situations"]
@@ -114,10 +114,10 @@ def four_situations(fixture_folder: Path, tmp_path_factory: pytest.TempPathFacto
 
 def _build(data: DataSet, out: Path) -> None:
     """Train and export by the real pipeline, with forests of a few trees."""
-    from export.exporting import export_artifact
-    from export.spec import BandsLeftOut
-    from training.fitting import train
-    from training.plan import ForestPlan, TrainingPlan
+    from holdfast.export.exporting import export_artifact
+    from holdfast.export.spec import BandsLeftOut
+    from holdfast.training.fitting import train
+    from holdfast.training.plan import ForestPlan, TrainingPlan
 
     few = ForestPlan(n_estimators=6)
     with warnings.catch_warnings():

@@ -3,12 +3,14 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import edge_runtime as edge_runtime  # first of all: it switches onnxruntime's telemetry off
+from holdfast import (
+    edge_runtime as edge_runtime,  # first of all: it switches onnxruntime's telemetry off
+)
 
 if TYPE_CHECKING:
-    from training.frames import recordings_from_frames as recordings_from_frames
+    from holdfast.training.frames import recordings_from_frames as recordings_from_frames
 
-_LATE = {"recordings_from_frames": "training.frames"}
+_LATE = {"recordings_from_frames": "holdfast.training.frames"}
 """Imported when first used, so that `holdfast train --help` loads no pandas."""
 
 

@@ -20,9 +20,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
-from export.bank import bands_for, sections
-from training.recording import Recording
+from holdfast.edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray
+from holdfast.export.bank import bands_for, sections
+from holdfast.training.recording import Recording
 
 PointMethod = Literal["band-pass", "friction", "both"]
 Rows = npt.NDArray[np.int64]

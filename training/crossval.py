@@ -13,25 +13,25 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.linear_model import LogisticRegression
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.errors import ClassMissing
-from export.committee import Committee
-from export.exporting import whole_graph
-from export.forest import Forest, IntArray, votes_of_trees
-from export.heads import Calibration, Head
-from export.learner import Learner, reference_votes
-from export.reference import reference_label, situation_votes
-from export.spec import StepSpec
-from export.verification import Verification
-from export.verify import verify
-from training.featurise import FloatRows
-from training.label_rule import LabelWeights, fit_label_weights, situation_labels
-from training.network_choice import choose_network
-from training.network_fit import fit_network
-from training.plan import TASK_HEADS, TrainingPlan
-from training.recording import DataSet
-from training.say import Say
-from training.splits import Fold, assign_groups, folds_of, grouped_folds
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.errors import ClassMissing
+from holdfast.export.committee import Committee
+from holdfast.export.exporting import whole_graph
+from holdfast.export.forest import Forest, IntArray, votes_of_trees
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import Learner, reference_votes
+from holdfast.export.reference import reference_label, situation_votes
+from holdfast.export.spec import StepSpec
+from holdfast.export.verification import Verification
+from holdfast.export.verify import verify
+from holdfast.training.featurise import FloatRows
+from holdfast.training.label_rule import LabelWeights, fit_label_weights, situation_labels
+from holdfast.training.network_choice import choose_network
+from holdfast.training.network_fit import fit_network
+from holdfast.training.plan import TASK_HEADS, TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
+from holdfast.training.splits import Fold, assign_groups, folds_of, grouped_folds
 
 CALIBRATION_C = 1.0
 """Inverse regularisation of the calibration (scikit-learn's C) on vote shares between 0 and 1."""

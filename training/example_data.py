@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from edge_runtime.errors import OutputError
-from edge_runtime.writing import require_writable, write_whole
-from training.fixture import write_fixture
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.training.fixture import write_fixture
 
 TRIALS, LOGGER = "trials", "logger"
 PEOPLE = ("p01", "p02", "p03")

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.graph import open_session, steps_of
-from export.spec import StepSpec
-from export.step_graph import features_alone
-from training.recording import DataSet
-from training.say import Part, ignored
-from training.stepping import stepped
+from holdfast.edge_runtime.graph import open_session, steps_of
+from holdfast.export.spec import StepSpec
+from holdfast.export.step_graph import features_alone
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Part, ignored
+from holdfast.training.stepping import stepped
 
 FloatRows = npt.NDArray[np.float32]
 

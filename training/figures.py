@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Protocol
 
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.reading import Json
 
 ABSENT = "-"
 """What a table has for a class that is absent from the truth."""

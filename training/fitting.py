@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.errors import ClassMissing
-from edge_runtime.reading import Json
-from export.artifact import Artifact, write_artifact
-from export.heads import Head
-from training.crossval import (
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.errors import ClassMissing
+from holdfast.edge_runtime.reading import Json
+from holdfast.export.artifact import Artifact, write_artifact
+from holdfast.export.heads import Head
+from holdfast.training.crossval import (
     HeldOut,
     cross_validate,
     fit_calibration,
@@ -23,13 +23,13 @@ from training.crossval import (
     main_task,
     plan_for,
 )
-from training.featurise import FloatRows, features_of, spec_for
-from training.figures import HeadFigures
-from training.label_rule import fit_label_weights
-from training.metrics import report
-from training.plan import TASK_HEADS, TrainingPlan
-from training.recording import DataSet, Recording
-from training.say import Part, Say, ignored
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.figures import HeadFigures
+from holdfast.training.label_rule import fit_label_weights
+from holdfast.training.metrics import report
+from holdfast.training.plan import TASK_HEADS, TrainingPlan
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.say import Part, Say, ignored
 
 VERSIONS_OF = ("numpy", "scipy", "scikit-learn", "skl2onnx", "onnx", "onnxruntime")
 

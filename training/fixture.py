@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import (
+from holdfast.edge_runtime.contract import (
     GRASP,
     NORMAL_AXIS,
     NOTHING,
@@ -23,10 +23,10 @@ from edge_runtime.contract import (
     FloatArray,
     channel_names,
 )
-from edge_runtime.trial_file import TIME_COLUMN
-from edge_runtime.trial_layout import MASSES_G, truth_path
-from training.objects import is_heavy
-from training.timeline import situation_of
+from holdfast.edge_runtime.trial_file import TIME_COLUMN
+from holdfast.edge_runtime.trial_layout import MASSES_G, truth_path
+from holdfast.training.objects import is_heavy
+from holdfast.training.timeline import situation_of
 
 KIND = "generated fixture"
 FIXTURE_OBJECTS = ("soft-ball", "empty-bottle", "basket-ball", "hard-ball", "full-bottle")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from edge_runtime.contract import LIGHT_BELOW_G, SITUATIONS, UNITS
-from edge_runtime.trial_layout import (
+from holdfast.edge_runtime.contract import LIGHT_BELOW_G, SITUATIONS, UNITS
+from holdfast.edge_runtime.trial_layout import (
     INTENT_SUFFIX,
     META,
     RISKY_ACTIONS,
@@ -14,10 +14,10 @@ from edge_runtime.trial_layout import (
     VOLUNTARY_ACTIONS,
     truth_path,
 )
-from training.datasets.places import FOLDERS
-from training.folder_report import ClassSeconds, Missing
-from training.objects import read_json
-from training.windows import TimedTrial
+from holdfast.training.datasets.places import FOLDERS
+from holdfast.training.folder_report import ClassSeconds, Missing
+from holdfast.training.objects import read_json
+from holdfast.training.windows import TimedTrial
 
 SCRIPT = "script"
 LAYOUT = "<person>/<object>/<action>/trial_1.csv"

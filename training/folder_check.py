@@ -7,14 +7,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.errors import DataError
-from edge_runtime.intent_file import read_intent
-from edge_runtime.trial_layout import intent_path
-from training.datasets import LAYOUTS, layout_of, load
-from training.datasets.thesis import common_rate
-from training.datasets.trial_readers import TrialReader, read_all
-from training.folder_advice import advice, not_read
-from training.folder_report import (
+from holdfast.edge_runtime.errors import DataError
+from holdfast.edge_runtime.intent_file import read_intent
+from holdfast.edge_runtime.trial_layout import intent_path
+from holdfast.training.datasets import LAYOUTS, layout_of, load
+from holdfast.training.datasets.thesis import common_rate
+from holdfast.training.datasets.trial_readers import TrialReader, read_all
+from holdfast.training.folder_advice import advice, not_read
+from holdfast.training.folder_report import (
     FolderReport,
     Found,
     Missing,
@@ -22,9 +22,9 @@ from training.folder_report import (
     cells_of,
     seconds_of_classes,
 )
-from training.hold_out import grouped
-from training.say import Part, ignored
-from training.windows import TimedTrial
+from holdfast.training.hold_out import grouped
+from holdfast.training.say import Part, ignored
+from holdfast.training.windows import TimedTrial
 
 OF_THE_SET = "labels of the set"
 
@@ -86,7 +86,7 @@ def intents_beside(trials: Sequence[Path]) -> tuple[int, list[Missing]]:
 
 
 def _readers(root: Path, layout: str, faults: list[DataError]) -> list[TrialReader]:
-    module: Any = import_module(f"training.datasets.{layout}")
+    module: Any = import_module(f"holdfast.training.datasets.{layout}")
     try:
         readers: list[TrialReader] = module.readers(root, faults.append)
     except DataError as error:

@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.errors import DataError
-from edge_runtime.reading import Json
-from training.datasets.places import TrialPlace
-from training.objects import object_name
-from training.windows import TimedTrial
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.errors import DataError
+from holdfast.edge_runtime.reading import Json
+from holdfast.training.datasets.places import TrialPlace
+from holdfast.training.objects import object_name
+from holdfast.training.windows import TimedTrial
 
 Level = Literal["error", "training", "advice"]
 CellName = tuple[str | None, str | None, str | None]

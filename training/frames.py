@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edge_runtime.contract import NOTHING, SITUATIONS, FloatArray, Unit
-from edge_runtime.errors import DataNotFound, LabelError, NotANumber
-from edge_runtime.trial_file import Trial, trial_of
-from training.datasets.places import EMPTY_HAND, FOLDERS
-from training.datasets.rows import finite_sensors
-from training.datasets.thesis import OPEN_HAND, assembled, preparation, require_unit
-from training.objects import Mass, named_mass, object_name, plain_word
-from training.recording import DataSet, Recording
-from training.timeline import ACTION_S, Phase, events_of, scripted, whole
-from training.windows import Choice, TimedTrial
+from holdfast.edge_runtime.contract import NOTHING, SITUATIONS, FloatArray, Unit
+from holdfast.edge_runtime.errors import DataNotFound, LabelError, NotANumber
+from holdfast.edge_runtime.trial_file import Trial, trial_of
+from holdfast.training.datasets.places import EMPTY_HAND, FOLDERS
+from holdfast.training.datasets.rows import finite_sensors
+from holdfast.training.datasets.thesis import OPEN_HAND, assembled, preparation, require_unit
+from holdfast.training.objects import Mass, named_mass, object_name, plain_word
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.timeline import ACTION_S, Phase, events_of, scripted, whole
+from holdfast.training.windows import Choice, TimedTrial
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
-from edge_runtime.errors import TooFewGroups
-from training.recording import DataSet, Recording
+from holdfast.edge_runtime.errors import TooFewGroups
+from holdfast.training.recording import DataSet, Recording
 
 HoldOut = Literal["person", "object", "trial"]
 NO_OBJECT = "-"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import SITUATIONS
-from export.reference import riskier_argmax, weighted
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.export.reference import riskier_argmax, weighted
 
 FACTORS = np.exp(np.linspace(-1.2, 1.2, 13)).tolist()
 """What one weight is multiplied by in a round of the search."""

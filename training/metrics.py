@@ -22,10 +22,16 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import average_precision_score, roc_auc_score
 
-from edge_runtime.contract import SITUATIONS, FloatArray
-from edge_runtime.errors import LabelError, NotANumber
-from training.figures import HeadFigures, Interval, PredictionFigures, Share, SituationFigures
-from training.recording import DataSet
+from holdfast.edge_runtime.contract import SITUATIONS, FloatArray
+from holdfast.edge_runtime.errors import LabelError, NotANumber
+from holdfast.training.figures import (
+    HeadFigures,
+    Interval,
+    PredictionFigures,
+    Share,
+    SituationFigures,
+)
+from holdfast.training.recording import DataSet
 
 N_DRAWS = 1000
 INTERVAL_PERCENT = (2.5, 97.5)

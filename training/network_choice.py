@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import average_precision_score
 
-from training.network_fit import NetworkPlan, Reals, Rows, fit_members
-from training.splits import grouped_folds
+from holdfast.training.network_fit import NetworkPlan, Reals, Rows, fit_members
+from holdfast.training.splits import grouped_folds
 
 FACTORS = ((1.0, 1), (0.1, 1), (10.0, 1), (1.0, 2))
 """On a plan's alpha and epochs; the first is the plan itself, which wins a tie."""

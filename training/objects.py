@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.contract import LIGHT_BELOW_G
-from edge_runtime.errors import LabelError
-from edge_runtime.reading import Json, json_of, text_of
-from edge_runtime.trial_layout import MASSES_G, META
+from holdfast.edge_runtime.contract import LIGHT_BELOW_G
+from holdfast.edge_runtime.errors import LabelError
+from holdfast.edge_runtime.reading import Json, json_of, text_of
+from holdfast.edge_runtime.trial_layout import MASSES_G, META
 
 MASSES_KEY, TABLE = "masses_g", "table"
 ALIASES = {"colabottle": "full-bottle"}

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import SITUATIONS, FloatArray
-from training.figures import Interval
-from training.metrics import (
+from holdfast.edge_runtime.contract import SITUATIONS, FloatArray
+from holdfast.training.figures import Interval
+from holdfast.training.metrics import (
     N_DRAWS,
     Labels,
     f1_and_draws,

@@ -11,10 +11,10 @@ from typing import Literal
 
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
-from edge_runtime.decision import DecisionRules
-from edge_runtime.reading import Json
-from export.forest import Forest
-from training.network_fit import NetworkPlan
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.reading import Json
+from holdfast.export.forest import Forest
+from holdfast.training.network_fit import NetworkPlan
 
 CLOCK_FREE_GROUPS = ("now", "differences", "scaled_differences", "scaled_sums", "activity")
 RAW_GROUPS = ("window",)

@@ -18,7 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from edge_runtime.visible import visible
+from holdfast.edge_runtime.visible import visible
 
 
 class Stages:

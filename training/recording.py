@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray, Unit
-from edge_runtime.preparation import Preparation
-from edge_runtime.reading import Json
-from training.timeline import Phase, RiskyEvent
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Unit
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.edge_runtime.reading import Json
+from holdfast.training.timeline import Phase, RiskyEvent
 
 
 @dataclass(frozen=True)

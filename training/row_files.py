@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from export.reference import FloatRows
+from holdfast.export.reference import FloatRows
 
 
 def digest_of(settings: Any) -> str:

@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 
-from training.hold_out import PLURAL
-from training.recording import DataSet
+from holdfast.training.hold_out import PLURAL
+from holdfast.training.recording import DataSet
 
 FEWEST_WINDOWS = 50
 """Of a class; below, a forest learns single trials and an F1 jumps with each window."""

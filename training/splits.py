@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.errors import TooFewGroups
+from holdfast.edge_runtime.errors import TooFewGroups
 
 Rows = npt.NDArray[np.int64]
 Fold = tuple[Rows, Rows]

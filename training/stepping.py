@@ -11,10 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.graph import Outputs, step_recordings
-from edge_runtime.stepper import Steps
-from training.recording import Recording
-from training.say import Part, ignored
+from holdfast.edge_runtime.graph import Outputs, step_recordings
+from holdfast.edge_runtime.stepper import Steps
+from holdfast.training.recording import Recording
+from holdfast.training.say import Part, ignored
 
 THREADS = 2
 """The step leaves the interpreter alone while it runs."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_runtime.reading import Json
-from training.figures import ABSENT, Interval, SituationFigures, over
-from training.hold_out import PLURAL
-from training.recording import DataSet
+from holdfast.edge_runtime.reading import Json
+from holdfast.training.figures import ABSENT, Interval, SituationFigures, over
+from holdfast.training.hold_out import PLURAL
+from holdfast.training.recording import DataSet
 
 
 def windows_table(data: DataSet) -> str:

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contact import contact_rows
-from edge_runtime.contract import (
+from holdfast.edge_runtime.contact import contact_rows
+from holdfast.edge_runtime.contract import (
     GRASP,
     NORMAL_AXIS,
     NOTHING,
@@ -27,11 +27,11 @@ from edge_runtime.contract import (
     SITUATIONS,
     FloatArray,
 )
-from edge_runtime.errors import LabelError
-from edge_runtime.reading import Json
-from edge_runtime.trial_file import LONGEST_S, Trial
-from edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
-from training.objects import read_json
+from holdfast.edge_runtime.errors import LabelError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_file import LONGEST_S, Trial
+from holdfast.edge_runtime.trial_layout import SITUATION_OF_ACTION, truth_path
+from holdfast.training.objects import read_json
 
 UNSCRIPTED = ("hold", "daily")
 """Actions whose labels come only from the truth beside a trial."""

@@ -19,13 +19,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edge_runtime.command import path_argument, run_script, seed, show
-from edge_runtime.errors import DataError, UsageError
+from holdfast.edge_runtime.command import path_argument, run_script, seed, show
+from holdfast.edge_runtime.errors import DataError, UsageError
 
 if TYPE_CHECKING:
-    from training.figures import HeadFigures
-    from training.progress import Stages
-    from training.recording import DataSet
+    from holdfast.training.figures import HeadFigures
+    from holdfast.training.progress import Stages
+    from holdfast.training.recording import DataSet
 
 WINDOWS, MODEL_SIZES = ("balanced", "thesis", "natural"), ("tiny", "default", "best")
 """As training/windows.py and training/plan.py have them; here so that --help need not import
@@ -127,8 +127,8 @@ def _choose_recordings(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train; prints the windows and the held-out figures, and on stderr what it is about."""
-    from training.progress import stages
-    from training.summary import situation_lines, with_interval
+    from holdfast.training.progress import stages
+    from holdfast.training.summary import situation_lines, with_interval
 
     folders = args.data or [str(args.out / FIXTURE)]
     with stages(len(folders) + MOST_STAGES) as say:
@@ -149,13 +149,13 @@ def _trained(
     args: argparse.Namespace, folders: Sequence[str], say: Stages
 ) -> tuple[DataSet, HeadFigures]:
     """The set that was trained on, and the held-out figures."""
-    from edge_runtime.writing import require_writable
-    from export.artifact import require_no_artifact
-    from training.datasets.joined import join
-    from training.fitting import train
-    from training.plan import hand_plan
-    from training.scarcity import warn_of_scarcity
-    from training.summary import windows_table
+    from holdfast.edge_runtime.writing import require_writable
+    from holdfast.export.artifact import require_no_artifact
+    from holdfast.training.datasets.joined import join
+    from holdfast.training.fitting import train
+    from holdfast.training.plan import hand_plan
+    from holdfast.training.scarcity import warn_of_scarcity
+    from holdfast.training.summary import windows_table
 
     require_writable(args.out)
     if not args.force and not _rebuilds_fixture(args):
@@ -179,8 +179,8 @@ def _trained(
 
 def _read_set(folder: str, args: argparse.Namespace, say: Stages) -> DataSet:
     """One set, as the options say. Raises UsageError for its --channels, and a DataError."""
-    from training.datasets import load
-    from training.datasets.channels import ChannelsNotOffered
+    from holdfast.training.datasets import load
+    from holdfast.training.datasets.channels import ChannelsNotOffered
 
     try:
         return load(
@@ -201,9 +201,9 @@ def _read_set(folder: str, args: argparse.Namespace, say: Stages) -> DataSet:
 
 def _rebuilds_fixture(args: argparse.Namespace) -> bool:
     """Whether this run without arguments replaces an artifact of the fixture."""
-    from export.artifact import INDEX
-    from training.fixture import KIND
-    from training.objects import read_json
+    from holdfast.export.artifact import INDEX
+    from holdfast.training.fixture import KIND
+    from holdfast.training.objects import read_json
 
     if args.data or args.out != DEFAULT_OUT:
         return False
@@ -215,7 +215,7 @@ def _rebuilds_fixture(args: argparse.Namespace) -> bool:
 
 
 def _write_fixture(out: Path) -> None:
-    from training.fixture import write_fixture
+    from holdfast.training.fixture import write_fixture
 
     write_fixture(out / FIXTURE, trials_per_cell=FIXTURE_TRIALS)
 

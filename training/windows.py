@@ -34,14 +34,14 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, class_id
-from edge_runtime.errors import ClassMissing
-from export.spec import HISTORY_S, WINDOW_S, window_samples
-from training.critical_points import CriticalPoint, offline_critical_points
-from training.objects import Mass
-from training.recording import LabelledRows, Recording
-from training.say import Part, ignored
-from training.timeline import Phase
+from holdfast.edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, class_id
+from holdfast.edge_runtime.errors import ClassMissing
+from holdfast.export.spec import HISTORY_S, WINDOW_S, window_samples
+from holdfast.training.critical_points import CriticalPoint, offline_critical_points
+from holdfast.training.objects import Mass
+from holdfast.training.recording import LabelledRows, Recording
+from holdfast.training.say import Part, ignored
+from holdfast.training.timeline import Phase
 
 Choice = Literal["balanced", "thesis", "natural"]
 """Which windows of a set in the thesis' layout are taken."""

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
-from benchmarks.cost.recordings import read, starts
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import DataError
-from export.bank import BANDS_HZ, STATES_PER_BAND, step_matrix
-from export.features import SCALED_LAGS, SPANS_S, feature_count
-from export.history import LAGS_S
-from export.spec import WINDOW_S, StepSpec
-from training.crossval import main_task
-from training.featurise import FloatRows, features_everywhere, features_of
-from training.recording import DataSet
-from training.row_files import digest_of, kept_rows
+from holdfast.benchmarks.cost.point import GROUPS, WINDOWS_S, Point, Set
+from holdfast.benchmarks.cost.recordings import read, starts
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import DataError
+from holdfast.export.bank import BANDS_HZ, STATES_PER_BAND, step_matrix
+from holdfast.export.features import SCALED_LAGS, SPANS_S, feature_count
+from holdfast.export.history import LAGS_S
+from holdfast.export.spec import WINDOW_S, StepSpec
+from holdfast.training.crossval import main_task
+from holdfast.training.featurise import FloatRows, features_everywhere, features_of
+from holdfast.training.recording import DataSet
+from holdfast.training.row_files import digest_of, kept_rows
 
 
 def windows(folder: Path, point: Point) -> FloatRows:

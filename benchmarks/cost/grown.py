@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from export.forest import Forest
-from export.learner import Learner, forest_of
-from training.crossval import fit_learner, joined_by_network
-from training.featurise import FloatRows
-from training.plan import TrainingPlan
-from training.recording import DataSet
+from holdfast.export.forest import Forest
+from holdfast.export.learner import Learner, forest_of
+from holdfast.training.crossval import fit_learner, joined_by_network
+from holdfast.training.featurise import FloatRows
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet
 
 
 class Grown:

@@ -11,26 +11,31 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 
-from benchmarks.cost.features import everywhere, windows
-from benchmarks.cost.grown import Grown
-from benchmarks.cost.point import Point
-from benchmarks.cost.recordings import per_recording, read
-from edge_runtime.contract import RISKY_SLIP, FloatArray
-from edge_runtime.decision import UNKNOWN
-from edge_runtime.reading import Json
-from evaluation.alarms import Answers
-from evaluation.event_scores import EventScores, choose_confidence, event_scores, match_all_alarms
-from export.exporting import whole_graph
-from export.heads import Calibration, Head
-from export.learner import Learner, reference_votes
-from export.reference import IntArray, riskier_argmax, situation_votes
-from export.spec import StepSpec
-from training.crossval import HeldOut, fit_calibration, main_task
-from training.featurise import FloatRows
-from training.figures import Interval, SituationFigures
-from training.fitting import held_out_figures
-from training.recording import DataSet, Recording
-from training.splits import assign_groups
+from holdfast.benchmarks.cost.features import everywhere, windows
+from holdfast.benchmarks.cost.grown import Grown
+from holdfast.benchmarks.cost.point import Point
+from holdfast.benchmarks.cost.recordings import per_recording, read
+from holdfast.edge_runtime.contract import RISKY_SLIP, FloatArray
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.alarms import Answers
+from holdfast.evaluation.event_scores import (
+    EventScores,
+    choose_confidence,
+    event_scores,
+    match_all_alarms,
+)
+from holdfast.export.exporting import whole_graph
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import Learner, reference_votes
+from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.export.spec import StepSpec
+from holdfast.training.crossval import HeldOut, fit_calibration, main_task
+from holdfast.training.featurise import FloatRows
+from holdfast.training.figures import Interval, SituationFigures
+from holdfast.training.fitting import held_out_figures
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.splits import assign_groups
 
 FOLDS = 3
 MOST_FALSE_PER_MIN = 1.0

@@ -7,12 +7,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.cost.picture import figure
-from benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
-from evaluation.doc_tables import Tables, refresh, table, with_interval
-from evaluation.page import markdown
+from holdfast.benchmarks.cost.picture import figure
+from holdfast.benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.doc_tables import Tables, refresh, table, with_interval
+from holdfast.evaluation.page import markdown
 
 HEADS = {
     "what": "choice",

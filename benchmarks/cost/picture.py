@@ -9,9 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from benchmarks.cost.point import DEBOUNCES, DEPTHS, RATES_HZ, REFERENCE, SHIPPED, TREES, Point
-from edge_runtime.reading import Json
-from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+from holdfast.benchmarks.cost.point import (
+    DEBOUNCES,
+    DEPTHS,
+    RATES_HZ,
+    REFERENCE,
+    SHIPPED,
+    TREES,
+    Point,
+)
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
 
 COMPUTED = {
     "trees": [(f"{n}", Point(trees=n)) for n in TREES],

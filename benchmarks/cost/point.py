@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
-from edge_runtime.decision import DecisionRules
-from export.bank import BANDS_HZ
-from export.spec import HISTORY_S, WINDOW_S, StepSpec
-from training.featurise import spec_for
-from training.plan import (
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.export.bank import BANDS_HZ
+from holdfast.export.spec import HISTORY_S, WINDOW_S, StepSpec
+from holdfast.training.featurise import spec_for
+from holdfast.training.plan import (
     CLOCK_FREE_GROUPS,
     HIGH_CONFIDENCE,
     RAW_GROUPS,
@@ -20,7 +20,7 @@ from training.plan import (
     TrainingPlan,
     hand_plan,
 )
-from training.recording import DataSet
+from holdfast.training.recording import DataSet
 
 PEOPLES_TREES = 20
 BASES = {

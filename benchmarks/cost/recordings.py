@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cost.point import Set
-from edge_runtime.errors import DataError, UsageError
-from edge_runtime.writing import write_whole
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.datasets import load
-from training.recording import DataSet
+from holdfast.benchmarks.cost.point import Set
+from holdfast.edge_runtime.errors import DataError, UsageError
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.training.datasets import load
+from holdfast.training.recording import DataSet
 
 Parts = Mapping[str, tuple[str, int, int]]
 """Part -> card, grasps, seed."""

@@ -20,19 +20,19 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cost.features import some, whole_rows, windows
-from benchmarks.cost.grown import Grown
-from benchmarks.cost.measure import measure
-from benchmarks.cost.point import GOOD, GROUPS, Point, points
-from benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
-from edge_runtime.contract import FloatArray
-from edge_runtime.reading import Json
-from edge_runtime.timing import time_in_turns
-from edge_runtime.writing import write_whole
-from evaluation.job_options import CORES
-from evaluation.jobs import Job, Workers
-from evaluation.timed_calls import learner_call, step_call
-from export.verify import cut_learners
+from holdfast.benchmarks.cost.features import some, whole_rows, windows
+from holdfast.benchmarks.cost.grown import Grown
+from holdfast.benchmarks.cost.measure import measure
+from holdfast.benchmarks.cost.point import GOOD, GROUPS, Point, points
+from holdfast.benchmarks.cost.recordings import PARTS, Parts, read, require_parts, simulate
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.timing import time_in_turns
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.job_options import CORES
+from holdfast.evaluation.jobs import Job, Workers
+from holdfast.evaluation.timed_calls import learner_call, step_call
+from holdfast.export.verify import cut_learners
 
 HERE = Workers(CORES)
 TIMED_ROWS = 200

@@ -11,7 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-from benchmarks.runtimes.programs import called, require
+from holdfast.benchmarks.runtimes.programs import called, require
 
 ROOT = Path(__file__).resolve().parents[2]
 EMULATOR = "qemu-aarch64-static"

@@ -1,6 +1,6 @@
 """`make arm`: model files on emulated Arm processors: aarch64 in C and Python, and a Cortex-M7.
 
-python -m benchmarks.runtimes.arm OUT.json MODEL [MODEL ..]
+python -m holdfast.benchmarks.runtimes.arm OUT.json MODEL [MODEL ..]
 The first model is also checked in Python.
 """
 
@@ -12,16 +12,16 @@ import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks.runtimes.aarch64_python import selftest
-from benchmarks.runtimes.c_programs import AARCH64, GCC, SINGLE_GCC, answers_of, golden_of
-from benchmarks.runtimes.cortex_m7 import CLOCK_MHZ, PRECISIONS, on_board
-from benchmarks.runtimes.here import same_bits
-from benchmarks.runtimes.stream import stream_of
-from edge_runtime.command import show
-from edge_runtime.model import Model
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
-from export.c.exporting import export_c
+from holdfast.benchmarks.runtimes.aarch64_python import selftest
+from holdfast.benchmarks.runtimes.c_programs import AARCH64, GCC, SINGLE_GCC, answers_of, golden_of
+from holdfast.benchmarks.runtimes.cortex_m7 import CLOCK_MHZ, PRECISIONS, on_board
+from holdfast.benchmarks.runtimes.here import same_bits
+from holdfast.benchmarks.runtimes.stream import stream_of
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.export.c.exporting import export_c
 
 KEPT = Path("build/arm")
 """What was fetched for aarch64."""

@@ -10,9 +10,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.runtimes.c_programs import SINGLE, C
-from benchmarks.runtimes.programs import called, require
-from edge_runtime.errors import HoldfastError
+from holdfast.benchmarks.runtimes.c_programs import SINGLE, C
+from holdfast.benchmarks.runtimes.programs import called, require
+from holdfast.edge_runtime.errors import HoldfastError
 
 COMPILER = "arm-none-eabi-gcc"
 CORE = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-ffunction-sections", "-fdata-sections")

@@ -1,6 +1,6 @@
 """`make runtimes`: one model file in every runtime of this machine, in one run.
 
-python -m benchmarks.runtimes.here MODEL OUT.json
+python -m holdfast.benchmarks.runtimes.here MODEL OUT.json
 """
 
 from __future__ import annotations
@@ -16,17 +16,24 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.runtimes import onnx_programs
-from benchmarks.runtimes.c_programs import CLANG, GCC, SINGLE_GCC, WASM, StreamAnswers, answers_of
-from benchmarks.runtimes.stream import Stream, stream_of
-from edge_runtime.c_engine import LIBRARY, CompiledModel
-from edge_runtime.command import show
-from edge_runtime.engine import OpenedModel
-from edge_runtime.model import Model
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
-from evaluation.provenance import host
-from export.c.exporting import export_c
+from holdfast.benchmarks.runtimes import onnx_programs
+from holdfast.benchmarks.runtimes.c_programs import (
+    CLANG,
+    GCC,
+    SINGLE_GCC,
+    WASM,
+    StreamAnswers,
+    answers_of,
+)
+from holdfast.benchmarks.runtimes.stream import Stream, stream_of
+from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.provenance import host
+from holdfast.export.c.exporting import export_c
 
 BUILT = Path("build/runtimes")
 """Examples that were built, for the next time."""

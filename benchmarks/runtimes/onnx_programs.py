@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from benchmarks.runtimes.c_programs import StreamAnswers
-from benchmarks.runtimes.programs import called
-from benchmarks.runtimes.stream import Stream
+from holdfast.benchmarks.runtimes.c_programs import StreamAnswers
+from holdfast.benchmarks.runtimes.programs import called
+from holdfast.benchmarks.runtimes.stream import Stream
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 IN_RUST, IN_C, IN_WEB = (EXAMPLES / name for name in ("rust", "onnxruntime-c", "onnxruntime-web"))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh, table
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh, table
 
 HERE_HEADS = {
     "runtime": "runtime",

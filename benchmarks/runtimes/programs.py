@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from edge_runtime.errors import HoldfastError, LibraryMissing
+from holdfast.edge_runtime.errors import HoldfastError, LibraryMissing
 
 PACKAGES = {
     "gcc": "gcc",

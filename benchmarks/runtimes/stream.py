@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.graph import run_recording
-from edge_runtime.model import Model
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.datasets import load
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.graph import run_recording
+from holdfast.edge_runtime.model import Model
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.training.datasets import load
 
 TRIALS, LOST_EVERY, LOST_ROWS = 9, 400, 3
 """Trials, and how often a finger is lost for how many rows."""

@@ -17,8 +17,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from drivers.camera.library import load_depthai
-from drivers.camera.recording import (
+from holdfast.drivers.camera.library import load_depthai
+from holdfast.drivers.camera.recording import (
     ABOUT,
     STAMPS,
     TAGS,
@@ -30,8 +30,14 @@ from drivers.camera.recording import (
     require_same_stamps,
     write_about,
 )
-from drivers.camera.sources import LONGEST_WAIT_S, FrameSource
-from edge_runtime.errors import DeviceLost, EmptyRecording, HoldfastError, OutputError, TimeError
+from holdfast.drivers.camera.sources import LONGEST_WAIT_S, FrameSource
+from holdfast.edge_runtime.errors import (
+    DeviceLost,
+    EmptyRecording,
+    HoldfastError,
+    OutputError,
+    TimeError,
+)
 
 FAMILY, QUAD_DECIMATE, THREADS = "36h11", 2, 1
 """Decimation 4, the default, loses tags of 30 px.

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
-from edge_runtime.errors import CameraUnavailable, LibraryMissing
+from holdfast.edge_runtime.errors import CameraUnavailable, LibraryMissing
 
 QUIET = {
     "DEPTHAI_TELEMETRY": "0",

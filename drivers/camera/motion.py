@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import LabelError, TagError
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import LabelError, TagError
 
 SIGMAS, FLOOR_PX = 5.0, 0.15
 REST_S, REST_FRAMES = 0.3, 5

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.camera.motion import REST_FRAMES, REST_S, Motion
-from drivers.camera.start_fit import fitted_start
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import LabelError
+from holdfast.drivers.camera.motion import REST_FRAMES, REST_S, Motion
+from holdfast.drivers.camera.start_fit import fitted_start
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import LabelError
 
 IN_A_ROW = 3
 LONGEST_STEP = 2.5

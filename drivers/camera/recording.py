@@ -28,11 +28,17 @@ from typing import Any, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from drivers.camera.sources import Frame, Lens, Stored, require_forward
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, OutputError
-from edge_runtime.reading import Json, json_of, require_lines, text_of
-from edge_runtime.writing import write_whole
+from holdfast.drivers.camera.sources import Frame, Lens, Stored, require_forward
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import (
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+    OutputError,
+)
+from holdfast.edge_runtime.reading import Json, json_of, require_lines, text_of
+from holdfast.edge_runtime.writing import write_whole
 
 VIDEO, STAMPS, TAGS, ABOUT = "camera.mkv", "camera.mcap", "tags.csv", "camera.json"
 CORNERS = [f"{axis}{k}" for k in range(1, 5) for axis in "xy"]

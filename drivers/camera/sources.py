@@ -13,9 +13,15 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from drivers.camera.library import opening
-from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
-from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, TimeError, TransferFailed
+from holdfast.drivers.camera.library import opening
+from holdfast.edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
+from holdfast.edge_runtime.errors import (
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    TimeError,
+    TransferFailed,
+)
 
 Image = npt.NDArray[np.uint8]
 OAK = "oak"

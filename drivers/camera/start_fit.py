@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.camera.motion import REST_S
-from edge_runtime.contract import FloatArray
+from holdfast.drivers.camera.motion import REST_S
+from holdfast.edge_runtime.contract import FloatArray
 
 FIT_FRAMES, FIT_THRESHOLDS = 4, 20.0
 """The fit covers the rest, this many moving frames, and later ones up to this many thresholds away.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 
-from drivers.tmag5273 import (
+from holdfast.drivers.tmag5273 import (
     BURST_8,
     BURST_16,
     CONTINUOUS,
@@ -18,8 +18,8 @@ from drivers.tmag5273 import (
     TRIGGER,
     crc8,
 )
-from drivers.virtual.clock import Clock
-from drivers.virtual.conversion import (
+from holdfast.drivers.virtual.clock import Clock
+from holdfast.drivers.virtual.conversion import (
     REFERENCE_DEGC,
     angle_raw,
     interrupts,
@@ -28,8 +28,8 @@ from drivers.virtual.conversion import (
     settings,
     temperature_raw,
 )
-from drivers.virtual.faults import Faults
-from drivers.virtual.registers import LAST, RegisterFile
+from holdfast.drivers.virtual.faults import Faults
+from holdfast.drivers.virtual.registers import LAST, RegisterFile
 
 FieldSource = Callable[[float], Sequence[float]]
 """Time in s -> the field at the chip, [3] in uT."""

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from drivers.tmag5273 import RANGES_MT, REGISTERS, conversion_s
+from holdfast.drivers.tmag5273 import RANGES_MT, REGISTERS, conversion_s
 
 X, Y, Z = 0, 1, 2
 SEQUENCES: dict[int, tuple[int, ...]] = {

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 
 OF_A_SENSOR = {
     "nack": "acknowledges nothing",

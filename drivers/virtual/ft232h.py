@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Sequence
 from functools import lru_cache
 
-from drivers.virtual.descriptors import Interface, endpoints
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.lines import BusLines
-from drivers.virtual.usb_backend import BULK, Device, stall
+from holdfast.drivers.virtual.descriptors import Interface, endpoints
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.lines import BusLines
+from holdfast.drivers.virtual.usb_backend import BULK, Device, stall
 
 OUT_ENDPOINT, IN_ENDPOINT, PACKET = 0x02, 0x81, 512
 STATUS = bytes([0x32, 0x60])

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.tmag5273 import FACTORY_ADDRESSES
-from drivers.virtual.chip import Chip, FieldSource
-from drivers.virtual.clock import Clock
-from drivers.virtual.faults import Fault, Faults
-from drivers.virtual.wire import Mux, Noise, Target, Wire
-from edge_runtime.contract import FloatArray
+from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES
+from holdfast.drivers.virtual.chip import Chip, FieldSource
+from holdfast.drivers.virtual.clock import Clock
+from holdfast.drivers.virtual.faults import Fault, Faults
+from holdfast.drivers.virtual.wire import Mux, Noise, Target, Wire
+from holdfast.edge_runtime.contract import FloatArray
 
 A, B, C, D = FACTORY_ADDRESSES
 WIRINGS: dict[str, tuple[tuple[int, int], ...]] = {

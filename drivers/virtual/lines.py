@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.virtual.wire import Wire
+from holdfast.drivers.virtual.wire import Wire
 
 
 class BusLines:

@@ -7,10 +7,10 @@ serial port is missing, and the ADC reads 0.
 
 from __future__ import annotations
 
-from drivers.virtual.descriptors import Interface, endpoints
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.mcp2221_memory import Flash, Sram
-from drivers.virtual.usb_backend import INTERRUPT, Device, stall
+from holdfast.drivers.virtual.descriptors import Interface, endpoints
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.mcp2221_memory import Flash, Sram
+from holdfast.drivers.virtual.usb_backend import INTERRUPT, Device, stall
 
 OUT_ENDPOINT, IN_ENDPOINT, REPORT = 0x03, 0x83, 64
 REPORT_NS = 1_500_000

@@ -15,10 +15,10 @@ import sys
 from types import TracebackType
 from typing import Any
 
-import drivers.native_i2c  # noqa: F401  (it imports smbus2)
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.smbus import Message, messages, refused, take
-from drivers.virtual.usb_backend import Traffic
+import holdfast.drivers.native_i2c  # noqa: F401  (it imports smbus2)
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.smbus import Message, messages, refused, take
+from holdfast.drivers.virtual.usb_backend import Traffic
 
 I2C_SLAVE, I2C_FUNCS, I2C_SLAVE_FORCE, I2C_RDWR, I2C_SMBUS = 0x0703, 0x0705, 0x0706, 0x0707, 0x0720
 FLAG_READ = 0x0001

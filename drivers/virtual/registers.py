@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.tmag5273 import REGISTERS, Register
+from holdfast.drivers.tmag5273 import REGISTERS, Register
 
 LAST = max(register.address for register in REGISTERS.values())
 BY_ADDRESS = {register.address: register for register in REGISTERS.values()}

@@ -14,8 +14,8 @@ from typing import Any
 import usb.backend
 import usb.core
 
-from drivers.virtual.clock import Clock
-from drivers.virtual.descriptors import (
+from holdfast.drivers.virtual.clock import Clock
+from holdfast.drivers.virtual.descriptors import (
     Interface,
     configuration_fields,
     descriptor,
@@ -23,7 +23,7 @@ from drivers.virtual.descriptors import (
     endpoint_fields,
     interface_fields,
 )
-from drivers.virtual.faults import Faults
+from holdfast.drivers.virtual.faults import Faults
 
 BULK, INTERRUPT = 2, 3
 """bmAttributes of an endpoint."""

@@ -7,22 +7,22 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from edge_runtime.errors import TooLittleToAdapt, UsageError
-from edge_runtime.model import Model
-from edge_runtime.onnx_rules import votes_in_all
-from edge_runtime.reading import Json
-from evaluation.adapting.choice import OperatingPoint, choose, correction_at
-from evaluation.adapting.evidence import (
+from holdfast.edge_runtime.errors import TooLittleToAdapt, UsageError
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.onnx_rules import votes_in_all
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.adapting.choice import OperatingPoint, choose, correction_at
+from holdfast.evaluation.adapting.evidence import (
     PersonCounts,
     Stream,
     counts_of,
     label_weights,
     streams_of,
 )
-from export.adapted_file import Adaptation
-from export.reference import FloatRows
-from training.recording import DataSet
-from training.say import Part, Say, ignored
+from holdfast.export.adapted_file import Adaptation
+from holdfast.export.reference import FloatRows
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Part, Say, ignored
 
 LEAST_HAND_OVERS, LEAST_HOLDING_S, LEAST_SLIPS = 8, 40.0, 40
 

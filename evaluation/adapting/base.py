@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from edge_runtime.model import Model
-from edge_runtime.model_file import read_sealed
-from export.adapted_file import is_adapted, undone
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.export.adapted_file import is_adapted, undone
 
 
 @contextmanager

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from edge_runtime.contract import RISKY_SLIP, BoolArray
-from edge_runtime.decision import DecisionRules
-from evaluation.adapting.evidence import LabelWeights, Stream, corrected
-from evaluation.adapting.logistic import fit_correction, moved
-from evaluation.alarms import Answers, act_requests
-from evaluation.event_scores import match_alarms
-from evaluation.truths import voluntary_actions
-from export.correction import Correction
+from holdfast.edge_runtime.contract import RISKY_SLIP, BoolArray
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.evaluation.adapting.evidence import LabelWeights, Stream, corrected
+from holdfast.evaluation.adapting.logistic import fit_correction, moved
+from holdfast.evaluation.alarms import Answers, act_requests
+from holdfast.evaluation.event_scores import match_alarms
+from holdfast.evaluation.truths import voluntary_actions
+from holdfast.export.correction import Correction
 
 LEAST_RECALL = 0.99
 """Of the others' slips, with the trial held out; or the base's own recall where that is less."""

@@ -11,20 +11,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
-from edge_runtime.decision import UNKNOWN
-from edge_runtime.graph import Outputs
-from edge_runtime.model import Model
-from evaluation.alarms import Answers
-from evaluation.event_scores import COLLAR_S
-from evaluation.methods import without_samples
-from evaluation.model_outputs import everywhere, risky_permille, steps_with
-from evaluation.truths import voluntary_actions
-from evaluation.window_scores import require_model_fits
-from export.correction import Correction, corrected_votes
-from export.reference import FloatRows, IntArray, riskier_argmax, situation_votes, weighted
-from training.recording import DataSet, Recording
-from training.say import Part, ignored
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.model import Model
+from holdfast.evaluation.alarms import Answers
+from holdfast.evaluation.event_scores import COLLAR_S
+from holdfast.evaluation.methods import without_samples
+from holdfast.evaluation.model_outputs import everywhere, risky_permille, steps_with
+from holdfast.evaluation.truths import voluntary_actions
+from holdfast.evaluation.window_scores import require_model_fits
+from holdfast.export.correction import Correction, corrected_votes
+from holdfast.export.reference import FloatRows, IntArray, riskier_argmax, situation_votes, weighted
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.say import Part, ignored
 
 LEAST_PERMILLE = 250
 AT_ONCE = 32

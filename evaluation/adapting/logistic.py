@@ -17,12 +17,12 @@ import numpy.typing as npt
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.onnx_network import INPUT_MOST
-from evaluation.adapting.evidence import Stream, is_slip
-from export.correction import Correction, rows_of
-from export.forest import EXACT_FLOAT32
-from export.network import LOGIT_STEPS, WEIGHT_MOST, Float32Array, Inputs, Layer, Network
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.onnx_network import INPUT_MOST
+from holdfast.evaluation.adapting.evidence import Stream, is_slip
+from holdfast.export.correction import Correction, rows_of
+from holdfast.export.forest import EXACT_FLOAT32
+from holdfast.export.network import LOGIT_STEPS, WEIGHT_MOST, Float32Array, Inputs, Layer, Network
 
 TOP, ROUNDS = 3, 4
 OF_PERSON = 0.9

@@ -5,14 +5,14 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from edge_runtime.errors import UsageError
-from edge_runtime.model_file import ModelCard
-from simulation.card import read_card
-from simulation.closed_loop.recording import scene_of
-from simulation.folder import write_set
-from training.datasets import load
-from training.recording import DataSet
-from training.say import Part, ignored
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.recording import scene_of
+from holdfast.simulation.folder import write_set
+from holdfast.training.datasets import load
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Part, ignored
 
 CARD, TRIALS, SEED = "thesis", 300, 1
 """Models are trained on seed 0."""

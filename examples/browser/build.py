@@ -11,15 +11,15 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.runtimes.c_programs import WASM, compiled
-from benchmarks.runtimes.programs import require
-from edge_runtime.command import show
-from edge_runtime.model import Model
-from edge_runtime.writing import write_whole
-from export.c.exporting import export_c
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
+from holdfast.benchmarks.runtimes.c_programs import WASM, compiled
+from holdfast.benchmarks.runtimes.programs import require
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.export.c.exporting import export_c
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
 
 HERE = Path(__file__).parent
 SEED = 1

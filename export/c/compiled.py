@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 
-from edge_runtime.onnx_bytes import Node
-from export.c.graph import FEATURES, INPUTS, Graph, refusal
-from export.c.literals import Tables
-from export.c.memory import SCRATCH, Memory
-from export.c.operators import write_step
-from export.c.plan import Plan, Step, plan_of
-from export.c.views import View, views_of
-from export.c.whole import Whole
-from export.c.whole_products import whole_types
-from export.c.writer import Names, Writer
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import FEATURES, INPUTS, Graph, refusal
+from holdfast.export.c.literals import Tables
+from holdfast.export.c.memory import SCRATCH, Memory
+from holdfast.export.c.operators import write_step
+from holdfast.export.c.plan import Plan, Step, plan_of
+from holdfast.export.c.views import View, views_of
+from holdfast.export.c.whole import Whole
+from holdfast.export.c.whole_products import whole_types
+from holdfast.export.c.writer import Names, Writer
 
 CALL_BYTES = 256
 """Stack of calls and registers beside the scratch arrays."""

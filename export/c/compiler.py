@@ -9,8 +9,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from edge_runtime.c_engine import LIBRARY
-from edge_runtime.errors import CompilerFailed
+from holdfast.edge_runtime.c_engine import LIBRARY
+from holdfast.edge_runtime.errors import CompilerFailed
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 """-O3 makes three times the code for equal speed, and cold caches must fetch all of it."""

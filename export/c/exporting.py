@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.c_engine import LIBRARY
-from edge_runtime.errors import OutputError
-from edge_runtime.writing import require_writable, whole_folder, write_whole
-from export.c.compiler import compiled_library
-from export.c.graph import read_graph
-from export.c.source import CSource, c_source
+from holdfast.edge_runtime.c_engine import LIBRARY
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.writing import require_writable, whole_folder, write_whole
+from holdfast.export.c.compiler import compiled_library
+from holdfast.export.c.graph import read_graph
+from holdfast.export.c.source import CSource, c_source
 
 
 @dataclass(frozen=True)

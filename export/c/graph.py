@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.errors import NotCompilable
-from edge_runtime.graph import Outputs
-from edge_runtime.model import read_model
-from edge_runtime.model_file import SEAL_KEY, ModelCard, read_sealed
-from edge_runtime.onnx_bytes import BOOL, Node, read_onnx
-from edge_runtime.onnx_shapes import shapes_of
-from edge_runtime.onnx_tensors import Tensor
+from holdfast.edge_runtime.errors import NotCompilable
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.model import read_model
+from holdfast.edge_runtime.model_file import SEAL_KEY, ModelCard, read_sealed
+from holdfast.edge_runtime.onnx_bytes import BOOL, Node, read_onnx
+from holdfast.edge_runtime.onnx_shapes import shapes_of
+from holdfast.edge_runtime.onnx_tensors import Tensor
 
 INPUTS = ("sample", "valid", "state")
 """Tensors that the caller of a step owns."""

@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, replace
 
-from edge_runtime import friction
-from edge_runtime.grip import AnswerRules, Holdfast, OwnGrip
-from edge_runtime.grip_control import CUE_P, LARGEST
-from edge_runtime.model_file import ModelCard
-from edge_runtime.supervisor import Limits
-from export.c.literals import number
+from holdfast.edge_runtime import friction
+from holdfast.edge_runtime.grip import AnswerRules, Holdfast, OwnGrip
+from holdfast.edge_runtime.grip_control import CUE_P, LARGEST
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.export.c.literals import number
 
 RULES = AnswerRules()
 REALS = {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64
+from holdfast.edge_runtime.onnx_bytes import BOOL, DOUBLE, FLOAT, INT32, INT64
 
 C_TYPES = {
     DOUBLE: "double",

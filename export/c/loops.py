@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from edge_runtime.onnx_bytes import BOOL, DOUBLE, DTYPES, FLOAT, INT64, Node
-from export.c.graph import Shape, refusal
-from export.c.literals import C_TYPES, number, smallest_type
-from export.c.plan import Step, without_ones
-from export.c.views import strides
-from export.c.whole_products import INPUT_TYPE, PACKED
-from export.c.writer import Writer, counted, index
+from holdfast.edge_runtime.onnx_bytes import BOOL, DOUBLE, DTYPES, FLOAT, INT64, Node
+from holdfast.export.c.graph import Shape, refusal
+from holdfast.export.c.literals import C_TYPES, number, smallest_type
+from holdfast.export.c.plan import Step, without_ones
+from holdfast.export.c.views import strides
+from holdfast.export.c.whole_products import INPUT_TYPE, PACKED
+from holdfast.export.c.writer import Writer, counted, index
 
 VARIABLES = ("i", "j", "k")
 INFIX = {

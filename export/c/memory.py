@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from edge_runtime.onnx_bytes import Node
-from export.c.graph import Graph
-from export.c.literals import BYTES, C_TYPES
-from export.c.plan import Step
-from export.c.views import View
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.literals import BYTES, C_TYPES
+from holdfast.export.c.plan import Step
+from holdfast.export.c.views import View
 
 ALIGNED = 8
 """Places are multiples of this many numbers, for vector instructions."""

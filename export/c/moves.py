@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from edge_runtime.onnx_bytes import Node
-from export.c.graph import Shape, refusal
-from export.c.views import slice_starts, split_axis, strides
-from export.c.writer import Writer, counted, index
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import Shape, refusal
+from holdfast.export.c.views import slice_starts, split_axis, strides
+from holdfast.export.c.writer import Writer, counted, index
 
 VARIABLES = ("i", "j", "k")
 

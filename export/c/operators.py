@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from edge_runtime.onnx_bytes import Node
-from export.c.graph import refusal
-from export.c.loops import write_loop
-from export.c.moves import write_concat, write_gather, write_slice, write_split, write_transpose
-from export.c.plan import Step
-from export.c.products import write_product
-from export.c.reductions import write_arg_max, write_reduction, write_softmax
-from export.c.trees import write_trees
-from export.c.writer import Function, Writer, function
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import refusal
+from holdfast.export.c.loops import write_loop
+from holdfast.export.c.moves import (
+    write_concat,
+    write_gather,
+    write_slice,
+    write_split,
+    write_transpose,
+)
+from holdfast.export.c.plan import Step
+from holdfast.export.c.products import write_product
+from holdfast.export.c.reductions import write_arg_max, write_reduction, write_softmax
+from holdfast.export.c.trees import write_trees
+from holdfast.export.c.writer import Function, Writer, function
 
 EMITTERS: dict[str, Callable[[Node, Writer], list[str]]] = {
     "ArgMax": write_arg_max,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from edge_runtime.onnx_bytes import Node
-from export.c.graph import FEATURES, NEXT_STATE, Graph, Shape
-from export.c.views import View
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import FEATURES, NEXT_STATE, Graph, Shape
+from holdfast.export.c.views import View
 
 BY_NUMBER = frozenset(
     [

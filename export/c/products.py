@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.onnx_bytes import Node
-from export.c.graph import refusal
-from export.c.literals import C_TYPES, number
-from export.c.whole_products import write_whole_product
-from export.c.writer import Writer, block, counted, index
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import refusal
+from holdfast.export.c.literals import C_TYPES, number
+from holdfast.export.c.whole_products import write_whole_product
+from holdfast.export.c.writer import Writer, block, counted, index
 
 Matrix = npt.NDArray[Any]
 MOST_TERMS = 12

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from edge_runtime.onnx_bytes import DOUBLE, FLOAT, Node
-from export.c.graph import refusal
-from export.c.literals import C_TYPES
-from export.c.writer import Writer, counted, index
+from holdfast.edge_runtime.onnx_bytes import DOUBLE, FLOAT, Node
+from holdfast.export.c.graph import refusal
+from holdfast.export.c.literals import C_TYPES
+from holdfast.export.c.writer import Writer, counted, index
 
 TAKES = {
     "ReduceMax": "{x} > {y} ? {x} : {y}",

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from edge_runtime.golden import AMPLITUDE, golden_length
-from export.c.graph import Graph
-from export.c.literals import C_TYPES, number, smallest_type, table
-from export.c.templates import template
+from holdfast.edge_runtime.golden import AMPLITUDE, golden_length
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.literals import C_TYPES, number, smallest_type, table
+from holdfast.export.c.templates import template
 
 
 def selftest_source(graph: Graph, words: Mapping[str, object]) -> str:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from export.c.compiled import Compiled
-from export.c.graph import Graph
-from export.c.hand import constants
-from export.c.selftest import selftest_source
-from export.c.templates import snippets, template
-from export.c.words import words_of
+from holdfast.export.c.compiled import Compiled
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.hand import constants
+from holdfast.export.c.selftest import selftest_source
+from holdfast.export.c.templates import snippets, template
+from holdfast.export.c.words import words_of
 
 HAND_FILES = ("friction.c", "controller.c", "supervisor.c", "grip.c")
 

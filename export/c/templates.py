@@ -11,7 +11,7 @@ _SNIPPET = re.compile(r"^/\*\*\* (\w+) \*\*\*/\n", re.MULTILINE)
 
 def template(name: str, values: Mapping[str, object] | None = None) -> str:
     """A template with every @WORD@ replaced. Raises KeyError for a word without a value."""
-    text = files("export.c").joinpath("templates", name).read_text(encoding="utf-8")
+    text = files("holdfast.export.c").joinpath("templates", name).read_text(encoding="utf-8")
     return re.sub(r"@([A-Z_]+)@", lambda match: str((values or {})[match[1]]), text)
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.onnx_bytes import Node
-from export.c.literals import number, smallest_type
-from export.c.writer import Writer, block, counted
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.literals import number, smallest_type
+from holdfast.export.c.writer import Writer, block, counted
 
 IntArray = npt.NDArray[np.int64]
 TOGETHER = 4

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from edge_runtime.onnx_bytes import Node
-from export.c.graph import Graph, Shape
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.export.c.graph import Graph, Shape
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from functools import cache
 
 import numpy as np
 
-from edge_runtime.onnx_bytes import FLOAT, Node
-from edge_runtime.onnx_trees import EXACT_FLOAT32
-from export.c.graph import Graph
+from holdfast.edge_runtime.onnx_bytes import FLOAT, Node
+from holdfast.edge_runtime.onnx_trees import EXACT_FLOAT32
+from holdfast.export.c.graph import Graph
 
 Bounds = tuple[float, float]
 ANYTHING: Bounds = (-math.inf, math.inf)

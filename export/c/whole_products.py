@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.onnx_bytes import FLOAT, Node
-from export.c.graph import Graph
-from export.c.literals import smallest_type
-from export.c.plan import BY_NUMBER, Plan
-from export.c.whole import Whole
-from export.c.writer import Writer, block, counted, index
+from holdfast.edge_runtime.onnx_bytes import FLOAT, Node
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.literals import smallest_type
+from holdfast.export.c.plan import BY_NUMBER, Plan
+from holdfast.export.c.whole import Whole
+from holdfast.export.c.writer import Writer, block, counted, index
 
 PACKED = 8
 TOGETHER = 4

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from edge_runtime.decision import period_us
-from edge_runtime.friction import SAMPLES
-from edge_runtime.preparation import Preparation
-from export.c.compiled import Compiled
-from export.c.graph import Graph
-from export.c.hand import own_options, own_rules
-from export.c.literals import C_TYPES, number
+from holdfast.edge_runtime.decision import period_us
+from holdfast.edge_runtime.friction import SAMPLES
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.export.c.compiled import Compiled
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.hand import own_options, own_rules
+from holdfast.export.c.literals import C_TYPES, number
 
 
 def words_of(graph: Graph, compiled: Compiled) -> dict[str, object]:

@@ -6,11 +6,11 @@ import re
 import textwrap
 from dataclasses import dataclass
 
-from export.c.graph import Graph
-from export.c.literals import C_TYPES, Tables
-from export.c.memory import Memory
-from export.c.plan import Step
-from export.c.whole import Whole
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.literals import C_TYPES, Tables
+from holdfast.export.c.memory import Memory
+from holdfast.export.c.plan import Step
+from holdfast.export.c.whole import Whole
 
 _NAME = re.compile(r"[a-z][a-z0-9]*_[a-z0-9_]{1,50}")
 """With an underscore inside, no name is a word of C or a function of its library."""

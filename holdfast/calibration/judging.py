@@ -7,11 +7,11 @@ from dataclasses import asdict
 
 import numpy as np
 
-from drivers.calibration import Calibration
-from drivers.calibration_fit import fit
-from edge_runtime.contract import FloatArray
-from edge_runtime.reading import Json
 from holdfast.calibration.study import PUBLISHED_N, Judged, Study
+from holdfast.drivers.calibration import Calibration
+from holdfast.drivers.calibration_fit import fit
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.reading import Json
 
 N_TREES = 200
 

@@ -23,10 +23,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.calibration_fit import fit
-from edge_runtime.contract import NORMAL_AXIS, FloatArray
-from edge_runtime.errors import UnitError
 from holdfast.calibration.study import PUBLISHED_N, Probing
+from holdfast.drivers.calibration_fit import fit
+from holdfast.edge_runtime.contract import NORMAL_AXIS, FloatArray
+from holdfast.edge_runtime.errors import UnitError
 
 UNITS_N = {"newton": 1.0, "gram-force": 9.80665e-3, "millinewton": 1e-3}
 LARGEST_PLAUSIBLE_N = 200.0

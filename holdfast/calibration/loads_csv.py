@@ -9,12 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
-from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber, TooFewGroups
-from edge_runtime.reading import require_lines
-from edge_runtime.visible import listed
 from holdfast.calibration.study import Probing, Study
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import NORMAL_AXIS, BoolArray, FloatArray, channel_names
+from holdfast.edge_runtime.errors import (
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+    TooFewGroups,
+)
+from holdfast.edge_runtime.reading import require_lines
+from holdfast.edge_runtime.visible import listed
 
 MOST = 1e12
 """No field, force or time is larger."""

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import (
+from holdfast.calibration.load_unit import UNITS_N, load_unit
+from holdfast.calibration.study import Probing, Study
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import (
     ChannelError,
     ColumnError,
     DataNotFound,
@@ -15,9 +17,7 @@ from edge_runtime.errors import (
     TooFewGroups,
     UnitError,
 )
-from edge_runtime.reading import require_lines
-from holdfast.calibration.load_unit import UNITS_N, load_unit
-from holdfast.calibration.study import Probing, Study
+from holdfast.edge_runtime.reading import require_lines
 
 NO_LOAD = -1.0
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from edge_runtime.contract import NORMAL_AXIS
-from edge_runtime.errors import DataNotFound
 from holdfast.calibration.loads_csv import csv_study
 from holdfast.calibration.probing_folder import probed_study
 from holdfast.calibration.study import Study
+from holdfast.edge_runtime.contract import NORMAL_AXIS
+from holdfast.edge_runtime.errors import DataNotFound
 
 KINDS = {"normal_force": NORMAL_AXIS, "shear_force": 0}
 """Folder -> axis of its load. The direction of shear is unknown; it is called x here."""

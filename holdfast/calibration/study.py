@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.calibration import rmse_normal, rmse_shear
-from edge_runtime.contract import BoolArray, FloatArray
+from holdfast.drivers.calibration import rmse_normal, rmse_shear
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
 
 PUBLISHED_N = {"normal": 0.27, "shear": 0.12}
 """RMSE of eFlesh's network; its test rows are the last fifth of the probing it was trained on."""

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.writing import write_whole
 from holdfast.human_study import desk as keys
 from holdfast.human_study import journal as log
 from holdfast.human_study.card import QUESTIONNAIRE, StudyCard

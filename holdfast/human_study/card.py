@@ -36,8 +36,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.card_file import CardReader, read_toml
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.card_file import CardReader, read_toml
+from holdfast.edge_runtime.reading import Json
 from holdfast.human_study.shipped import CARDS, QUESTIONNAIRES, found, names_in
 from holdfast.recorder.card import ACTIONS, NOTHING, WORD, Protocol, Task
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from edge_runtime.errors import HoldfastError
-from edge_runtime.visible import visible
+from holdfast.edge_runtime.errors import HoldfastError
+from holdfast.edge_runtime.visible import visible
 from holdfast.recorder.keys import KEYS as TRIAL_KEYS
 from holdfast.recorder.keys import Keys
 

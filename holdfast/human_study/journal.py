@@ -18,10 +18,10 @@ from operator import index
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.errors import LabelError, OutputError
-from edge_runtime.mending import mend_lines
-from edge_runtime.reading import Json, json_of
-from edge_runtime.trial_layout import read_events
+from holdfast.edge_runtime.errors import LabelError, OutputError
+from holdfast.edge_runtime.mending import mend_lines
+from holdfast.edge_runtime.reading import Json, json_of
+from holdfast.edge_runtime.trial_layout import read_events
 
 JOURNAL = "study.jsonl"
 OPENED, BEGUN, DONE, SKIPPED, BACK = "opened", "begun", "done", "skipped", "back"

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edge_runtime.errors import DataError, DataNotFound, ModelError
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import META
+from holdfast.edge_runtime.errors import DataError, DataNotFound, ModelError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import META
 from holdfast.human_study import journal as log
 from holdfast.human_study.asking import scores
 from holdfast.human_study.card import StudyCard
@@ -18,7 +18,7 @@ from holdfast.recorder.folder import KEPT, REDONE
 from holdfast.recorder.labels import read_meta
 
 if TYPE_CHECKING:
-    from evaluation.participant import ParticipantFigures
+    from holdfast.evaluation.participant import ParticipantFigures
 
 NOT_REACHED = "not reached"
 
@@ -131,8 +131,8 @@ def outcome_of(root: Path, person: str, card: StudyCard, model: Path) -> StudyOu
 
 def _figures(home: Path, model: Path) -> tuple[ParticipantFigures | None, str]:
     """The model's figures, or why there are none."""
-    from edge_runtime.engine import ModelChoice
-    from evaluation.participant import participant_figures
+    from holdfast.edge_runtime.engine import ModelChoice
+    from holdfast.evaluation.participant import participant_figures
 
     try:
         return participant_figures(ModelChoice(str(model)).open(), home), ""

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from edge_runtime.card_file import CardReader, read_toml
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.card_file import CardReader, read_toml
+from holdfast.edge_runtime.reading import Json
 from holdfast.human_study.shipped import QUESTIONNAIRES, found
 
 KEYS = ("title", "source", "ask", "lowest", "highest", "step", "items")

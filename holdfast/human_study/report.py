@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edge_runtime.writing import write_whole
-from evaluation.cells import median, number
-from evaluation.outcomes import word
-from evaluation.page import Row, key, table, write_page
-from evaluation.pictures import timelines
-from evaluation.style import SITUATION_COLOURS
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.cells import median, number
+from holdfast.evaluation.outcomes import word
+from holdfast.evaluation.page import Row, key, table, write_page
+from holdfast.evaluation.pictures import timelines
+from holdfast.evaluation.style import SITUATION_COLOURS
 from holdfast.human_study.desk import clock_text
 from holdfast.human_study.outcome import StudyOutcome
 
 if TYPE_CHECKING:
-    from evaluation.participant import ActionFigures, ParticipantFigures
+    from holdfast.evaluation.participant import ActionFigures, ParticipantFigures
 
 REPORT, FIGURES = "report.html", "report.json"
 LOOK = """<style>td:nth-child(n+2).text,table.words td{text-align:left;white-space:normal}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from edge_runtime.errors import HoldfastError
+from holdfast.edge_runtime.errors import HoldfastError
 from holdfast.human_study import desk as keys
 from holdfast.human_study import journal as log
 from holdfast.human_study.asking import ask

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from edge_runtime.errors import DataNotFound
+from holdfast.edge_runtime.errors import DataNotFound
 
 HERE = Path(__file__).resolve().parent
 CARDS, QUESTIONNAIRES = HERE / "cards", HERE / "questionnaires"

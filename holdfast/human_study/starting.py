@@ -10,11 +10,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TextIO
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.command import show
-from edge_runtime.errors import CardError, DataNotFound, UsageError
-from edge_runtime.sinks import stream_sink
-from edge_runtime.writing import require_writable, write_whole
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.errors import CardError, DataNotFound, UsageError
+from holdfast.edge_runtime.sinks import stream_sink
+from holdfast.edge_runtime.writing import require_writable, write_whole
 from holdfast.human_study import journal as log
 from holdfast.human_study.asking import write_answers
 from holdfast.human_study.card import StudyCard

@@ -8,8 +8,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.errors import UsageError
-from edge_runtime.trial_layout import DISCARDED, META
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.trial_layout import DISCARDED, META
 from holdfast.human_study.card import StudyCard
 from holdfast.human_study.desk import TrialKeys
 from holdfast.human_study.virtual import url_for

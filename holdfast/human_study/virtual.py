@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from urllib.parse import parse_qs
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 from holdfast.recorder.card import NOTHING, Task
 from holdfast.sources import SIM, split_url
 
@@ -43,8 +43,8 @@ def url_for(url: str, task: Task, nth: int) -> str:
 @lru_cache(maxsize=1)
 def _tasks(name: str, seed: int) -> list[Task]:
     """What each trial of a scene is. Raises CardError."""
-    from simulation.card import read_card
-    from simulation.scene import Scene
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.scene import Scene
 
     trials = Scene(read_card(name), seed).trials()
     things = [NOTHING if one.action == NOTHING else one.thing.name for one in trials]

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from edge_runtime.errors import OutputError, UsageError
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import read_events
+from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import read_events
 from holdfast.recorder.folder import alone
 
 WITHDRAWN = "withdrawn.jsonl"

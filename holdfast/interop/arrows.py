@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray, Unit
-from simulation.hand import HandLayout
+from holdfast.edge_runtime.contract import FloatArray, Unit
+from holdfast.simulation.hand import HandLayout
 
 HALF_GAP_M = 0.03
 """From the middle of the object to each row."""

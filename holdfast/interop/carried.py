@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import NOTHING, SITUATIONS, BoolArray, FloatArray, Unit
-from edge_runtime.errors import DataNotFound
-from edge_runtime.reading import Json
-from edge_runtime.trial_file import read_trial
-from edge_runtime.trial_layout import EVENTS, META, TACTILE, read_events
-from training.datasets import LAYOUTS, find, layout_of
-from training.datasets.thesis import preparation
-from training.datasets.trial_readers import TrialReader
-from training.objects import read_json
-from training.recording import Recording
-from training.windows import TimedTrial
+from holdfast.edge_runtime.contract import NOTHING, SITUATIONS, BoolArray, FloatArray, Unit
+from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.edge_runtime.trial_layout import EVENTS, META, TACTILE, read_events
+from holdfast.training.datasets import LAYOUTS, find, layout_of
+from holdfast.training.datasets.thesis import preparation
+from holdfast.training.datasets.trial_readers import TrialReader
+from holdfast.training.objects import read_json
+from holdfast.training.recording import Recording
+from holdfast.training.windows import TimedTrial
 
 UNLABELLED = "unlabelled"
 NO_LABEL = -1
@@ -119,7 +119,7 @@ def carried_trials(source: Path, only: str = "*", *, raw: bool = False) -> list[
             cause="a public set, a level too high or too low, or an empty copy",
             next_step="give a folder that holdfast check reads",
         )
-    module: Any = import_module(f"training.datasets.{layout}")
+    module: Any = import_module(f"holdfast.training.datasets.{layout}")
     readers: list[TrialReader] = module.readers(root)
     chosen = [reader for reader in readers if fnmatch(_name(reader, root), only)]
     if not chosen:

@@ -17,15 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import SITUATIONS, FloatArray, channel_names
-from edge_runtime.errors import EmptyRecording, LabelError, TimeError, UnitError
-from edge_runtime.reading import Json
-from edge_runtime.trial_file import LATEST_S, MIN_ROWS, MOST_LOST, TIME_COLUMN, places_by_time
-from edge_runtime.trial_layout import META, truth_path
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.contract import SITUATIONS, FloatArray, channel_names
+from holdfast.edge_runtime.errors import EmptyRecording, LabelError, TimeError, UnitError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_file import (
+    LATEST_S,
+    MIN_ROWS,
+    MOST_LOST,
+    TIME_COLUMN,
+    places_by_time,
+)
+from holdfast.edge_runtime.trial_layout import META, truth_path
+from holdfast.edge_runtime.writing import write_whole
 from holdfast.interop.xdf import Marker, TactileStream
-from training.datasets.places import EMPTY_HAND, FOLDERS
-from training.objects import read_json
+from holdfast.training.datasets.places import EMPTY_HAND, FOLDERS
+from holdfast.training.objects import read_json
 
 BEGIN, END = "begin ", "end"
 PROVENANCE = "marker"

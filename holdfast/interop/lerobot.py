@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from edge_runtime.contract import SITUATIONS, channel_names
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.contract import SITUATIONS, channel_names
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
 from holdfast.interop.carried import NO_LABEL, CarriedTrial
 from holdfast.interop.tables import write_columns, write_frame, write_rows
-from training.datasets.thesis import common_rate
+from holdfast.training.datasets.thesis import common_rate
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import AXES, FloatArray
-from edge_runtime.extras import needs_extra
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.contract import AXES, FloatArray
+from holdfast.edge_runtime.extras import needs_extra
+from holdfast.edge_runtime.reading import Json
 from holdfast.interop.arrows import Pads, arrows, pads
 from holdfast.interop.carried import CarriedTrial
 from holdfast.interop.happenings import happenings

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.extras import needs_extra
+from holdfast.edge_runtime.extras import needs_extra
 from holdfast.interop.carried import CarriedTrial
 from holdfast.interop.happenings import happenings
 

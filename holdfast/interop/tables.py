@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import channel_names
-from edge_runtime.extras import needs_extra
-from edge_runtime.reading import Json
-from edge_runtime.trial_file import TIME_COLUMN
+from holdfast.edge_runtime.contract import channel_names
+from holdfast.edge_runtime.extras import needs_extra
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_file import TIME_COLUMN
 from holdfast.interop.carried import NO_LABEL, CarriedTrial
 
 with needs_extra("parquet"):

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from drivers.lsl_streams import StreamFacts, order_of, unit_of
-from edge_runtime.contract import UNITS, FloatArray, Unit
-from edge_runtime.errors import DataNotFound, NotANumber
-from edge_runtime.extras import needs_extra
-from edge_runtime.reading import require_file
-from edge_runtime.visible import listed
+from holdfast.drivers.lsl_streams import StreamFacts, order_of, unit_of
+from holdfast.edge_runtime.contract import UNITS, FloatArray, Unit
+from holdfast.edge_runtime.errors import DataNotFound, NotANumber
+from holdfast.edge_runtime.extras import needs_extra
+from holdfast.edge_runtime.reading import require_file
+from holdfast.edge_runtime.visible import listed
 
 with needs_extra("xdf"):
     import pyxdf

@@ -13,8 +13,8 @@ import socket
 from dataclasses import dataclass
 from ipaddress import ip_address
 
-from edge_runtime.errors import UsageError
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.reading import Json
 
 LOOPBACK = "127.0.0.1"
 LOOPBACK_NAMES = ("localhost", LOOPBACK, "::1")

@@ -18,8 +18,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 
-from edge_runtime.errors import OutputError
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.reading import Json
 from holdfast.live_page.address import PageAddress, listen
 
 PROCESS = "holdfast.live_page.process"

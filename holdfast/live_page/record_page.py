@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from edge_runtime.live import SourceReading
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.live import SourceReading
+from holdfast.edge_runtime.reading import Json
 from holdfast.live_page.link import PageLink, live_page
 from holdfast.live_page.run_page import intent_message
 from holdfast.recorder.keys import Keys

@@ -10,15 +10,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.friction import FrictionMargin
-from edge_runtime.grip_command import GripCommand
-from edge_runtime.grip_control import sense_of
-from edge_runtime.intent import IntentMonitor
-from edge_runtime.lanes import ONE_LANE
-from edge_runtime.live import SourceReading
-from edge_runtime.model_file import ModelCard
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.friction import FrictionMargin
+from holdfast.edge_runtime.grip_command import GripCommand
+from holdfast.edge_runtime.grip_control import sense_of
+from holdfast.edge_runtime.intent import IntentMonitor
+from holdfast.edge_runtime.lanes import ONE_LANE
+from holdfast.edge_runtime.live import SourceReading
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.edge_runtime.reading import Json
 from holdfast.live_page.link import PageLink, live_page
 
 MARK = b"m"

@@ -14,7 +14,7 @@ import json
 import zipfile
 from typing import Any
 
-from edge_runtime.trial_layout import EVENTS, META, TACTILE
+from holdfast.edge_runtime.trial_layout import EVENTS, META, TACTILE
 
 Message = dict[str, Any]
 

@@ -10,10 +10,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from drivers.calibration_file import read_calibration
-from drivers.live_hand import LiveHand
-from edge_runtime.live import Source
-from edge_runtime.reading import Json
+from holdfast.drivers.calibration_file import read_calibration
+from holdfast.drivers.live_hand import LiveHand
+from holdfast.edge_runtime.live import Source
+from holdfast.edge_runtime.reading import Json
 from holdfast.hand_bias import MeasuredBias
 from holdfast.recorder.plan import Plan
 

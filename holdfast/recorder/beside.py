@@ -9,9 +9,9 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.camera.recording import TAGS, read_about
-from edge_runtime.errors import CameraUnavailable, DataError
-from edge_runtime.reading import Json
+from holdfast.drivers.camera.recording import TAGS, read_about
+from holdfast.edge_runtime.errors import CameraUnavailable, DataError
+from holdfast.edge_runtime.reading import Json
 from holdfast.watched_trial import doubt
 
 LONGEST_START_S, LONGEST_END_S = 40.0, 120.0

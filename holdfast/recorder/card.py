@@ -28,10 +28,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from edge_runtime.card_file import CardReader, read_toml
-from edge_runtime.errors import DataNotFound, UsageError
-from edge_runtime.reading import Json, require_file
-from edge_runtime.trial_layout import DISCARDED, SITUATION_OF_ACTION
+from holdfast.edge_runtime.card_file import CardReader, read_toml
+from holdfast.edge_runtime.errors import DataNotFound, UsageError
+from holdfast.edge_runtime.reading import Json, require_file
+from holdfast.edge_runtime.trial_layout import DISCARDED, SITUATION_OF_ACTION
 
 ACTIONS = tuple(SITUATION_OF_ACTION)
 NOTHING = "nothing"

@@ -17,13 +17,13 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from drivers.camera.graph import watch
-from drivers.camera.sources import OAK, Frame, FrameSource, Lens, Oak, Stored
-from drivers.virtual.clock import Clock, WallClock
-from edge_runtime.command import finish
-from edge_runtime.errors import UsageError
-from edge_runtime.reading import Json
 from holdfast.camera_options import stored
+from holdfast.drivers.camera.graph import watch
+from holdfast.drivers.camera.sources import OAK, Frame, FrameSource, Lens, Oak, Stored
+from holdfast.drivers.virtual.clock import Clock, WallClock
+from holdfast.edge_runtime.command import finish
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.reading import Json
 from holdfast.live_sources import scene_of
 from holdfast.messages import say
 

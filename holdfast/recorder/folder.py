@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from edge_runtime.errors import DataNotFound, OutputError, UnitError, UsageError
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import DISCARDED, META, TACTILE
-from edge_runtime.writing import require_writable, write_whole
+from holdfast.edge_runtime.errors import DataNotFound, OutputError, UnitError, UsageError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import DISCARDED, META, TACTILE
+from holdfast.edge_runtime.writing import require_writable, write_whole
 from holdfast.recorder.card import NOTHING, Task
 from holdfast.recorder.labels import read_meta
 

@@ -14,13 +14,20 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contact import CONTACT_SMOOTH_S, NORMAL_FLOOR, contact_rows
-from edge_runtime.contract import NORMAL_AXIS, SITUATIONS, FloatArray
-from edge_runtime.errors import LabelError
-from edge_runtime.reading import Json, json_of, text_of
-from edge_runtime.trial_file import Trial, read_trial
-from edge_runtime.trial_layout import EVENTS, META, SITUATION_OF_ACTION, TACTILE, TRUTH, read_events
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.contact import CONTACT_SMOOTH_S, NORMAL_FLOOR, contact_rows
+from holdfast.edge_runtime.contract import NORMAL_AXIS, SITUATIONS, FloatArray
+from holdfast.edge_runtime.errors import LabelError
+from holdfast.edge_runtime.reading import Json, json_of, text_of
+from holdfast.edge_runtime.trial_file import Trial, read_trial
+from holdfast.edge_runtime.trial_layout import (
+    EVENTS,
+    META,
+    SITUATION_OF_ACTION,
+    TACTILE,
+    TRUTH,
+    read_events,
+)
+from holdfast.edge_runtime.writing import write_whole
 
 NOTHING = SITUATIONS[0]
 PROVENANCES = ("scene", "camera", "key", "rule")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from edge_runtime.errors import EmptyRecording, OutputError
-from edge_runtime.mending import MendResult, mend_lines
-from edge_runtime.reading import Json, json_of
-from edge_runtime.tactile_file import mend
-from edge_runtime.trial_layout import EVENTS, META, TACTILE
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.errors import EmptyRecording, OutputError
+from holdfast.edge_runtime.mending import MendResult, mend_lines
+from holdfast.edge_runtime.reading import Json, json_of
+from holdfast.edge_runtime.tactile_file import mend
+from holdfast.edge_runtime.trial_layout import EVENTS, META, TACTILE
+from holdfast.edge_runtime.writing import write_whole
 from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING, VOID
 from holdfast.recorder.labels import read_meta
 

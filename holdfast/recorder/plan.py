@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 
-from edge_runtime.errors import UsageError
+from holdfast.edge_runtime.errors import UsageError
 from holdfast.recorder.card import NOTHING, Protocol, Task, left, read_protocol, word
 from holdfast.recorder.folder import done
 

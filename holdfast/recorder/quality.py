@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray, channel_names
-from edge_runtime.live import SourceReading
+from holdfast.edge_runtime.contract import FloatArray, channel_names
+from holdfast.edge_runtime.live import SourceReading
 
 REST_S = 0.3
 """Time at the start of a trial over which its bias is measured."""

@@ -10,12 +10,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from drivers.camera.sources import OAK
-from edge_runtime.errors import LabelError, UsageError
-from edge_runtime.live import Source
-from edge_runtime.reading import Json
-from edge_runtime.visible import visible
 from holdfast.camera_options import require_camera_options, shooting
+from holdfast.drivers.camera.sources import OAK
+from holdfast.edge_runtime.errors import LabelError, UsageError
+from holdfast.edge_runtime.live import Source
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.visible import visible
 from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
 from holdfast.intent_options import intent_monitor
 from holdfast.live_options import force_of
@@ -194,7 +194,7 @@ def _report_after(root: Path, person: str, kept: int) -> None:
 
 def _report_mass(folder: Path, say: Callable[[str], None]) -> None:
     """Warn of a missing mass, which training needs, while the object is still there."""
-    from training.objects import mass_g
+    from holdfast.training.objects import mass_g
 
     try:
         mass_g(folder)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from edge_runtime.live import Source
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.live import Source
+from holdfast.edge_runtime.reading import Json
 from holdfast.live_sources import scene_of
 from holdfast.recorder.labels import MARKS
 

@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.paced import PacedReplay
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import EmptyRecording, TimeError
-from edge_runtime.intent import IntentMonitor
-from edge_runtime.live import ANOTHER_CLOCK_NS, Source, SourceReading, Stamps
-from edge_runtime.reading import Json
-from edge_runtime.trial_layout import META
-from edge_runtime.writing import write_whole
+from holdfast.drivers.paced import PacedReplay
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import EmptyRecording, TimeError
+from holdfast.edge_runtime.intent import IntentMonitor
+from holdfast.edge_runtime.live import ANOTHER_CLOCK_NS, Source, SourceReading, Stamps
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_layout import META
+from holdfast.edge_runtime.writing import write_whole
 from holdfast.recorder.beside import Beside
 from holdfast.recorder.card import Task
 from holdfast.recorder.folder import INTERRUPTED, KEPT, REDONE, discard, new_trial

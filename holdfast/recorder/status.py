@@ -13,8 +13,8 @@ from typing import TextIO
 
 import numpy as np
 
-from edge_runtime.live import SourceReading
-from edge_runtime.visible import visible_lines
+from holdfast.edge_runtime.live import SourceReading
+from holdfast.edge_runtime.visible import visible_lines
 from holdfast.recorder.trial import TrialRecorder
 
 REDRAW_NS = 250_000_000

@@ -9,14 +9,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from edge_runtime.errors import DataError, HoldfastError, OutputError
-from edge_runtime.intent import IntentMonitor
-from edge_runtime.intent_file import intent_header, intent_row
-from edge_runtime.live import SourceReading
-from edge_runtime.reading import Json
-from edge_runtime.tactile_file import TactileFile
-from edge_runtime.trial_layout import EVENTS, META, TACTILE, intent_path
-from edge_runtime.writing import write_whole
+from holdfast.edge_runtime.errors import DataError, HoldfastError, OutputError
+from holdfast.edge_runtime.intent import IntentMonitor
+from holdfast.edge_runtime.intent_file import intent_header, intent_row
+from holdfast.edge_runtime.live import SourceReading
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.tactile_file import TactileFile
+from holdfast.edge_runtime.trial_layout import EVENTS, META, TACTILE, intent_path
+from holdfast.edge_runtime.writing import write_whole
 from holdfast.recorder.folder import FORMAT, INTERRUPTED, KEPT, RECORDING
 from holdfast.recorder.labels import truth_in, write_truth
 from holdfast.recorder.quality import Quality, QualityFigures

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.contract import FloatArray
 
 CODES = (0xD7E00984B, 0xDDA664CA7)
 """Words of tags 0 and 1, 36 bits each."""

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
-from simulation.camera.apriltag import SIDE_CELLS, cells
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.camera.apriltag import SIDE_CELLS, cells
+from holdfast.simulation.values import Parameter
 
 Frames = npt.NDArray[np.uint8]
 

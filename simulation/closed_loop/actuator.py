@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.protocol import PlannedTrial
-from simulation.script import body_of
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.script import body_of
 
 
 @dataclass(frozen=True)

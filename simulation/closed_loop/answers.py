@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, FloatArray
-from edge_runtime.engine import OpenedModel
-from edge_runtime.grip import GripSense
+from holdfast.edge_runtime.contract import NOTHING, RISKY_SLIP, SAFE_SLIP, BoolArray, FloatArray
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.grip import GripSense
 
 IntArray = npt.NDArray[np.int64]
 

@@ -6,18 +6,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.grip import AnswerRules, GripSense, Holdfast
-from edge_runtime.grip_control import CUE_P, GripLoop, controller_of
-from edge_runtime.lanes import Lanes, ManyLanes
-from edge_runtime.supervisor import Limits
-from edge_runtime.trial_layout import RISKY_ACTIONS
-from simulation.closed_loop.loop import LoopController, LoopTruth, Make
-from simulation.closed_loop.oracle import Oracle, needed_grip_n
-from simulation.effect import stream
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
-from simulation.sensor.calibration import shear_gain
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.grip import AnswerRules, GripSense, Holdfast
+from holdfast.edge_runtime.grip_control import CUE_P, GripLoop, controller_of
+from holdfast.edge_runtime.lanes import Lanes, ManyLanes
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.edge_runtime.trial_layout import RISKY_ACTIONS
+from holdfast.simulation.closed_loop.loop import LoopController, LoopTruth, Make
+from holdfast.simulation.closed_loop.oracle import Oracle, needed_grip_n
+from holdfast.simulation.effect import stream
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.sensor.calibration import shear_gain
 
 REACTION_S, REACTION_SPREAD = 0.28, 0.25
 """A wearer's reaction to a vibration: log-normal, its median in s and the deviation of its log."""

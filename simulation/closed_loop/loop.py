@@ -17,20 +17,20 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.engine import OpenedModel
-from edge_runtime.grip import GripSense
-from edge_runtime.trial_layout import RISKY_ACTIONS
-from simulation.closed_loop.actuator import Actuator, Drive
-from simulation.closed_loop.answers import HandModels
-from simulation.closed_loop.outcome import LaneRecord, LoopOutcome, outcome_of
-from simulation.closed_loop.people import Habits, Wearer
-from simulation.closed_loop.physics import HandsAndObjects, Spans
-from simulation.closed_loop.sensing import LoopSensors
-from simulation.protocol import PlannedTrial
-from simulation.run import Done
-from simulation.scene import Scene
-from simulation.script import SETTLE_S, Times, grid_of
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.trial_layout import RISKY_ACTIONS
+from holdfast.simulation.closed_loop.actuator import Actuator, Drive
+from holdfast.simulation.closed_loop.answers import HandModels
+from holdfast.simulation.closed_loop.outcome import LaneRecord, LoopOutcome, outcome_of
+from holdfast.simulation.closed_loop.people import Habits, Wearer
+from holdfast.simulation.closed_loop.physics import HandsAndObjects, Spans
+from holdfast.simulation.closed_loop.sensing import LoopSensors
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import Done
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import SETTLE_S, Times, grid_of
 
 ROWS_TO_SPARE = 5
 LANES = 500

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.grip import GripSense
-from edge_runtime.trial_layout import RISKY_ACTIONS
-from simulation.closed_loop.loop import LoopTruth
-from simulation.protocol import GRAVITY_M_S2, PlannedTrial
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.trial_layout import RISKY_ACTIONS
+from holdfast.simulation.closed_loop.loop import LoopTruth
+from holdfast.simulation.protocol import GRAVITY_M_S2, PlannedTrial
 
 SPARE = 1.1
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from simulation.protocol import PlannedTrial
-from simulation.run import TrialMotion
-from simulation.script import Times
-from simulation.truth import load_onset
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import TrialMotion
+from holdfast.simulation.script import Times
+from holdfast.simulation.truth import load_onset
 
 HELD_AT_END_S = float("inf")
 

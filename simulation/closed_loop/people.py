@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray, FloatArray
-from simulation.body import Body
-from simulation.effect import stream
-from simulation.protocol import NEVER_S, PlannedTrial
-from simulation.script import Script, Times, smooth
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.simulation.body import Body
+from holdfast.simulation.effect import stream
+from holdfast.simulation.protocol import NEVER_S, PlannedTrial
+from holdfast.simulation.script import Script, Times, smooth
 
 
 @dataclass(frozen=True)

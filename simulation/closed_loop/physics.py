@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from simulation.body import Body, Floor, Inputs, Pull, State, at_rest
-from simulation.closed_loop.actuator import Actuator
-from simulation.closed_loop.people import Habits, LoopScript
-from simulation.core import step
-from simulation.effect import NO_EFFECTS
-from simulation.protocol import PlannedTrial
-from simulation.run import (
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.simulation.body import Body, Floor, Inputs, Pull, State, at_rest
+from holdfast.simulation.closed_loop.actuator import Actuator
+from holdfast.simulation.closed_loop.people import Habits, LoopScript
+from holdfast.simulation.core import step
+from holdfast.simulation.effect import NO_EFFECTS
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import (
     SLIDES_M_S,
     StepSettings,
     TrialMotion,
@@ -30,7 +30,7 @@ from simulation.run import (
     forces_of,
     mean_weight_s,
 )
-from simulation.script import body_of, busy
+from holdfast.simulation.script import body_of, busy
 
 IntArray = npt.NDArray[np.int64]
 

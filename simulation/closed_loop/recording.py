@@ -12,28 +12,28 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.engine import ModelChoice, OpenedModel
-from edge_runtime.errors import CardError
-from edge_runtime.fit import require_fit
-from edge_runtime.grip import GripSense
-from edge_runtime.grip_command import IDLE
-from edge_runtime.reading import Json
-from edge_runtime.supervisor import Limits
-from simulation.card import Card
-from simulation.closed_loop.controllers import Managed, managed
-from simulation.closed_loop.loop import (
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.engine import ModelChoice, OpenedModel
+from holdfast.edge_runtime.errors import CardError
+from holdfast.edge_runtime.fit import require_fit
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.grip_command import IDLE
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.supervisor import Limits
+from holdfast.simulation.card import Card
+from holdfast.simulation.closed_loop.controllers import Managed, managed
+from holdfast.simulation.closed_loop.loop import (
     LANES,
     ClosedLoop,
     LoopController,
     LoopSettings,
     LoopTruth,
 )
-from simulation.grip_record import COLUMNS, GripRecord
-from simulation.hand_control import HandControl
-from simulation.protocol import PlannedTrial
-from simulation.run import TrialMotion, motions
-from simulation.scene import Moved, Scene
+from holdfast.simulation.grip_record import COLUMNS, GripRecord
+from holdfast.simulation.hand_control import HandControl
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import TrialMotion, motions
+from holdfast.simulation.scene import Moved, Scene
 
 Done = Callable[[float], None]
 GRIP = COLUMNS.index("grip_n")

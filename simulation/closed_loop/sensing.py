@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from simulation.effect import Signal
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
-from simulation.sensor.calibration import calibrate
-from simulation.sensor.rows import PlannedLanes, RowEffect, Rows
-from simulation.sensor.timing import kept_rows, late_s
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.simulation.effect import Signal
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.sensor.calibration import calibrate
+from holdfast.simulation.sensor.rows import PlannedLanes, RowEffect, Rows
+from holdfast.simulation.sensor.timing import kept_rows, late_s
 
 IntArray = npt.NDArray[np.int64]
 ON_THE_CLOCK = {"timing_jitter": late_s, "dropped_samples": kept_rows}

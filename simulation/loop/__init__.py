@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from simulation.effect import Effect
-from simulation.loop.brush import BRUSH, pressure
-from simulation.loop.lag import LAG
-from simulation.loop.rotation import ROTATION
-from simulation.loop.shakes import ARM, KNOCK, TREMOR
-from simulation.loop.texture import TEXTURE
+from holdfast.simulation.effect import Effect
+from holdfast.simulation.loop.brush import BRUSH, pressure
+from holdfast.simulation.loop.lag import LAG
+from holdfast.simulation.loop.rotation import ROTATION
+from holdfast.simulation.loop.shakes import ARM, KNOCK, TREMOR
+from holdfast.simulation.loop.texture import TEXTURE
 
 __all__ = ["LOOP_EFFECTS", "pressure"]
 LOOP_EFFECTS: dict[str, Effect] = {

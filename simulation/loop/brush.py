@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.effect import Effect
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.effect import Effect
+from holdfast.simulation.values import Parameter
 
 
 def pressure(count: int) -> FloatArray:

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.body import Body, State
-from simulation.core import MAX_SWEEPS, RHO_TOLERANCE, two_at_least
-from simulation.effect import Drawn, Effect
-from simulation.energy import TINY, brush_j
-from simulation.objects import Thing
-from simulation.protocol import PlannedTrial
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.body import Body, State
+from holdfast.simulation.core import MAX_SWEEPS, RHO_TOLERANCE, two_at_least
+from holdfast.simulation.effect import Drawn, Effect
+from holdfast.simulation.energy import TINY, brush_j
+from holdfast.simulation.objects import Thing
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.values import Parameter
 
 
 def gyration_m2(thing: Thing) -> float:

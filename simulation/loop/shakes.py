@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.effect import Drawn, Effect
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.effect import Drawn, Effect
+from holdfast.simulation.values import Parameter
 
 FOREVER_S = 1e9
 Span = tuple[float, float]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.effect import Drawn, Effect
-from simulation.protocol import PlannedTrial
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.effect import Drawn, Effect
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.values import Parameter
 
 MOST_ELEMENTS = 50
 

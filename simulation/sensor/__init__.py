@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from simulation.effect import Effect
-from simulation.sensor.chip import CHIP
-from simulation.sensor.magnet import MAGNET
-from simulation.sensor.timing import TIMING
+from holdfast.simulation.effect import Effect
+from holdfast.simulation.sensor.chip import CHIP
+from holdfast.simulation.sensor.magnet import MAGNET
+from holdfast.simulation.sensor.timing import TIMING
 
 SENSOR_EFFECTS: dict[str, Effect] = {effect.name: effect for effect in (*MAGNET, *CHIP, *TIMING)}

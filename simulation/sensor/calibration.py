@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.effect import Signal
-from simulation.sensor.magnet import HEIGHT, dipole_ut, place_m
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.effect import Signal
+from holdfast.simulation.sensor.magnet import HEIGHT, dipole_ut, place_m
 
 SHEAR_SHARE = 0.5
 """Largest shear of the calibration's loads over their normal force."""

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.effect import Drawn
-from simulation.sensor.rows import Plan, Rows, row_effect
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.effect import Drawn
+from holdfast.simulation.sensor.rows import Plan, Rows, row_effect
+from holdfast.simulation.values import Parameter
 
 NOISE_UT = np.array([22.0, 22.0, 11.0])
 """1 sigma at 32 averaged conversions (data sheet SLYS045).

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from simulation.effect import Drawn
-from simulation.sensor.rows import Plan, Rows, row_effect
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.effect import Drawn
+from holdfast.simulation.sensor.rows import Plan, Rows, row_effect
+from holdfast.simulation.values import Parameter
 
 UT_PER_T = 1e6
 MU0_OVER_4PI = 1e-7

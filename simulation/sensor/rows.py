@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray, FloatArray, Unit
-from simulation.effect import Drawn, Effect, Signal
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Unit
+from holdfast.simulation.effect import Drawn, Effect, Signal
 
 Plan = dict[str, Any]
 """Arrays by name; the first axis has a row for each sample, or one row for all samples."""

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray, FloatArray
-from simulation.effect import Drawn, Effect, Signal
-from simulation.sensor.rows import Plan, Rows, row_effect
-from simulation.values import Parameter
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.simulation.effect import Drawn, Effect, Signal
+from holdfast.simulation.sensor.rows import Plan, Rows, row_effect
+from holdfast.simulation.values import Parameter
 
 STALE_AFTER_S = 0.02
 LONGEST_BURST = 3

@@ -1,4 +1,4 @@
-"""`python -m studies.adapt --out build/adapt-study`: writes adapt.json.
+"""`python -m holdfast.studies.adapt --out build/adapt-study`: writes adapt.json.
 
 Each unseen style is answered by the shipped file as it is, with its threshold chosen for a person,
 and with the whole adaptation. A person is a draw of the card `adapt` in that style; nothing of the
@@ -16,17 +16,24 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from edge_runtime.command import Parser, finish, path_argument
-from edge_runtime.model import Model
-from edge_runtime.onnx_rules import votes_in_all
-from edge_runtime.reading import Json
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.adapting.choice import choose, correction_at
-from evaluation.adapting.evidence import Stream, corrected, label_weights, streams_of
-from evaluation.adapting.slips import SEED, TRIALS, simulated_slips
-from evaluation.provenance import host
-from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
-from studies.adapt.sets import PERSON_SEED, PERSONS, STYLES, TEST_SEED, person_set, test_set
+from holdfast.edge_runtime.command import Parser, finish, path_argument
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.onnx_rules import votes_in_all
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.adapting.choice import choose, correction_at
+from holdfast.evaluation.adapting.evidence import Stream, corrected, label_weights, streams_of
+from holdfast.evaluation.adapting.slips import SEED, TRIALS, simulated_slips
+from holdfast.evaluation.provenance import host
+from holdfast.studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
+from holdfast.studies.adapt.sets import (
+    PERSON_SEED,
+    PERSONS,
+    STYLES,
+    TEST_SEED,
+    person_set,
+    test_set,
+)
 
 MODEL = Path("models/holdfast-150hz.onnx")
 
@@ -88,7 +95,7 @@ def main(argv: Sequence[str]) -> int:
     require_writable(args.out)
     started = time.process_time()
     if args.people:
-        from studies.adapt.people import study_people
+        from holdfast.studies.adapt.people import study_people
 
         name, figures = "people.json", study_people()
     else:

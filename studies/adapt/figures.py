@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_runtime.contract import BoolArray
-from edge_runtime.decision import DecisionRules
-from evaluation.alarms import Answers, act_requests
-from evaluation.event_scores import event_scores, match_alarms
-from evaluation.statistics import ratio_interval
-from evaluation.truths import voluntary_actions
-from training.figures import Interval
-from training.metrics import draw_groups
+from holdfast.edge_runtime.contract import BoolArray
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.evaluation.alarms import Answers, act_requests
+from holdfast.evaluation.event_scores import event_scores, match_alarms
+from holdfast.evaluation.statistics import ratio_interval
+from holdfast.evaluation.truths import voluntary_actions
+from holdfast.training.figures import Interval
+from holdfast.training.metrics import draw_groups
 
 DRAWS = 1000
 BEFORE, THRESHOLD, WHOLE = "as it is", "threshold alone", "adapted"

@@ -12,25 +12,25 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.decision import UNKNOWN
-from edge_runtime.graph import Outputs
-from edge_runtime.reading import Json
-from evaluation.adapting.choice import choose, correction_at
-from evaluation.adapting.evidence import Stream, corrected, stream_of
-from evaluation.alarms import Answers
-from export.learner import Learner, reference_votes, votes_in_all
-from export.reference import riskier_argmax
-from export.spec import StepSpec
-from studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
-from training.crossval import fit_learner
-from training.datasets import find
-from training.datasets.human_slip_uskin import load
-from training.featurise import FloatRows, features_everywhere, features_of, spec_for
-from training.metrics import situation_scores
-from training.plan import HIGH_CONFIDENCE, TrainingPlan
-from training.recording import DataSet, Recording
-from training.splits import assign_groups, folds_of
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.graph import Outputs
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.adapting.choice import choose, correction_at
+from holdfast.evaluation.adapting.evidence import Stream, corrected, stream_of
+from holdfast.evaluation.alarms import Answers
+from holdfast.export.learner import Learner, reference_votes, votes_in_all
+from holdfast.export.reference import riskier_argmax
+from holdfast.export.spec import StepSpec
+from holdfast.studies.adapt.figures import BEFORE, THRESHOLD, WHOLE, Way, way_figures
+from holdfast.training.crossval import fit_learner
+from holdfast.training.datasets import find
+from holdfast.training.datasets.human_slip_uskin import load
+from holdfast.training.featurise import FloatRows, features_everywhere, features_of, spec_for
+from holdfast.training.metrics import situation_scores
+from holdfast.training.plan import HIGH_CONFIDENCE, TrainingPlan
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.splits import assign_groups, folds_of
 
 RULES = HIGH_CONFIDENCE["forest"]
 ON, FOLDS, SEED = "familiarization", 3, 0

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from simulation.card import read_card
-from simulation.closed_loop.recording import scene_of
-from simulation.folder import write_set
-from simulation.shipped import CARDS
-from studies.shared_control.plan import CARDS as OTHER_CARDS
-from training.datasets import load
-from training.recording import DataSet
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.recording import scene_of
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.shipped import CARDS
+from holdfast.studies.shared_control.plan import CARDS as OTHER_CARDS
+from holdfast.training.datasets import load
+from holdfast.training.recording import DataSet
 
 STYLES = ("p1", "p2", "quick", "slow")
 """The operating rule of `holdfast adapt` was chosen on p1 and p2; quick and slow came after it."""

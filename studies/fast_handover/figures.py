@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from edge_runtime.reading import Json
-from evaluation.event_scores import EventScores
-from evaluation.methods import HoldFigures, MethodFigures
-from evaluation.statistics import Spread
-from training.figures import Interval, Share
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.event_scores import EventScores
+from holdfast.evaluation.methods import HoldFigures, MethodFigures
+from holdfast.evaluation.statistics import Spread
+from holdfast.training.figures import Interval, Share
 
 
 @dataclass(frozen=True)

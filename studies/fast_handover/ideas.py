@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
-from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
-from training.plan import SIZES, UNTUNED
-from training.windows import Choice
+from holdfast.studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
+from holdfast.training.plan import SIZES, UNTUNED
+from holdfast.training.windows import Choice
 
 PLAN = SIZES["default"].situation
 ALONE, VARIED = ("thesis",), ("thesis", "broad")

@@ -12,11 +12,11 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.utils.class_weight import compute_sample_weight
 from threadpoolctl import threadpool_limits
 
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SITUATIONS
-from export.learner import reference_votes
-from export.reference import IntArray, riskier_argmax, situation_votes
-from training.featurise import FloatRows
-from training.plan import ForestPlan
+from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SITUATIONS
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import IntArray, riskier_argmax, situation_votes
+from holdfast.training.featurise import FloatRows
+from holdfast.training.plan import ForestPlan
 
 Answer = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 """[T] situation 0..3, and [T] thousandths for a risky slip."""

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import NORMAL_AXIS, NOTHING
-from edge_runtime.decision import UNKNOWN
-from evaluation.methods import LabelledTrial, without_samples
-from evaluation.states import labels_everywhere
-from evaluation.truths import grasps_beside
-from export.reference import IntArray
-from studies.fast_handover.ideas import Features
-from training.datasets import load
-from training.featurise import FloatRows, features_everywhere, spec_for
-from training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS
-from training.recording import DataSet, Recording
-from training.row_files import digest_of, kept_rows
-from training.windows import Choice
+from holdfast.edge_runtime.contract import NORMAL_AXIS, NOTHING
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.evaluation.methods import LabelledTrial, without_samples
+from holdfast.evaluation.states import labels_everywhere
+from holdfast.evaluation.truths import grasps_beside
+from holdfast.export.reference import IntArray
+from holdfast.studies.fast_handover.ideas import Features
+from holdfast.training.datasets import load
+from holdfast.training.featurise import FloatRows, features_everywhere, spec_for
+from holdfast.training.plan import CLOCK_FREE_GROUPS, RAW_GROUPS
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.row_files import digest_of, kept_rows
+from holdfast.training.windows import Choice
 
 CHOOSE, STYLES = "choose", ("author", "p1", "p2")
 EVALUATED = (*STYLES, "asked-holds")

@@ -6,25 +6,25 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from edge_runtime.contract import SITUATIONS, BoolArray
-from edge_runtime.decision import UNKNOWN
-from evaluation.alarms import Answers, act_requests
-from evaluation.event_scores import choose_confidence, event_scores, match_alarms
-from evaluation.methods import (
+from holdfast.edge_runtime.contract import SITUATIONS, BoolArray
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.evaluation.alarms import Answers, act_requests
+from holdfast.evaluation.event_scores import choose_confidence, event_scores, match_alarms
+from holdfast.evaluation.methods import (
     LabelledTrial,
     MethodResult,
     method_figures,
     method_result,
     together,
 )
-from evaluation.statistics import Spread
-from evaluation.truths import Grasp
-from export.spec import HISTORY_S
-from studies.fast_handover.figures import AlarmFigures, SetAlarms, UnseenStyles
-from studies.fast_handover.ideas import Idea
-from studies.fast_handover.learners import Answer
-from studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
-from training.plan import HIGH_CONFIDENCE
+from holdfast.evaluation.statistics import Spread
+from holdfast.evaluation.truths import Grasp
+from holdfast.export.spec import HISTORY_S
+from holdfast.studies.fast_handover.figures import AlarmFigures, SetAlarms, UnseenStyles
+from holdfast.studies.fast_handover.ideas import Idea
+from holdfast.studies.fast_handover.learners import Answer
+from holdfast.studies.fast_handover.sets import CHOOSE, EVALUATED, Streams
+from holdfast.training.plan import HIGH_CONFIDENCE
 
 MOST_FALSE_PER_MIN = 0.5
 ONE_SAMPLE = HIGH_CONFIDENCE["forest"]

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.timing import time_in_turns
-from studies.fast_handover.figures import HandoverStudy, IdeaFigures, WindowF1
-from studies.fast_handover.ideas import IDEAS, Features, Idea
-from studies.fast_handover.learners import Learner
-from studies.fast_handover.sets import (
+from holdfast.edge_runtime.timing import time_in_turns
+from holdfast.studies.fast_handover.figures import HandoverStudy, IdeaFigures, WindowF1
+from holdfast.studies.fast_handover.ideas import IDEAS, Features, Idea
+from holdfast.studies.fast_handover.learners import Learner
+from holdfast.studies.fast_handover.sets import (
     CHOOSE,
     EVALUATED,
     STYLES,
@@ -31,12 +31,12 @@ from studies.fast_handover.sets import (
     labelled,
     streams,
 )
-from studies.fast_handover.stream_scores import alarm_figures
-from studies.fast_handover.timing import session_of
-from studies.fast_handover.window_scores import bounds, macro_f1, objects_left_out
-from training.featurise import FloatRows
-from training.say import Say
-from training.windows import Choice
+from holdfast.studies.fast_handover.stream_scores import alarm_figures
+from holdfast.studies.fast_handover.timing import session_of
+from holdfast.studies.fast_handover.window_scores import bounds, macro_f1, objects_left_out
+from holdfast.training.featurise import FloatRows
+from holdfast.training.say import Say
+from holdfast.training.windows import Choice
 
 PAST_S = 0.020
 """A second F1 leaves out windows nearer to a change of phase, where no sensor is sharp enough."""

@@ -12,8 +12,8 @@ from onnx import TensorProto, helper
 from skl2onnx import to_onnx
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from edge_runtime.graph import open_session
-from training.featurise import FloatRows
+from holdfast.edge_runtime.graph import open_session
+from holdfast.training.featurise import FloatRows
 
 
 def session_of(model: Any, rows: FloatRows) -> ort.InferenceSession:

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import f1_score
 
-from evaluation.methods import LabelledTrial
-from studies.fast_handover.figures import LateObserver
-from studies.fast_handover.ideas import Idea
-from studies.fast_handover.sets import Labelled, Streams, without
+from holdfast.evaluation.methods import LabelledTrial
+from holdfast.studies.fast_handover.figures import LateObserver
+from holdfast.studies.fast_handover.ideas import Idea
+from holdfast.studies.fast_handover.sets import Labelled, Streams, without
 
 
 def macro_f1(streams: Streams, situation: npt.NDArray[np.int64], past_s: float = 0.0) -> float:

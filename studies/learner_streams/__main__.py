@@ -1,4 +1,4 @@
-"""`python -m studies.learner_streams FOLDER --out DIR`: writes learner-streams.json, row by row."""
+"""`python -m holdfast.studies.learner_streams FOLDER --out DIR`: writes learner-streams.json, row by row."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from edge_runtime.command import run_script
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.provenance import host
-from studies.folder_arguments import add_folder_arguments
-from studies.learner_streams.figures import LearnerRow
-from studies.learner_streams.study import PLANS, study
-from training.progress import stages
+from holdfast.edge_runtime.command import run_script
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.provenance import host
+from holdfast.studies.folder_arguments import add_folder_arguments
+from holdfast.studies.learner_streams.figures import LearnerRow
+from holdfast.studies.learner_streams.study import PLANS, study
+from holdfast.training.progress import stages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,4 +41,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run_script("python -m studies.learner_streams", str(__doc__), add_arguments, run))
+    sys.exit(
+        run_script("python -m holdfast.studies.learner_streams", str(__doc__), add_arguments, run)
+    )

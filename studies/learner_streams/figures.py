@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from edge_runtime.reading import Json
-from evaluation.methods import MethodFigures
-from evaluation.statistics import Spread
-from training.figures import Interval, Share
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.methods import MethodFigures
+from holdfast.evaluation.statistics import Spread
+from holdfast.training.figures import Interval, Share
 
 
 @dataclass(frozen=True)

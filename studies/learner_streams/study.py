@@ -15,27 +15,32 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.contract import CLASSES, RISKY_SLIP
-from edge_runtime.timing import time_in_turns
-from evaluation.alarms import Answers
-from evaluation.event_scores import choose_confidence, event_scores
-from evaluation.methods import MethodResult, method_figures, together
-from evaluation.timed_calls import learner_call, step_call
-from export.exporting import whole_graph
-from export.heads import Head
-from export.learner import Learner, reference_votes
-from export.reference import riskier_argmax, situation_votes
-from export.spec import StepSpec
-from export.verify import cut_learners
-from studies.fast_handover.ideas import VARIED
-from studies.fast_handover.learners import Answer
-from studies.fast_handover.sets import CHOOSE, Labelled, Streams, joined, labelled, streams
-from studies.fast_handover.stream_scores import MOST_FALSE_PER_MIN, ONE_SAMPLE, answers_of, called
-from studies.learner_streams.figures import CurvePoint, LearnerRow, StreamFigures
-from training.crossval import learner_of, uncalibrated
-from training.featurise import FloatRows
-from training.plan import CLOCK_FREE_GROUPS, SIZES, TrainingPlan
-from training.say import Say, ignored
+from holdfast.edge_runtime.contract import CLASSES, RISKY_SLIP
+from holdfast.edge_runtime.timing import time_in_turns
+from holdfast.evaluation.alarms import Answers
+from holdfast.evaluation.event_scores import choose_confidence, event_scores
+from holdfast.evaluation.methods import MethodResult, method_figures, together
+from holdfast.evaluation.timed_calls import learner_call, step_call
+from holdfast.export.exporting import whole_graph
+from holdfast.export.heads import Head
+from holdfast.export.learner import Learner, reference_votes
+from holdfast.export.reference import riskier_argmax, situation_votes
+from holdfast.export.spec import StepSpec
+from holdfast.export.verify import cut_learners
+from holdfast.studies.fast_handover.ideas import VARIED
+from holdfast.studies.fast_handover.learners import Answer
+from holdfast.studies.fast_handover.sets import CHOOSE, Labelled, Streams, joined, labelled, streams
+from holdfast.studies.fast_handover.stream_scores import (
+    MOST_FALSE_PER_MIN,
+    ONE_SAMPLE,
+    answers_of,
+    called,
+)
+from holdfast.studies.learner_streams.figures import CurvePoint, LearnerRow, StreamFigures
+from holdfast.training.crossval import learner_of, uncalibrated
+from holdfast.training.featurise import FloatRows
+from holdfast.training.plan import CLOCK_FREE_GROUPS, SIZES, TrainingPlan
+from holdfast.training.say import Say, ignored
 
 EVALUATED = ("author", "asked-daily", "p1", "p2", "asked-holds")
 UNSEEN = ("p1", "p2")

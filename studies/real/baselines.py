@@ -10,20 +10,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from export.forest import Forest
-from export.learner import reference_votes
-from export.reference import IntArray, riskier_argmax
-from studies.row_names import LEAKY_FOLDS
-from training.crossval import cross_validate, fit_learner
-from training.datasets.human_slip_uskin import clock_features
-from training.featurise import FloatRows, features_of, spec_for
-from training.figures import HeadFigures
-from training.fitting import held_out_figures
-from training.metrics import report
-from training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
-from training.recording import DataSet
-from training.splits import leaky_folds
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.export.forest import Forest
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import IntArray, riskier_argmax
+from holdfast.studies.row_names import LEAKY_FOLDS
+from holdfast.training.crossval import cross_validate, fit_learner
+from holdfast.training.datasets.human_slip_uskin import clock_features
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.figures import HeadFigures
+from holdfast.training.fitting import held_out_figures
+from holdfast.training.metrics import report
+from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import leaky_folds
 
 """Fewer than the honest rows have: a warning need not take longer than what it warns of."""
 

@@ -10,18 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
-from edge_runtime.decision import DecisionRules
-from evaluation.eflesh_figures import DelaySpread, EfleshFigures
-from export.learner import reference_votes
-from export.reference import riskier_argmax
-from training.crossval import fit_learner
-from training.datasets.eflesh_slip import amplitude, detection_delay_s, threshold_baseline
-from training.featurise import features_everywhere, features_of, spec_for
-from training.metrics import situation_scores
-from training.plan import TrainingPlan
-from training.recording import DataSet
-from training.splits import assign_groups, folds_of
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, BoolArray
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.evaluation.eflesh_figures import DelaySpread, EfleshFigures
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import riskier_argmax
+from holdfast.training.crossval import fit_learner
+from holdfast.training.datasets.eflesh_slip import amplitude, detection_delay_s, threshold_baseline
+from holdfast.training.featurise import features_everywhere, features_of, spec_for
+from holdfast.training.metrics import situation_scores
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import assign_groups, folds_of
 
 ACT_SAMPLES = DecisionRules().act_samples
 """An alarm is so many risky samples in a row, as the hand would act on it."""

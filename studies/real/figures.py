@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from edge_runtime.reading import Json
-from evaluation.eflesh_figures import EfleshFigures
-from evaluation.provenance import Host
-from evaluation.window_scores import WindowFigures
-from export.verification import ExportReport
-from training.featurise import FeatureCost
-from training.figures import HeadFigures, PredictionFigures
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.eflesh_figures import EfleshFigures
+from holdfast.evaluation.provenance import Host
+from holdfast.evaluation.window_scores import WindowFigures
+from holdfast.export.verification import ExportReport
+from holdfast.training.featurise import FeatureCost
+from holdfast.training.figures import HeadFigures, PredictionFigures
 
 
 @dataclass(frozen=True)

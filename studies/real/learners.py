@@ -16,25 +16,25 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
-from evaluation.jobs import Workers
-from evaluation.provenance import host
-from export.forest import forest_votes, votes_of_trees
-from export.learner import LEARNERS
-from export.network import network_votes
-from export.reference import riskier_argmax
-from training.crossval import plan_for
-from training.datasets import find
-from training.datasets.human_slip_uskin import load
-from training.featurise import FloatRows, features_of, spec_for
-from training.figures import HeadFigures
-from training.label_rule import fit_label_weights, situation_labels
-from training.metrics import report, situation_scores
-from training.network_fit import NetworkPlan, fit_members, in_whole_numbers
-from training.plan import TrainingPlan
-from training.recording import DataSet
-from training.splits import assign_groups, folds_of, grouped_folds
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.provenance import host
+from holdfast.export.forest import forest_votes, votes_of_trees
+from holdfast.export.learner import LEARNERS
+from holdfast.export.network import network_votes
+from holdfast.export.reference import riskier_argmax
+from holdfast.training.crossval import plan_for
+from holdfast.training.datasets import find
+from holdfast.training.datasets.human_slip_uskin import load
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.figures import HeadFigures
+from holdfast.training.label_rule import fit_label_weights, situation_labels
+from holdfast.training.metrics import report, situation_scores
+from holdfast.training.network_fit import NetworkPlan, fit_members, in_whole_numbers
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import assign_groups, folds_of, grouped_folds
 
 IntArray = npt.NDArray[np.int64]
 UNQUANTISED = "network before it is made of whole numbers"

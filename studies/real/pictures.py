@@ -10,8 +10,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from sklearn.metrics import confusion_matrix, precision_recall_curve, roc_curve
 
-from edge_runtime.contract import SITUATIONS
-from evaluation.style import (
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.evaluation.style import (
     INK,
     OURS,
     QUIET,
@@ -23,13 +23,13 @@ from evaluation.style import (
     bars,
     svg,
 )
-from studies.real.figures import prediction_of
-from studies.real.proactive import ReplayPicture
-from studies.row_names import row_class, shown
-from training.crossval import HeldOut
-from training.figures import ABSENT, HeadFigures, Interval
-from training.metrics import situation_scores
-from training.recording import DataSet
+from holdfast.studies.real.figures import prediction_of
+from holdfast.studies.real.proactive import ReplayPicture
+from holdfast.studies.row_names import row_class, shown
+from holdfast.training.crossval import HeldOut
+from holdfast.training.figures import ABSENT, HeadFigures, Interval
+from holdfast.training.metrics import situation_scores
+from holdfast.training.recording import DataSet
 
 TRIALS_SHOWN = 8
 

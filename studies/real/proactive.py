@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import RISKY_SLIP, FloatArray
-from export.learner import reference_votes
-from export.reference import riskier_argmax
-from training.crossval import fit_learner
-from training.featurise import features_everywhere, features_of, spec_for
-from training.plan import TrainingPlan
-from training.recording import DataSet, Recording
+from holdfast.edge_runtime.contract import RISKY_SLIP, FloatArray
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import riskier_argmax
+from holdfast.training.crossval import fit_learner
+from holdfast.training.featurise import features_everywhere, features_of, spec_for
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet, Recording
 
 UNLABELLED = -1
 SHOWN = {"22-11-23-11": "a slip that recovers", "22-08-10-01": "a slip that ends in failure"}

@@ -6,19 +6,19 @@ import html
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.contract import SITUATIONS
-from evaluation.cells import above, number
-from evaluation.eflesh_figures import EfleshFigures
-from evaluation.page import key, write_page
-from evaluation.style import SITUATION_COLOURS
-from studies.real import pictures
-from studies.real.eflesh import EfleshStudy
-from studies.real.figures import RealStudy, prediction_of
-from studies.real.proactive import ReplayPicture
-from studies.row_names import row_class, shown
-from training.crossval import HeldOut
-from training.figures import ABSENT, HeadFigures, Interval, over
-from training.recording import DataSet
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.evaluation.cells import above, number
+from holdfast.evaluation.eflesh_figures import EfleshFigures
+from holdfast.evaluation.page import key, write_page
+from holdfast.evaluation.style import SITUATION_COLOURS
+from holdfast.studies.real import pictures
+from holdfast.studies.real.eflesh import EfleshStudy
+from holdfast.studies.real.figures import RealStudy, prediction_of
+from holdfast.studies.real.proactive import ReplayPicture
+from holdfast.studies.row_names import row_class, shown
+from holdfast.training.crossval import HeldOut
+from holdfast.training.figures import ABSENT, HeadFigures, Interval, over
+from holdfast.training.recording import DataSet
 
 
 @dataclass(frozen=True)

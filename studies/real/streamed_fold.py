@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.decision import DecisionRules
-from edge_runtime.monitor import Model
-from evaluation.window_scores import evaluate, stream
-from export.artifact import Artifact, write_artifact
-from export.exporting import export_artifact
-from export.heads import Head
-from studies.real.figures import StreamedFold
-from training.crossval import HeldOut, fit_calibration, fit_learner
-from training.featurise import FloatRows, spec_for
-from training.plan import TASK_HEADS, TrainingPlan
-from training.recording import DataSet
-from training.splits import assign_groups, folds_of
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.monitor import Model
+from holdfast.evaluation.window_scores import evaluate, stream
+from holdfast.export.artifact import Artifact, write_artifact
+from holdfast.export.exporting import export_artifact
+from holdfast.export.heads import Head
+from holdfast.studies.real.figures import StreamedFold
+from holdfast.training.crossval import HeldOut, fit_calibration, fit_learner
+from holdfast.training.featurise import FloatRows, spec_for
+from holdfast.training.plan import TASK_HEADS, TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import assign_groups, folds_of
 
 FOLD = 0
 

@@ -19,35 +19,35 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.command import Parser, finish, path_argument, seed
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.cells import interval, number
-from evaluation.job_options import add_job_options, chosen_workers
-from evaluation.jobs import Workers
-from evaluation.provenance import host
-from export.artifact import Artifact, write_artifact
-from export.exporting import export_artifact
-from studies.real import baselines
-from studies.real.eflesh import EfleshStudy, study_eflesh
-from studies.real.figures import (
+from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.cells import interval, number
+from holdfast.evaluation.job_options import add_job_options, chosen_workers
+from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.provenance import host
+from holdfast.export.artifact import Artifact, write_artifact
+from holdfast.export.exporting import export_artifact
+from holdfast.studies.real import baselines
+from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
+from holdfast.studies.real.figures import (
     FinalModel,
     RealStudy,
     StreamedFold,
     VerificationSums,
     prediction_of,
 )
-from studies.real.proactive import ReplayPicture, study_proactive
-from studies.real.report import Evidence, write_report
-from studies.real.streamed_fold import stream_one_fold
-from studies.row_names import CLOCK, LEAKY, OURS_18, OURS_48
-from training.crossval import HeldOut, cross_validate
-from training.datasets import load
-from training.featurise import FeatureCost, cpu_cost, features_of, spec_for
-from training.figures import HeadFigures
-from training.fitting import final_artifact, held_out_figures, versions
-from training.plan import TrainingPlan
-from training.progress import stages
-from training.say import Say, ignored
+from holdfast.studies.real.proactive import ReplayPicture, study_proactive
+from holdfast.studies.real.report import Evidence, write_report
+from holdfast.studies.real.streamed_fold import stream_one_fold
+from holdfast.studies.row_names import CLOCK, LEAKY, OURS_18, OURS_48
+from holdfast.training.crossval import HeldOut, cross_validate
+from holdfast.training.datasets import load
+from holdfast.training.featurise import FeatureCost, cpu_cost, features_of, spec_for
+from holdfast.training.figures import HeadFigures
+from holdfast.training.fitting import final_artifact, held_out_figures, versions
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.progress import stages
+from holdfast.training.say import Say, ignored
 
 HUMAN = "human_slip_uskin"
 CLOCK_FREE = (

@@ -1,14 +1,14 @@
-"""The README's tables of `make real`: `python -m studies.real.table METRICS PAGE`."""
+"""The README's tables of `make real`: `python -m holdfast.studies.real.table METRICS PAGE`."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh
-from evaluation.page import markdown
-from studies.row_names import shown
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh
+from holdfast.evaluation.page import markdown
+from holdfast.studies.row_names import shown
 
 FIGURES = {
     "macro F1, four situations": ("situations", "macro_f1"),

@@ -1,4 +1,4 @@
-"""human_slip_uskin labelled by rotation in the hand: `python -m studies.real.truer_label OUT`.
+"""human_slip_uskin labelled by rotation in the hand: `python -m holdfast.studies.real.truer_label OUT`.
 
 The set's usual label is the object's rotation, about half of it the wrist's. With the hand's IMU
 the wrist cancels. The same people, folds, features and baselines; only what is called a slip
@@ -12,19 +12,19 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from edge_runtime.writing import write_whole
-from studies.real import baselines
-from studies.row_names import CLOCK, OURS_18
-from training.crossval import cross_validate
-from training.datasets import find, human_slip_uskin
-from training.featurise import features_of, spec_for
-from training.figures import HeadFigures
-from training.fitting import held_out_figures
-from training.plan import TrainingPlan
-from training.progress import stages
-from training.recording import DataSet
-from training.say import Say
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.studies.real import baselines
+from holdfast.studies.row_names import CLOCK, OURS_18
+from holdfast.training.crossval import cross_validate
+from holdfast.training.datasets import find, human_slip_uskin
+from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.figures import HeadFigures
+from holdfast.training.fitting import held_out_figures
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.progress import stages
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`python -m studies.scenes FOLDER --out DIR`: writes scenes.json and report.html.
+"""`python -m holdfast.studies.scenes FOLDER --out DIR`: writes scenes.json and report.html.
 
 FOLDER/<rate>hz/<card> are sets that `holdfast simulate <card> --rate <rate>` wrote: thesis, and,
 where they are there, apple, p1 and p2. Everything here is simulated, and says so.
@@ -15,19 +15,19 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from edge_runtime.command import Parser, finish, path_argument, seed
-from edge_runtime.errors import DataNotFound
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.provenance import host
-from evaluation.scores import LeakCheck
-from studies.row_names import OURS
-from studies.scenes.evidence import SceneEvidence, between, number
-from studies.scenes.figures import MadeBy, ScenesFigures
-from studies.scenes.report import write_scene_report
-from studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
-from training.fitting import versions
-from training.progress import stages
-from training.say import Say
+from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
+from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.provenance import host
+from holdfast.evaluation.scores import LeakCheck
+from holdfast.studies.row_names import OURS
+from holdfast.studies.scenes.evidence import SceneEvidence, between, number
+from holdfast.studies.scenes.figures import MadeBy, ScenesFigures
+from holdfast.studies.scenes.report import write_scene_report
+from holdfast.studies.scenes.study import CAVEAT, STAGES, RateStudy, study_rate, ways
+from holdfast.training.fitting import versions
+from holdfast.training.progress import stages
+from holdfast.training.say import Say
 
 RATE_FOLDER = re.compile(r"(\d+(?:\.\d+)?)hz")
 

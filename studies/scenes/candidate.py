@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from edge_runtime.contract import CLASSES
-from export.learner import reference_votes
-from export.reference import IntArray
-from training.crossval import fit_learner
-from training.featurise import FloatRows
-from training.plan import TrainingPlan
-from training.recording import DataSet
+from holdfast.edge_runtime.contract import CLASSES
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import IntArray
+from holdfast.training.crossval import fit_learner
+from holdfast.training.featurise import FloatRows
+from holdfast.training.plan import TrainingPlan
+from holdfast.training.recording import DataSet
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from evaluation.cells import above
-from evaluation.scores import LevelScores
-from evaluation.streams import StreamPicture
-from studies.scenes.figures import MadeBy, RateFigures, ScenesFigures
-from training.crossval import HeldOut
-from training.figures import ABSENT, Interval, over
-from training.recording import DataSet
+from holdfast.evaluation.cells import above
+from holdfast.evaluation.scores import LevelScores
+from holdfast.evaluation.streams import StreamPicture
+from holdfast.studies.scenes.figures import MadeBy, RateFigures, ScenesFigures
+from holdfast.training.crossval import HeldOut
+from holdfast.training.figures import ABSENT, Interval, over
+from holdfast.training.recording import DataSet
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 
-from edge_runtime.reading import Json
-from evaluation.scores import ClassScores, LeakCheck, RecallSpread, RiskyCalls
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.scores import ClassScores, LeakCheck, RecallSpread, RiskyCalls
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class MadeBy:
 
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
-    command: str = "python -m studies.scenes FOLDER --out DIR"
+    command: str = "python -m holdfast.studies.scenes FOLDER --out DIR"
     seconds: float | None = None
 
 

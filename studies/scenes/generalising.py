@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.scores import ClassScores, scores
-from export.reference import IntArray
-from studies.scenes.candidate import Candidate
-from studies.scenes.figures import LearningPoint, StyleLeftOut
-from training.crossval import cross_validate
-from training.datasets.joined import join
-from training.recording import DataSet
-from training.say import Say
+from holdfast.evaluation.scores import ClassScores, scores
+from holdfast.export.reference import IntArray
+from holdfast.studies.scenes.candidate import Candidate
+from holdfast.studies.scenes.figures import LearningPoint, StyleLeftOut
+from holdfast.training.crossval import cross_validate
+from holdfast.training.datasets.joined import join
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
 
 TRIALS = (100, 200, 400, 600, 800, 1000)
 """The thesis had 600, then 1000."""

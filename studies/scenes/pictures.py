@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from evaluation.score_pictures import RateCurve, ScoreBars, by_object, over_rates, score_bars
-from evaluation.scores import ClassScores
-from evaluation.style import bar
-from studies.row_names import row_class, shown
-from studies.scenes.figures import RateFigures, Rows
+from holdfast.evaluation.score_pictures import (
+    RateCurve,
+    ScoreBars,
+    by_object,
+    over_rates,
+    score_bars,
+)
+from holdfast.evaluation.scores import ClassScores
+from holdfast.evaluation.style import bar
+from holdfast.studies.row_names import row_class, shown
+from holdfast.studies.scenes.figures import RateFigures, Rows
 
 
 def level_bars(rows: Rows, kind: str) -> str:

@@ -9,27 +9,27 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from evaluation import stream_pictures as draw
-from evaluation.page import key, write_page
-from evaluation.score_pictures import confusion_spread
-from evaluation.scores import ClassScores, LeakCheck, confusion, scores
-from evaluation.streams import StreamPicture
-from evaluation.style import SITUATION_COLOURS
-from export.reference import IntArray
-from export.spec import window_samples
-from studies.real.pictures import confusion as four_by_four
-from studies.row_names import LINE, OURS, row_class, shown
-from studies.scenes import pictures
-from studies.scenes.evidence import SceneEvidence, between, heading, number
-from studies.scenes.figures import (
+from holdfast.evaluation import stream_pictures as draw
+from holdfast.evaluation.page import key, write_page
+from holdfast.evaluation.score_pictures import confusion_spread
+from holdfast.evaluation.scores import ClassScores, LeakCheck, confusion, scores
+from holdfast.evaluation.streams import StreamPicture
+from holdfast.evaluation.style import SITUATION_COLOURS
+from holdfast.export.reference import IntArray
+from holdfast.export.spec import window_samples
+from holdfast.studies.real.pictures import confusion as four_by_four
+from holdfast.studies.row_names import LINE, OURS, row_class, shown
+from holdfast.studies.scenes import pictures
+from holdfast.studies.scenes.evidence import SceneEvidence, between, heading, number
+from holdfast.studies.scenes.figures import (
     DescribedSet,
     MadeBy,
     RateFigures,
     ScenesFigures,
     ShearRateFigures,
 )
-from studies.scenes.study import CAVEAT, retraining
-from studies.scenes.unseen_report import (
+from holdfast.studies.scenes.study import CAVEAT, retraining
+from holdfast.studies.scenes.unseen_report import (
     curve_section,
     level_figures,
     objects_section,
@@ -37,9 +37,9 @@ from studies.scenes.unseen_report import (
     rates_section,
     styles_section,
 )
-from training.crossval import HeldOut
-from training.fitting import with_situations
-from training.recording import DataSet
+from holdfast.training.crossval import HeldOut
+from holdfast.training.fitting import with_situations
+from holdfast.training.recording import DataSet
 
 
 def write_scene_report(path: Path, evidence: SceneEvidence) -> Path:

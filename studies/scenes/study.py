@@ -14,14 +14,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.errors import DataNotFound, UnitError
-from evaluation.scores import ClassScores, calls, confusion, leak_check, scores, spread_of
-from evaluation.simple_baselines import SHEAR_RATE_LAW, clock_features, raw_windows, shear_rate_at
-from evaluation.streams import StreamPicture, held_out_streams
-from export.spec import window_samples
-from studies.row_names import CLOCK, LINE, OURS, RAW
-from studies.scenes.candidate import Candidate
-from studies.scenes.figures import (
+from holdfast.edge_runtime.errors import DataNotFound, UnitError
+from holdfast.evaluation.scores import ClassScores, calls, confusion, leak_check, scores, spread_of
+from holdfast.evaluation.simple_baselines import (
+    SHEAR_RATE_LAW,
+    clock_features,
+    raw_windows,
+    shear_rate_at,
+)
+from holdfast.evaluation.streams import StreamPicture, held_out_streams
+from holdfast.export.spec import window_samples
+from holdfast.studies.row_names import CLOCK, LINE, OURS, RAW
+from holdfast.studies.scenes.candidate import Candidate
+from holdfast.studies.scenes.figures import (
     DescribedSet,
     LearningPoint,
     OtherSetFigures,
@@ -30,15 +35,15 @@ from studies.scenes.figures import (
     ShearRateFigures,
     StyleLeftOut,
 )
-from studies.scenes.generalising import learning_curve, styles_left_out
-from training.crossval import HeldOut, cross_validate
-from training.datasets import load
-from training.datasets.joined import require_alike
-from training.featurise import FloatRows, features_of, spec_for
-from training.objects import read_json
-from training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
-from training.recording import DataSet
-from training.say import Say
+from holdfast.studies.scenes.generalising import learning_curve, styles_left_out
+from holdfast.training.crossval import HeldOut, cross_validate
+from holdfast.training.datasets import load
+from holdfast.training.datasets.joined import require_alike
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.objects import read_json
+from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
 
 TRAINED, OTHERS = "thesis", ("apple", "p1", "p2")
 STYLES = ("p1", "p2")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import html
 
-from evaluation.scores import ClassScores
-from studies.row_names import OURS, RAW, shown
-from studies.scenes import pictures
-from studies.scenes.evidence import SceneEvidence, heading, macro_f1, number, table
-from studies.scenes.figures import ShearRateFigures
-from training.figures import Interval
+from holdfast.evaluation.scores import ClassScores
+from holdfast.studies.row_names import OURS, RAW, shown
+from holdfast.studies.scenes import pictures
+from holdfast.studies.scenes.evidence import SceneEvidence, heading, macro_f1, number, table
+from holdfast.studies.scenes.figures import ShearRateFigures
+from holdfast.training.figures import Interval
 
 Figure = tuple[float | None, Interval | None]
 """A value and its 95 % interval."""

@@ -8,19 +8,19 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from edge_runtime.command import path_argument, run_script
-from edge_runtime.engine_options import add_engine_options, chosen_model
-from edge_runtime.errors import UsageError
-from edge_runtime.reading import Json
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.job_options import add_job_options, chosen_workers
-from evaluation.loop_runs import LoopRuns
-from evaluation.provenance import host
-from simulation.closed_loop.recording import model_of
-from studies.shared_control.page import PAGE, fill_page
-from studies.shared_control.picture import picture
-from studies.shared_control.plan import Row, rows
-from training.progress import counted
+from holdfast.edge_runtime.command import path_argument, run_script
+from holdfast.edge_runtime.engine_options import add_engine_options, chosen_model
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.job_options import add_job_options, chosen_workers
+from holdfast.evaluation.loop_runs import LoopRuns
+from holdfast.evaluation.provenance import host
+from holdfast.simulation.closed_loop.recording import model_of
+from holdfast.studies.shared_control.page import PAGE, fill_page
+from holdfast.studies.shared_control.picture import picture
+from holdfast.studies.shared_control.plan import Row, rows
+from holdfast.training.progress import counted
 
 MODEL = Path("models/holdfast-150hz.onnx")
 FIGURE = Path("docs/shared-control.svg")

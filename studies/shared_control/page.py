@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import table, with_interval, write_tables
-from studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, OURS, UNSEEN
-from studies.shared_control.targets import target_rows
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import table, with_interval, write_tables
+from holdfast.studies.shared_control.plan import CURVE_SETS, OUR_LEAD_N, OURS, UNSEEN
+from holdfast.studies.shared_control.targets import target_rows
 
 PAGE = Path("docs/shared-control.md")
 CONTROLLER_HEADS = {

@@ -8,9 +8,9 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from edge_runtime.reading import Json
-from evaluation.style import INK, OURS, QUIET, STYLE, svg
-from studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, svg
+from holdfast.studies.shared_control.plan import CURVE_SETS, LAG_MS, LAGS_MS, SETTINGS
 
 MARKS = {"holdfast": "o", "pd-shear": "s", "smsp": "^", "ismsp": "v"}
 BLOCKED_AIM, SAVED_AIM = 0.05, 0.9

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from studies.shared_control.plan import OURS, STYLES, UNSEEN
+from holdfast.studies.shared_control.plan import OURS, STYLES, UNSEEN
 
 Row = dict[str, Any]
 AUTHOR = ("author",)

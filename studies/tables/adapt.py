@@ -1,4 +1,4 @@
-"""The tables of docs/adapt.md: `python -m studies.tables.adapt STYLES PEOPLE PAGE`."""
+"""The tables of docs/adapt.md: `python -m holdfast.studies.tables.adapt STYLES PEOPLE PAGE`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh, with_interval
-from evaluation.page import markdown
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh, with_interval
+from holdfast.evaluation.page import markdown
 
 
 def _styles(figures: Json) -> Tables:

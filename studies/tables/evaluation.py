@@ -6,13 +6,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh, table, with_interval
-from evaluation.labels import DEPLOYED
-from evaluation.page import markdown
-from studies.row_names import OURS, RAW, shown
-from studies.tables.targets import target_rows
-from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh, table, with_interval
+from holdfast.evaluation.labels import DEPLOYED
+from holdfast.evaluation.page import markdown
+from holdfast.studies.row_names import OURS, RAW, shown
+from holdfast.studies.tables.targets import target_rows
+from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 
 RATE = "150"
 STREAM_HEADS = {

@@ -6,14 +6,14 @@ import math
 import sys
 from pathlib import Path
 
-from edge_runtime.contact import NORMAL_FLOOR
-from evaluation.doc_tables import refresh, write_tables
-from evaluation.page import markdown
-from export.features import GROUPS, feature_count
-from export.history import LAGS_S
-from export.spec import StepSpec
-from export.step_graph import feature_graph
-from studies.ablation import table
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.evaluation.doc_tables import refresh, write_tables
+from holdfast.evaluation.page import markdown
+from holdfast.export.features import GROUPS, feature_count
+from holdfast.export.history import LAGS_S
+from holdfast.export.spec import StepSpec
+from holdfast.export.step_graph import feature_graph
+from holdfast.studies.ablation import table
 
 SHOWN = (6, 58.9)
 """Sensors and rate the page's numbers are for."""

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh, table, with_interval
-from evaluation.page import markdown
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh, table, with_interval
+from holdfast.evaluation.page import markdown
 
 CASES = {
     (18, False): "real-18",

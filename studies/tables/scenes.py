@@ -6,16 +6,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, refresh, table, write_tables
-from evaluation.page import markdown
-from simulation.card import read_card
-from simulation.effect import Effect
-from simulation.effects import EFFECTS
-from simulation.sensor.calibration import residual_n
-from simulation.shipped import CARDS, shipped
-from studies.row_names import OURS, shown
-from training.figures import over
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, refresh, table, write_tables
+from holdfast.evaluation.page import markdown
+from holdfast.simulation.card import read_card
+from holdfast.simulation.effect import Effect
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.sensor.calibration import residual_n
+from holdfast.simulation.shipped import CARDS, shipped
+from holdfast.studies.row_names import OURS, shown
+from holdfast.training.figures import over
 
 STEP_HEADS = {
     "step_ms": "step, ms",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from edge_runtime.reading import Json
+from holdfast.edge_runtime.reading import Json
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`python -m studies.thesis_preliminary --out DIR` leaves preliminary.json and report.html.
+"""`python -m holdfast.studies.thesis_preliminary --out DIR` leaves preliminary.json and report.html.
 
 DIR/scene (or --scene) is what `holdfast simulate twenty-sensors --out DIR/scene` wrote; the
 recordings of people are the public set human_slip_uskin, all 48 channels.
@@ -13,20 +13,20 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from edge_runtime.command import Parser, finish, path_argument, seed
-from edge_runtime.errors import DataNotFound
-from edge_runtime.writing import require_writable, write_whole
-from evaluation.provenance import host
-from studies.real.study import HUMAN
-from studies.thesis_preliminary.cases import CASES
-from studies.thesis_preliminary.figures import PreliminaryStudy
-from studies.thesis_preliminary.report import summary, write_preliminary_report
-from studies.thesis_preliminary.study import REPETITIONS, study
-from training.datasets import load
-from training.fitting import versions
-from training.progress import stages
-from training.recording import DataSet
-from training.say import Say
+from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
+from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.provenance import host
+from holdfast.studies.real.study import HUMAN
+from holdfast.studies.thesis_preliminary.cases import CASES
+from holdfast.studies.thesis_preliminary.figures import PreliminaryStudy
+from holdfast.studies.thesis_preliminary.report import summary, write_preliminary_report
+from holdfast.studies.thesis_preliminary.study import REPETITIONS, study
+from holdfast.training.datasets import load
+from holdfast.training.fitting import versions
+from holdfast.training.progress import stages
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
 
 STAGES = 1 + 2 * (3 + len(CASES))
 CARD = "twenty-sensors"

@@ -26,8 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import FloatArray
-from studies.thesis_preliminary.points import KINDS, SLIPPING
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.studies.thesis_preliminary.points import KINDS, SLIPPING
 
 LEAST_SHARE, LOADED_QUANTILE = 0.1, 0.95
 Features = Callable[[FloatArray, FloatArray], FloatArray]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from edge_runtime.reading import Json
-from evaluation.provenance import Host
-from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.provenance import Host
+from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SOURCE
 
 
 @dataclass(frozen=True)

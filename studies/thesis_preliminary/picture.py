@@ -6,9 +6,9 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
-from studies.thesis_preliminary.figures import StudiedSet
-from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
+from holdfast.evaluation.style import INK, OURS, QUIET, STYLE, WARNING, svg
+from holdfast.studies.thesis_preliminary.figures import StudiedSet
+from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS
 
 COLOURS = (WARNING, OURS)
 """Simulated, then real."""

@@ -24,9 +24,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
-from training.critical_points import EDGE_S, friction_rows
-from training.recording import DataSet, Recording
+from holdfast.edge_runtime.contract import (
+    GRASP,
+    NORMAL_AXIS,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    FloatArray,
+)
+from holdfast.training.critical_points import EDGE_S, friction_rows
+from holdfast.training.recording import DataSet, Recording
 
 KINDS = ("grasp", "not slipping under disturbances", "safe slip", "slipping")
 HELD, SLIPPING = 1, 3

@@ -5,18 +5,18 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from evaluation.cells import number
-from evaluation.page import Row, table, write_page
-from studies.thesis_preliminary.cases import CASES
-from studies.thesis_preliminary.figures import (
+from holdfast.evaluation.cells import number
+from holdfast.evaluation.page import Row, table, write_page
+from holdfast.studies.thesis_preliminary.cases import CASES
+from holdfast.studies.thesis_preliminary.figures import (
     CaseFigures,
     PreliminaryStudy,
     Repeated,
     StudiedSet,
 )
-from studies.thesis_preliminary.picture import accuracies
-from studies.thesis_preliminary.points import KINDS
-from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES, SOURCE
+from holdfast.studies.thesis_preliminary.picture import accuracies
+from holdfast.studies.thesis_preliminary.points import KINDS
+from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES, SOURCE
 
 BARE = (LEARNERS[1], LEARNERS[2], LEARNERS[0])
 """Learners on distances, on variances and on the order of values."""
@@ -138,7 +138,7 @@ def _made(figures: PreliminaryStudy) -> str:
     return f"""<h2>How this was made</h2><ul>{lines}
 <li>Learners at scikit-learn's defaults, untuned; nearest neighbours and the network on standardised
 features; gradient boosting is the histogram kind. Test: one of four folds of groups.</li>
-<li><code>python -m studies.thesis_preliminary</code>, seed {figures.seed},
+<li><code>python -m holdfast.studies.thesis_preliminary</code>, seed {figures.seed},
 {figures.seconds:.0f} s;
 {html.escape(versions)}.</li></ul>"""
 

@@ -29,14 +29,19 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
-from edge_runtime.errors import ClassMissing
-from studies.thesis_preliminary.cases import CASES, Case
-from studies.thesis_preliminary.figures import CaseFigures, LearnerFigures, Repeated, StudiedSet
-from studies.thesis_preliminary.points import KINDS, SLIPPING, Points, points_of, windows
-from studies.thesis_preliminary.published import LEARNERS
-from training.recording import DataSet
-from training.say import Say
-from training.splits import Fold, grouped_folds, leaky_folds
+from holdfast.edge_runtime.errors import ClassMissing
+from holdfast.studies.thesis_preliminary.cases import CASES, Case
+from holdfast.studies.thesis_preliminary.figures import (
+    CaseFigures,
+    LearnerFigures,
+    Repeated,
+    StudiedSet,
+)
+from holdfast.studies.thesis_preliminary.points import KINDS, SLIPPING, Points, points_of, windows
+from holdfast.studies.thesis_preliminary.published import LEARNERS
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
+from holdfast.training.splits import Fold, grouped_folds, leaky_folds
 
 REPETITIONS, FOLDS = 5, 4
 Rows = npt.NDArray[np.int64]

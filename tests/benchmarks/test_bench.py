@@ -10,18 +10,18 @@ from typing import Any
 
 from page_tables import require_tables_fit
 
-from benchmarks import simulator
-from benchmarks.effects import CARD, Effort, prices
-from benchmarks.hold_and_pull import measure, rows
-from benchmarks.mujoco_scene import Scene
-from benchmarks.pictures import PICTURES
-from benchmarks.simulator import plausibility
 from holdfast.bench import MEASURES
-from simulation.card import read_card
-from simulation.effects import EFFECTS
-from simulation.shipped import shipped
-from studies.row_names import OURS
-from studies.tables.scenes import made_from
+from holdfast.benchmarks import simulator
+from holdfast.benchmarks.effects import CARD, Effort, prices
+from holdfast.benchmarks.hold_and_pull import measure, rows
+from holdfast.benchmarks.mujoco_scene import Scene
+from holdfast.benchmarks.pictures import PICTURES
+from holdfast.benchmarks.simulator import plausibility
+from holdfast.simulation.card import read_card
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.shipped import shipped
+from holdfast.studies.row_names import OURS
+from holdfast.studies.tables.scenes import made_from
 
 ROOT = Path(__file__).resolve().parents[2]
 

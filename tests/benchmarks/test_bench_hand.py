@@ -11,17 +11,25 @@ from pathlib import Path
 import pytest
 from page_tables import require_tables_fit
 
-from benchmarks import hand
-from benchmarks.hand import CHECKED, FAULTS, RATES_HZ, fault_table, latency, memory, scan_costs
-from benchmarks.hand_delays import delays, seen_after_ms
-from benchmarks.hand_page import soak as soak_tables
-from benchmarks.hand_page import tables
-from benchmarks.hand_page import timed as timed_tables
-from benchmarks.hand_rows import HandFigures
-from benchmarks.timed_scans import stalls_ns, timed, today
-from drivers.bridges import BRIDGES
-from edge_runtime.live import STAGES
-from edge_runtime.timing import time_in_turns
+from holdfast.benchmarks import hand
+from holdfast.benchmarks.hand import (
+    CHECKED,
+    FAULTS,
+    RATES_HZ,
+    fault_table,
+    latency,
+    memory,
+    scan_costs,
+)
+from holdfast.benchmarks.hand_delays import delays, seen_after_ms
+from holdfast.benchmarks.hand_page import soak as soak_tables
+from holdfast.benchmarks.hand_page import tables
+from holdfast.benchmarks.hand_page import timed as timed_tables
+from holdfast.benchmarks.hand_rows import HandFigures
+from holdfast.benchmarks.timed_scans import stalls_ns, timed, today
+from holdfast.drivers.bridges import BRIDGES
+from holdfast.edge_runtime.live import STAGES
+from holdfast.edge_runtime.timing import time_in_turns
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "models" / "holdfast-150hz.onnx"

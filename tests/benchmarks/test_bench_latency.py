@@ -8,10 +8,21 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks import latency as bench
-from benchmarks.calls import BARE, C_FLOOR, C_STEP, FLOOR, GRIP, OWN, SKLEARN, STEP, THESIS, WALK
-from benchmarks.latency import BUDGET, C_RATIOS, CallTimes, budgets, latency, ratios
-from simulation.card import Card, read_card
+from holdfast.benchmarks import latency as bench
+from holdfast.benchmarks.calls import (
+    BARE,
+    C_FLOOR,
+    C_STEP,
+    FLOOR,
+    GRIP,
+    OWN,
+    SKLEARN,
+    STEP,
+    THESIS,
+    WALK,
+)
+from holdfast.benchmarks.latency import BUDGET, C_RATIOS, CallTimes, budgets, latency, ratios
+from holdfast.simulation.card import Card, read_card
 
 
 def in_long_steps(name: str, rate_hz: float) -> Card:
@@ -19,7 +30,7 @@ def in_long_steps(name: str, rate_hz: float) -> Card:
     return replace(read_card(name, rate_hz=rate_hz), step_s=0.02)
 
 
-@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 def test_every_peer_has_its_row_and_every_budget_its_figure(monkeypatch, eight_classes):
     monkeypatch.setattr(bench, "TRIALS", 30)
     monkeypatch.setattr(bench, "STREAMED", 2)

@@ -16,26 +16,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_tables import require_tables_fit, tables_of
 
-from benchmarks.cost import recordings
-from benchmarks.cost.features import columns, look_backs_s, some, whole_of
-from benchmarks.cost.grown import first_trees
-from benchmarks.cost.page import MADE_FROM, README_ROWS, line, readme_table
-from benchmarks.cost.picture import figure
-from benchmarks.cost.point import BANDS, GROUPS, REFERENCE, Point, points
-from benchmarks.cost.surface import cost, pareto
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import DataError, UsageError
-from edge_runtime.graph import open_session, run_recordings
-from edge_runtime.trial_file import read_trial
-from evaluation.jobs import Workers
-from export.features import feature_count
-from export.learner import reference_votes
-from export.spec import StepSpec
-from export.step_graph import feature_graph
-from simulation.card import Card, read_card
-from training.datasets import load
-from training.featurise import FloatRows
-from training.plan import ForestPlan
+from holdfast.benchmarks.cost import recordings
+from holdfast.benchmarks.cost.features import columns, look_backs_s, some, whole_of
+from holdfast.benchmarks.cost.grown import first_trees
+from holdfast.benchmarks.cost.page import MADE_FROM, README_ROWS, line, readme_table
+from holdfast.benchmarks.cost.picture import figure
+from holdfast.benchmarks.cost.point import BANDS, GROUPS, REFERENCE, Point, points
+from holdfast.benchmarks.cost.surface import cost, pareto
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import DataError, UsageError
+from holdfast.edge_runtime.graph import open_session, run_recordings
+from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.evaluation.jobs import Workers
+from holdfast.export.features import feature_count
+from holdfast.export.learner import reference_votes
+from holdfast.export.spec import StepSpec
+from holdfast.export.step_graph import feature_graph
+from holdfast.simulation.card import Card, read_card
+from holdfast.training.datasets import load
+from holdfast.training.featurise import FloatRows
+from holdfast.training.plan import ForestPlan
 
 SMALL = {"train": ("thesis", 10, 0), "choose": ("daily", 3, 1), "ask": ("daily", 8, 2)}
 TINY = Point(rate_hz=50.0, trees=5, depth=6, debounce=2)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.friction_peers import (
+from holdfast.benchmarks.friction_peers import (
     LAWS,
     SHARES,
     VIBRATION,
@@ -26,7 +26,7 @@ from benchmarks.friction_peers import (
     path,
     table,
 )
-from benchmarks.mujoco_scene import VARIANTS, Scene, mjcf
+from holdfast.benchmarks.mujoco_scene import VARIANTS, Scene, mjcf
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from page_tables import require_tables_fit
 
-from benchmarks.live_page import Case, watched_run
-from benchmarks.live_page_table import tables
+from holdfast.benchmarks.live_page import Case, watched_run
+from holdfast.benchmarks.live_page_table import tables
 
 
 def test_a_watched_run_counts_its_samples_its_gaps_and_what_its_browsers_got(tmp_path: Path):

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.mujoco_loop import CARD, Figures, Force
-from simulation.card import read_card
-from simulation.scene import Scene
-from studies.tables.scenes import mujoco_loop
+from holdfast.benchmarks.mujoco_loop import CARD, Figures, Force
+from holdfast.simulation.card import read_card
+from holdfast.simulation.scene import Scene
+from holdfast.studies.tables.scenes import mujoco_loop
 
 
 def test_the_trials_are_of_an_object_that_both_worlds_have_alike(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ from headless_browser import browser, needs_chromium, served
 from page_tables import require_tables_fit, tables_of
 from small_model import for_the_hand, graph_of
 
-from benchmarks.runtimes import here as bench
-from benchmarks.runtimes.c_programs import (
+from holdfast.benchmarks.runtimes import here as bench
+from holdfast.benchmarks.runtimes.c_programs import (
     CLANG,
     GCC,
     SINGLE_GCC,
@@ -23,17 +23,17 @@ from benchmarks.runtimes.c_programs import (
     answers_of,
     golden_of,
 )
-from benchmarks.runtimes.cortex_m7 import read_report
-from benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
-from benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
-from benchmarks.runtimes.page import arm, here
-from benchmarks.runtimes.programs import called, require
-from benchmarks.runtimes.stream import Stream
-from edge_runtime.errors import HoldfastError, LibraryMissing
-from edge_runtime.graph import run_recording
-from edge_runtime.model import Model
-from export.c.exporting import export_c
-from export.seal import model_card, seal
+from holdfast.benchmarks.runtimes.cortex_m7 import read_report
+from holdfast.benchmarks.runtimes.onnx_programs import C_API, IN_WEB, WEB, OnnxProgram, text_of
+from holdfast.benchmarks.runtimes.onnx_programs import answers_of as onnx_answers_of
+from holdfast.benchmarks.runtimes.page import arm, here
+from holdfast.benchmarks.runtimes.programs import called, require
+from holdfast.benchmarks.runtimes.stream import Stream
+from holdfast.edge_runtime.errors import HoldfastError, LibraryMissing
+from holdfast.edge_runtime.graph import run_recording
+from holdfast.edge_runtime.model import Model
+from holdfast.export.c.exporting import export_c
+from holdfast.export.seal import model_card, seal
 
 RELEASED = Path(__file__).resolve().parents[2] / "models/holdfast-150hz.onnx"
 AT = "document.getElementById"

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from benchmarks.timed_soak import TURN_S, measure
+from holdfast.benchmarks.timed_soak import TURN_S, measure
 
 SOAK_S = float(os.environ.get("HOLDFAST_SOAK_S", "3600"))
 

@@ -20,14 +20,14 @@ from bridge_bench import (
     every_usb_bridge,
 )
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.mcp2221 import TIMEOUT_MS, Mcp2221
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.faults import Fault
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.mcp2221 import VirtualMcp2221
-from drivers.virtual.usb_backend import VirtualBackend
-from edge_runtime.errors import (
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.mcp2221 import TIMEOUT_MS, Mcp2221
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import Fault
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.edge_runtime.errors import (
     BusStuck,
     DeviceLost,
     DeviceNotFound,

@@ -22,19 +22,19 @@ from bridge_bench import (
     every_bridge,
 )
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.ft232h import Ft232h
-from drivers.tmag5273 import (
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.ft232h import Ft232h
+from holdfast.drivers.tmag5273 import (
     PACKET_BYTES,
     Setup,
     field_ut,
     packet,
 )
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.faults import Fault
-from drivers.virtual.ft232h import VirtualFt232h
-from drivers.virtual.hand import Track, VirtualHand
-from drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import Fault
+from holdfast.drivers.virtual.ft232h import VirtualFt232h
+from holdfast.drivers.virtual.hand import Track, VirtualHand
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
 # -- what every bridge does
 

@@ -9,17 +9,17 @@ import pytest
 from hand_bench import Bench, started
 from hazard_marks import BRIDGE_FAULT, SLOW_REPAIR, STUCK_BUS, WIRING
 
-from drivers.bus import Transfer
-from drivers.ft232h import FASTEST_HZ, SLOWEST_HZ, Ft232h
-from drivers.hand import Hand
-from drivers.mcp2221 import Mcp2221
-from drivers.scanning import as_layout, look_at
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.ft232h import IN_ENDPOINT, OUT_ENDPOINT, SCL, SDA_IN, VirtualFt232h
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.mcp2221 import VirtualMcp2221
-from drivers.virtual.usb_backend import VirtualBackend, stall
-from edge_runtime.errors import BusStuck, DeviceError, TransferFailed, UsageError
+from holdfast.drivers.bus import Transfer
+from holdfast.drivers.ft232h import FASTEST_HZ, SLOWEST_HZ, Ft232h
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.mcp2221 import Mcp2221
+from holdfast.drivers.scanning import as_layout, look_at
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.ft232h import IN_ENDPOINT, OUT_ENDPOINT, SCL, SDA_IN, VirtualFt232h
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
+from holdfast.drivers.virtual.usb_backend import VirtualBackend, stall
+from holdfast.edge_runtime.errors import BusStuck, DeviceError, TransferFailed, UsageError
 from holdfast.live_sources import open_live
 
 ONE = [Transfer(0x70, b"\x01"), Transfer(0x35, b"\x0d", 3)]

@@ -16,13 +16,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from drivers.bias import Bias, bias_of
-from drivers.calibration import Calibration, CalibrationOrigin, rmse_normal, rmse_shear
-from drivers.calibration_file import read_bias, read_calibration, write_bias, write_calibration
-from drivers.calibration_fit import fit
-from edge_runtime.command import Parser
-from edge_runtime.contract import FloatArray, channel_names
-from edge_runtime.errors import (
+from holdfast import calibrate
+from holdfast.calibration.reading import read_studies
+from holdfast.drivers.bias import Bias, bias_of
+from holdfast.drivers.calibration import Calibration, CalibrationOrigin, rmse_normal, rmse_shear
+from holdfast.drivers.calibration_file import (
+    read_bias,
+    read_calibration,
+    write_bias,
+    write_calibration,
+)
+from holdfast.drivers.calibration_fit import fit
+from holdfast.edge_runtime.command import Parser
+from holdfast.edge_runtime.contract import FloatArray, channel_names
+from holdfast.edge_runtime.errors import (
     ChannelError,
     ColumnError,
     DataError,
@@ -32,9 +39,7 @@ from edge_runtime.errors import (
     TooFewGroups,
     UnitError,
 )
-from holdfast import calibrate
-from holdfast.calibration.reading import read_studies
-from training.datasets import data_folder
+from holdfast.training.datasets import data_folder
 
 FINITE = st.floats(-1e4, 1e4)
 ANY = st.floats(allow_nan=False, allow_infinity=False)

@@ -22,8 +22,8 @@ from drawn_frames import (
 )
 from scipy.interpolate import CubicSpline
 
-from drivers.camera.recording import read_about, read_tracks, write_about
-from simulation.camera.frames import HAND_TAG, OBJECT_TAG
+from holdfast.drivers.camera.recording import read_about, read_tracks, write_about
+from holdfast.simulation.camera.frames import HAND_TAG, OBJECT_TAG
 
 # -- tracks and video
 
@@ -175,7 +175,7 @@ def test_nothing_recorded_is_written_over(drawn, recorded):
 def test_a_tag_smeared_over_one_cell_is_seen_and_over_two_is_lost(tmp_path):
     output = program(
         """
-from simulation.camera.frames import CAMERA, Camera
+from holdfast.simulation.camera.frames import CAMERA, Camera
 defaults = {name: parameter.default for name, parameter in CAMERA.items()}
 one = Camera(**defaults | {"width_px": 240.0, "height_px": 160.0})
 seen = []

@@ -24,11 +24,11 @@ from drawn_frames import (
 )
 from hand_made_tracks import hand_made
 
-from drivers.camera.library import QUIET
-from drivers.camera.recording import read_about, read_tracks, write_about
-from drivers.camera.sources import read_frames
-from edge_runtime.errors import EmptyRecording, NotANumber
 from holdfast.cli import main
+from holdfast.drivers.camera.library import QUIET
+from holdfast.drivers.camera.recording import read_about, read_tracks, write_about
+from holdfast.drivers.camera.sources import read_frames
+from holdfast.edge_runtime.errors import EmptyRecording, NotANumber
 
 
 def test_without_a_camera_there_is_one_error_and_nothing_is_left(tmp_path):
@@ -44,7 +44,7 @@ def test_the_search_for_a_camera_is_short_and_every_setting_is_in_force_before_t
 lines = []
 load_depthai(lines.append)
 load_depthai(lines.append)
-from drivers.camera.library import QUIET
+from holdfast.drivers.camera.library import QUIET
 print(json.dumps({"set": {name: os.environ[name] for name in QUIET}, "lines": lines}))
 """)
     assert output["set"] == QUIET

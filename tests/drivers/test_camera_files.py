@@ -18,13 +18,14 @@ from hand_made_tracks import hand_made
 from page_tables import require_tables_fit
 from rooms import MAY_IMPORT, imports_by_file
 
-from benchmarks import camera_page
-from benchmarks.tag_sheet import sheet
-from drivers.camera import sources
-from drivers.camera.library import QUIET
-from drivers.camera.recording import TagFile, read_tracks
-from drivers.camera.sources import read_frames
-from edge_runtime.errors import (
+from holdfast.benchmarks import camera_page
+from holdfast.benchmarks.tag_sheet import sheet
+from holdfast.cli import main
+from holdfast.drivers.camera import sources
+from holdfast.drivers.camera.library import QUIET
+from holdfast.drivers.camera.recording import TagFile, read_tracks
+from holdfast.drivers.camera.sources import read_frames
+from holdfast.edge_runtime.errors import (
     ColumnError,
     DataNotFound,
     EmptyRecording,
@@ -32,9 +33,8 @@ from edge_runtime.errors import (
     NotANumber,
     TimeError,
 )
-from holdfast.cli import main
-from simulation.camera.apriltag import cells
-from simulation.camera.frames import HAND_TAG, OBJECT_TAG
+from holdfast.simulation.camera.apriltag import cells
+from holdfast.simulation.camera.frames import HAND_TAG, OBJECT_TAG
 
 
 def spoil(path: Path, how: str) -> None:

@@ -14,10 +14,10 @@ from drawn_frames import (
     two_sizes,
 )
 
-from drivers.camera.recording import read_about, read_tracks
 from holdfast.cli import main
-from simulation.camera.frames import AWAY_SIDES
-from training.timeline import read_truth
+from holdfast.drivers.camera.recording import read_about, read_tracks
+from holdfast.simulation.camera.frames import AWAY_SIDES
+from holdfast.training.timeline import read_truth
 
 CARD = """
 [record]
@@ -63,7 +63,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_fitted_onset_of_author_pulls_is_within_ten_ms_of_the_first_sliding():
     output = program("""
-from benchmarks import onset
+from holdfast.benchmarks import onset
 onset.FROM_S = 0.5  # before the load the picture stands still
 print(json.dumps(onset.pulls(6, [60.0])[0].to_json()))
 """)

@@ -14,17 +14,17 @@ from hazard_marks import CORRUPT_READING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import Bus, Reply
-from drivers.finger_state import FingerState
-from drivers.layout import Finger
-from drivers.native_i2c import NativeI2C
-from drivers.packet_check import MOST_TEST_PACKETS, TEST_PACKETS, PacketCheck
-from drivers.tmag5273 import LAYOUT, PACKET_BYTES, RESULTS, Setup, packet, packet_crc
-from drivers.virtual.chip import Chip
-from drivers.virtual.hand import Track
-from drivers.virtual.native import VirtualI2cDev
-from drivers.virtual.wire import Noise
-from edge_runtime.errors import WrongDevice
+from holdfast.drivers.bus import Bus, Reply
+from holdfast.drivers.finger_state import FingerState
+from holdfast.drivers.layout import Finger
+from holdfast.drivers.native_i2c import NativeI2C
+from holdfast.drivers.packet_check import MOST_TEST_PACKETS, TEST_PACKETS, PacketCheck
+from holdfast.drivers.tmag5273 import LAYOUT, PACKET_BYTES, RESULTS, Setup, packet, packet_crc
+from holdfast.drivers.virtual.chip import Chip
+from holdfast.drivers.virtual.hand import Track
+from holdfast.drivers.virtual.native import VirtualI2cDev
+from holdfast.drivers.virtual.wire import Noise
+from holdfast.edge_runtime.errors import WrongDevice
 
 ADDRESS = 0x35
 DIFFERENT_UT = np.arange(18.0).reshape(1, 6, 3) * 1500.0

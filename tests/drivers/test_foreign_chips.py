@@ -10,14 +10,14 @@ from foreign_chips import Ads1115, Expander, Pca9685, Registers, eeprom
 from hand_bench import Bench, started
 from hazard_marks import FOREIGN_CHIP, WIRING
 
-from drivers.bring_up import identify
-from drivers.bus import Transfer
-from drivers.layout import read_layout
-from drivers.scanning import as_layout, look_at
-from drivers.tmag5273 import FACTORY_ADDRESSES, Setup
-from drivers.virtual.wire import Mux
-from edge_runtime.errors import DeviceNotFound, WrongDevice
 from holdfast.cli import main
+from holdfast.drivers.bring_up import identify
+from holdfast.drivers.bus import Transfer
+from holdfast.drivers.layout import read_layout
+from holdfast.drivers.scanning import as_layout, look_at
+from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, Setup
+from holdfast.drivers.virtual.wire import Mux
+from holdfast.edge_runtime.errors import DeviceNotFound, WrongDevice
 
 EIGHT_BITS = 0x36
 """DEVICE_CONFIG_1 of a chip that answers packets of 8 bits an axis, which our driver never asks

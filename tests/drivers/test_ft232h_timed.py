@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from benchmarks.timed_scans import DeviceTimes, Kept, started
-from drivers.bridges import open_virtual
-from drivers.bus import Transfer
-from drivers.ft232h_timed import TimedScan
-from drivers.hand import Hand
-from drivers.layout import LAYOUTS
-from drivers.virtual.at_once import AtOnce
-from drivers.virtual.faults import read_fault
-from drivers.virtual.ft232h import VirtualFt232h
-from drivers.virtual.hand import VirtualHand
-from edge_runtime.errors import BusStuck, DeviceLost, UsageError
+from holdfast.benchmarks.timed_scans import DeviceTimes, Kept, started
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.bus import Transfer
+from holdfast.drivers.ft232h_timed import TimedScan
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import LAYOUTS
+from holdfast.drivers.virtual.at_once import AtOnce
+from holdfast.drivers.virtual.faults import read_fault
+from holdfast.drivers.virtual.ft232h import VirtualFt232h
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.edge_runtime.errors import BusStuck, DeviceLost, UsageError
 
 PERIOD_NS = round(1e9 / 150)
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from hand_bench import PERIOD_NS, Bench, bad, listen, started
 
-from drivers.finger_state import STALE_NS
-from drivers.ft232h import Ft232h
-from drivers.hand import Hand
-from drivers.layout import LAYOUTS, Finger, read_layout
-from drivers.tmag5273 import Setup
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.faults import KINDS, Fault, read_fault
-from drivers.virtual.hand import REST_UT, Track
-from edge_runtime.errors import DeviceNotFound, UsageError, WrongDevice
+from holdfast.drivers.finger_state import STALE_NS
+from holdfast.drivers.ft232h import Ft232h
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import LAYOUTS, Finger, read_layout
+from holdfast.drivers.tmag5273 import Setup
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import KINDS, Fault, read_fault
+from holdfast.drivers.virtual.hand import REST_UT, Track
+from holdfast.edge_runtime.errors import DeviceNotFound, UsageError, WrongDevice
 
 
 class Faltering(VirtualClock):
@@ -254,7 +254,7 @@ def test_every_fault_can_be_written_in_a_url(kind):
 
 
 def read_needs_sensor(kind: str) -> bool:
-    from drivers.virtual.faults import OF_A_SENSOR
+    from holdfast.drivers.virtual.faults import OF_A_SENSOR
 
     return kind in OF_A_SENSOR
 

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from drivers.scanning import look_at
-from edge_runtime.clock import MonotonicClock
+from holdfast.drivers.scanning import look_at
+from holdfast.edge_runtime.clock import MonotonicClock
 from holdfast.live_sources import open_bus, open_live
 from holdfast.real_time import RunClock
 

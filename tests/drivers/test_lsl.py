@@ -16,12 +16,12 @@ import pytest
 from command_line import fails
 from live_bench import DEFAULT, go
 
-from drivers.lsl import DECISION, LOST, NO_NUMBER, SKIPPED, LslSource, decision_row
-from drivers.lsl_library import LslInlet, LslOutlet, open_answers
-from drivers.lsl_streams import StreamFacts
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.contract import Sample, channel_names
-from edge_runtime.errors import (
+from holdfast.drivers.lsl import DECISION, LOST, NO_NUMBER, SKIPPED, LslSource, decision_row
+from holdfast.drivers.lsl_library import LslInlet, LslOutlet, open_answers
+from holdfast.drivers.lsl_streams import StreamFacts
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.contract import Sample, channel_names
+from holdfast.edge_runtime.errors import (
     ChannelError,
     DeviceLost,
     DeviceNotFound,
@@ -29,7 +29,7 @@ from edge_runtime.errors import (
     RateError,
     UnitError,
 )
-from edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.monitor import GripMonitor, Model
 from holdfast.hand_bias import read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -297,10 +297,10 @@ def test_a_url_that_cannot_be_a_stream_is_a_usage_error(run):
 
 
 def test_without_pylsl_the_error_names_the_extra(monkeypatch):
-    monkeypatch.delitem(sys.modules, "drivers.lsl_library")
+    monkeypatch.delitem(sys.modules, "holdfast.drivers.lsl_library")
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(LibraryMissing, match=r"pip install 'holdfast\[lsl\]'"):
-        import drivers.lsl_library  # noqa: F401
+        import holdfast.drivers.lsl_library  # noqa: F401
 
 
 def test_a_wheel_without_liblsl_is_an_error_that_says_so(tmp_path):

@@ -13,9 +13,9 @@ from bridge_bench import (
     A,
 )
 
-from drivers.bus import Transfer
-from drivers.mcp2221 import Mcp2221
-from edge_runtime.errors import (
+from holdfast.drivers.bus import Transfer
+from holdfast.drivers.mcp2221 import Mcp2221
+from holdfast.edge_runtime.errors import (
     BusStuck,
     TransferFailed,
     UsageError,

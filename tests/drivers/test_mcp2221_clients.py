@@ -15,13 +15,13 @@ from typing import Any
 import pytest
 from hid_stand_in import HidModule
 
-from drivers.mcp2221 import Mcp2221
-from drivers.tmag5273 import FACTORY_ADDRESSES, PACKET_BYTES, RESULTS, Setup, packet
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.hand import REST_UT, VirtualHand
-from drivers.virtual.mcp2221 import VirtualMcp2221
-from drivers.virtual.usb_backend import VirtualBackend
-from edge_runtime.errors import AccessDenied
+from holdfast.drivers.mcp2221 import Mcp2221
+from holdfast.drivers.tmag5273 import FACTORY_ADDRESSES, PACKET_BYTES, RESULTS, Setup, packet
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.hand import REST_UT, VirtualHand
+from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.edge_runtime.errors import AccessDenied
 
 A = FACTORY_ADDRESSES[0]
 MUX = 0x70

@@ -23,18 +23,18 @@ from bridge_bench import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.ft232h import Ft232h
-from drivers.native_i2c import NativeI2C
-from drivers.tmag5273 import (
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.ft232h import Ft232h
+from holdfast.drivers.native_i2c import NativeI2C
+from holdfast.drivers.tmag5273 import (
     GENERAL_CALL,
 )
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.ft232h import VirtualFt232h
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.native import VirtualI2cDev
-from drivers.virtual.usb_backend import VirtualBackend
-from edge_runtime.errors import (
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.ft232h import VirtualFt232h
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.native import VirtualI2cDev
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
+from holdfast.edge_runtime.errors import (
     AccessDenied,
     BusStuck,
     DeviceNotFound,

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.camera.motion import FLOOR_PX, Motion, motion
-from drivers.camera.onset import (
+from holdfast.drivers.camera.motion import FLOOR_PX, Motion, motion
+from holdfast.drivers.camera.onset import (
     GROSS_MM,
     HiddenMotion,
     Slip,
@@ -17,8 +17,8 @@ from drivers.camera.onset import (
     gross_distance_mm,
     largest_move_mm,
 )
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import LabelError, TagError
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import LabelError, TagError
 
 TAG_MM, MM_PER_PX = 10.0, 0.25
 SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])

@@ -15,13 +15,13 @@ from bridge_bench import (
     every_firmware,
 )
 
-from drivers.bus import NOT_ACKED, Reply, Transfer
-from drivers.tiny_usb import TinyUsb
-from drivers.tmag5273 import (
+from holdfast.drivers.bus import NOT_ACKED, Reply, Transfer
+from holdfast.drivers.tiny_usb import TinyUsb
+from holdfast.drivers.tmag5273 import (
     REGISTERS,
 )
-from drivers.virtual.usb_backend import stall
-from edge_runtime.errors import (
+from holdfast.drivers.virtual.usb_backend import stall
+from holdfast.edge_runtime.errors import (
     TransferFailed,
     UsageError,
 )

@@ -11,9 +11,9 @@ from bridge_bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus import Transfer
-from drivers.ft232h import Ft232h
-from drivers.tmag5273 import (
+from holdfast.drivers.bus import Transfer
+from holdfast.drivers.ft232h import Ft232h
+from holdfast.drivers.tmag5273 import (
     FACTORY_ADDRESSES,
     PACKET_BYTES,
     REGISTERS,
@@ -25,9 +25,15 @@ from drivers.tmag5273 import (
     packet,
     temperature_degc,
 )
-from drivers.virtual.faults import Fault
-from drivers.virtual.hand import REST_UT, Track
-from edge_runtime.errors import BusStuck, DeviceLost, DeviceNotFound, TransferFailed, UsageError
+from holdfast.drivers.virtual.faults import Fault
+from holdfast.drivers.virtual.hand import REST_UT, Track
+from holdfast.edge_runtime.errors import (
+    BusStuck,
+    DeviceLost,
+    DeviceNotFound,
+    TransferFailed,
+    UsageError,
+)
 
 A, B, C, D = FACTORY_ADDRESSES
 BOTH = Transfer(0x70, bytes([0b11]))

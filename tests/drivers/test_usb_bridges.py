@@ -14,10 +14,10 @@ from bridge_bench import (
     every_usb_bridge,
 )
 
-from drivers.mcp2221 import Mcp2221
-from drivers.tiny_usb import TinyUsb
-from drivers.virtual.faults import Fault
-from edge_runtime.errors import (
+from holdfast.drivers.mcp2221 import Mcp2221
+from holdfast.drivers.tiny_usb import TinyUsb
+from holdfast.drivers.virtual.faults import Fault
+from holdfast.edge_runtime.errors import (
     AccessDenied,
     DeviceNotFound,
     TransferFailed,

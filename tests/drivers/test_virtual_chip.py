@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.tmag5273 import (
+from holdfast.drivers.tmag5273 import (
     CONTINUOUS,
     FACTORY_ADDRESSES,
     RANGES_MT,
@@ -17,10 +17,10 @@ from drivers.tmag5273 import (
     crc8,
     temperature_degc,
 )
-from drivers.virtual.chip import Chip
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.faults import Faults
-from drivers.virtual.wire import Wire
+from holdfast.drivers.virtual.chip import Chip
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import Faults
+from holdfast.drivers.virtual.wire import Wire
 
 A = FACTORY_ADDRESSES[0]
 CRC_ON, ONE_BYTE_16, ONE_BYTE_8 = 0x80, 0x01, 0x02

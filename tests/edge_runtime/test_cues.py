@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_prediction import prediction
 
-from edge_runtime.contract import Prediction
-from edge_runtime.cue_card import KEYS, SHIPPED, read_cues
-from edge_runtime.cues import KINDS, CueRule, Cues, CueTable, Pattern, cue_line
-from edge_runtime.errors import CardError, DataNotFound
+from holdfast.edge_runtime.contract import Prediction
+from holdfast.edge_runtime.cue_card import KEYS, SHIPPED, read_cues
+from holdfast.edge_runtime.cues import KINDS, CueRule, Cues, CueTable, Pattern, cue_line
+from holdfast.edge_runtime.errors import CardError, DataNotFound
 
 ROOT = Path(__file__).resolve().parents[2]
 MS = 1_000_000

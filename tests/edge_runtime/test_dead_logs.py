@@ -25,14 +25,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, ROOT, RUN, Steady, go
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.contract import Prediction
-from edge_runtime.line_writer import CLOSING_S, STREAM_LINES, LineWriter
-from edge_runtime.live import run_live
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.sample_file import sample_file
-from edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink
-from edge_runtime.tare import Tare
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.contract import Prediction
+from holdfast.edge_runtime.line_writer import CLOSING_S, STREAM_LINES, LineWriter
+from holdfast.edge_runtime.live import run_live
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.sample_file import sample_file
+from holdfast.edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink
+from holdfast.edge_runtime.tare import Tare
 
 LINE = "x" * 800
 LONG_S = 300.0

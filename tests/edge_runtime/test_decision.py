@@ -11,8 +11,15 @@ from hazard_marks import NO_EVIDENCE, OPENING, OVERRIDE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.decision import LIMITS, UNKNOWN, DecisionRules, DecisionState, decide, period_us
+from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.edge_runtime.decision import (
+    LIMITS,
+    UNKNOWN,
+    DecisionRules,
+    DecisionState,
+    decide,
+    period_us,
+)
 
 LABELS = (UNKNOWN, NOTHING, GRASP, SAFE_SLIP, RISKY_SLIP)
 RULES = DecisionRules()

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import pytest
 from hazard_marks import INVARIANTS
 
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
 
 PERIOD_US = 1000
 RULES = [

@@ -28,19 +28,19 @@ from small_model import (
     with_networks,
 )
 
-from edge_runtime.contract import Sample, Unit
-from edge_runtime.errors import HoldfastError, ModelError, NotAModel
-from edge_runtime.model import Model, read_model
-from edge_runtime.monitor import GripMonitor
-from edge_runtime.onnx_bytes import read_onnx
-from edge_runtime.onnx_operators import RULES
-from edge_runtime.onnx_rules import ALLOWED
-from edge_runtime.protobuf import MOST_FIELDS, Field, Reader
-from export.artifact import Artifact
-from export.features import GROUPS
-from export.forest import FOREST_KINDS
-from export.seal import model_card, seal
-from training.plan import RAW_BASELINE, SIZES
+from holdfast.edge_runtime.contract import Sample, Unit
+from holdfast.edge_runtime.errors import HoldfastError, ModelError, NotAModel
+from holdfast.edge_runtime.model import Model, read_model
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.edge_runtime.onnx_bytes import read_onnx
+from holdfast.edge_runtime.onnx_operators import RULES
+from holdfast.edge_runtime.onnx_rules import ALLOWED
+from holdfast.edge_runtime.protobuf import MOST_FIELDS, Field, Reader
+from holdfast.export.artifact import Artifact
+from holdfast.export.features import GROUPS
+from holdfast.export.forest import FOREST_KINDS
+from holdfast.export.seal import model_card, seal
+from holdfast.training.plan import RAW_BASELINE, SIZES
 
 ROOT = Path(__file__).resolve().parents[2]
 RELEASED = sorted((ROOT / "models").glob("*.onnx"))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from grip_senses import RATE_HZ, bits, of_hand, of_hands, random_senses, sense
 
-from edge_runtime.friction import SAMPLES, SPARE, FrictionMargin
-from edge_runtime.lanes import ONE_LANE, ManyLanes
+from holdfast.edge_runtime.friction import SAMPLES, SPARE, FrictionMargin
+from holdfast.edge_runtime.lanes import ONE_LANE, ManyLanes
 
 GRIP_N = 4.0
 

@@ -19,10 +19,10 @@ from grip_senses import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.errors import UsageError
-from edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, Holdfast, PdShear
-from edge_runtime.grip_control import controller_of
-from edge_runtime.lanes import ONE_LANE, ManyLanes
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.grip import CONTROLLERS, AnswerRules, Controller, Holdfast, PdShear
+from holdfast.edge_runtime.grip_control import controller_of
+from holdfast.edge_runtime.lanes import ONE_LANE, ManyLanes
 
 SAMPLES, HANDS = 80, 3
 EVERY = sorted(CONTROLLERS)

@@ -10,12 +10,12 @@ import pytest
 from hazard_marks import LOST_SENSOR
 from made_prediction import prediction
 
-from edge_runtime.contract import BoolArray, FloatArray
-from edge_runtime.errors import UsageError
-from edge_runtime.grip import Holdfast
-from edge_runtime.grip_command import EXPIRES_MS, MODES, GripCommand, last_line, to_line
-from edge_runtime.grip_control import GripControl
-from edge_runtime.supervisor import Limits
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.grip import Holdfast
+from holdfast.edge_runtime.grip_command import EXPIRES_MS, MODES, GripCommand, last_line, to_line
+from holdfast.edge_runtime.grip_control import GripControl
+from holdfast.edge_runtime.supervisor import Limits
 
 RATE_HZ = 150.0
 ALL = np.ones(6, dtype=np.bool_)

@@ -11,9 +11,9 @@ import pytest
 from grip_bench import Hands, TtyReceiver, UdpReceiver, opened, send, sender, wait_for_the_end_of
 from hazard_marks import NO_GRIP_COMMAND, RUN_DIES, WIRE_FAILS
 
-from edge_runtime.errors import DeviceNotFound, UsageError
-from edge_runtime.grip_links import open_link
-from edge_runtime.guardian import Guardian
+from holdfast.edge_runtime.errors import DeviceNotFound, UsageError
+from holdfast.edge_runtime.grip_links import open_link
+from holdfast.edge_runtime.guardian import Guardian
 
 A_WHILE_NS = 3_000_000_000
 
@@ -228,7 +228,7 @@ def test_a_line_that_was_cut_off_does_not_spoil_the_one_after_it(tty):
 
 @WIRE_FAILS.mark
 def test_a_slow_port_leaves_out_commands_and_queues_none(tty, monkeypatch):
-    import edge_runtime.grip_links as links
+    import holdfast.edge_runtime.grip_links as links
 
     waiting = iter([0, 500, 200, 50])
     monkeypatch.setattr(links, "unsent_bytes", lambda port: next(waiting))

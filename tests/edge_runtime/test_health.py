@@ -13,9 +13,9 @@ from hazard_marks import DEAD_HAND, LATE_ANSWER, RESTART, WRONG_RATE
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.health import LEAST_SPAN, RING, LoadedStart, RateWatch, RepeatWatch
-from edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.health import LEAST_SPAN, RING, LoadedStart, RateWatch, RepeatWatch
+from holdfast.edge_runtime.monitor import GripMonitor, Model
 
 DEFAULT = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 ALL = np.ones(6, dtype=np.bool_)
@@ -34,8 +34,8 @@ Trial = tuple[np.ndarray, float | None, float | None]
 def pulls_and_falls(model: Model) -> list[Trial]:
     """Ten pulls and ten falls of the thesis' card: prepared forces [T, 18] at 150 Hz, load onset,
     contact lost (s)."""
-    from simulation.card import read_card
-    from simulation.scene import Scene
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.scene import Scene
 
     scene = Scene(replace(read_card("thesis"), step_s=0.003), 4000)
     trials = scene.trials()
@@ -343,7 +343,7 @@ def acted_in_time(model: Model, trial: Trial, *, restart: bool) -> bool:
 def test_every_answer_is_a_line_of_json_with_the_reason(model: Model, valid: np.ndarray) -> None:
     import json
 
-    from edge_runtime.output import to_json_line
+    from holdfast.edge_runtime.output import to_json_line
 
     answer = GripMonitor(model, None).feed(Sample(0, noise(1)[0], valid, 0))
     content = json.loads(to_json_line(replace(answer, commands="expired")))

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.lsl_intent import LslIntent
-from drivers.lsl_streams import StreamFacts
-from edge_runtime.commands import receiving
-from edge_runtime.errors import ColumnError, DeviceLost, NotANumber
-from edge_runtime.intent import Intent, IntentMonitor, UdpIntent
-from edge_runtime.intent_file import intent_header, intent_row, read_intent
+from holdfast.drivers.lsl_intent import LslIntent
+from holdfast.drivers.lsl_streams import StreamFacts
+from holdfast.edge_runtime.commands import receiving
+from holdfast.edge_runtime.errors import ColumnError, DeviceLost, NotANumber
+from holdfast.edge_runtime.intent import Intent, IntentMonitor, UdpIntent
+from holdfast.edge_runtime.intent_file import intent_header, intent_row, read_intent
 
 PERIOD_NS = 6_666_667
 

@@ -23,13 +23,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from live_bench import DEFAULT, ROOT, RUN, Steady, go
 
-from drivers.calibration_file import read_bias
-from drivers.paced import PacedReplay
-from drivers.replay import Replay, open_replay
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.commands import command_port
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.errors import (
+from holdfast.drivers.calibration_file import read_bias
+from holdfast.drivers.paced import PacedReplay
+from holdfast.drivers.replay import Replay, open_replay
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.commands import command_port
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.errors import (
     ChannelError,
     DeviceError,
     OutputError,
@@ -37,14 +37,14 @@ from edge_runtime.errors import (
     UnitError,
     UsageError,
 )
-from edge_runtime.intent import Intent
-from edge_runtime.live import STAGES, Command, SourceReading, Summary
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.notify import service_watchdog
-from edge_runtime.preparation import Preparation
-from edge_runtime.sample_file import sample_file
-from edge_runtime.sinks import Outlets, file_sink, stream_sink, udp_sink
-from edge_runtime.tare import Tare
+from holdfast.edge_runtime.intent import Intent
+from holdfast.edge_runtime.live import STAGES, Command, SourceReading, Summary
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.notify import service_watchdog
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.edge_runtime.sample_file import sample_file
+from holdfast.edge_runtime.sinks import Outlets, file_sink, stream_sink, udp_sink
+from holdfast.edge_runtime.tare import Tare
 from holdfast.live_run import answer
 from holdfast.live_sources import open_live, scene_of
 
@@ -124,7 +124,7 @@ def test_every_stage_has_its_latency_and_a_run_of_nothing_has_none(model):
 
 
 def test_the_user_s_override_ends_a_request_and_an_opening_hand_begins_none(model, monkeypatch):
-    import edge_runtime.monitor as watched
+    import holdfast.edge_runtime.monitor as watched
 
     user_commands = []
     real = watched.decide
@@ -502,7 +502,7 @@ def test_the_board_s_files_come_out_whole(capsys, part, holds):
 
 
 def test_the_udev_rules_name_every_bridge():
-    from drivers.bridges import BRIDGES, ids_of
+    from holdfast.drivers.bridges import BRIDGES, ids_of
 
     rules = (ROOT / "drivers" / "board" / "70-holdfast.rules").read_text()
     for name in BRIDGES:
@@ -669,7 +669,7 @@ def test_the_shipped_service_names_bias_calibration_and_commands_is_never_given_
 def test_the_shipped_service_s_command_is_one_that_the_program_understands():
     import shlex
 
-    from edge_runtime.command import Parser
+    from holdfast.edge_runtime.command import Parser
     from holdfast.run import add_arguments
 
     unit = (ROOT / "drivers" / "board" / "holdfast.service").read_text().replace("\\\n", "")

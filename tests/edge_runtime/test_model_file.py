@@ -24,9 +24,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_model import metadata_of, with_metadata
 
-from edge_runtime.contract import CLASSES, SITUATIONS, Sample
-from edge_runtime.decision import DecisionRules
-from edge_runtime.errors import (
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS, Sample
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.errors import (
     BrokenSeal,
     DataNotFound,
     GoldenMismatch,
@@ -35,8 +35,8 @@ from edge_runtime.errors import (
     NotAModel,
     RuntimeRefused,
 )
-from edge_runtime.golden import golden_input
-from edge_runtime.model_file import (
+from holdfast.edge_runtime.golden import golden_input
+from holdfast.edge_runtime.model_file import (
     CARD_KEY,
     GOLDEN_KEY,
     SEAL_KEY,
@@ -44,11 +44,11 @@ from edge_runtime.model_file import (
     check_runtime,
     read_sealed,
 )
-from edge_runtime.monitor import GripMonitor, Model
-from export.artifact import read_artifact, write_artifact
-from export.exporting import export_artifact
-from export.seal import model_card, seal
-from training.fitting import VERSIONS_OF
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.export.artifact import read_artifact, write_artifact
+from holdfast.export.exporting import export_artifact
+from holdfast.export.seal import model_card, seal
+from holdfast.training.fitting import VERSIONS_OF
 
 if TYPE_CHECKING:
     from conftest import Built

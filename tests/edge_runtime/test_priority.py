@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from edge_runtime.priority import real_time
+from holdfast.edge_runtime.priority import real_time
 
 FIRST = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 ASKS = "import os; print(os.sched_getscheduler(0))"

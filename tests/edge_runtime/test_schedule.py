@@ -14,20 +14,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, Steady, go
 
-from drivers.paced import PacedReplay
-from drivers.replay import Replay
-from drivers.virtual.clock import VirtualClock
-from edge_runtime import clock as clock_module
-from edge_runtime.clock import MonotonicClock
-from edge_runtime.commands import MOST_A_SAMPLE, command_port
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.decision import DecisionState
-from edge_runtime.errors import TimeError
-from edge_runtime.live import SourceReading, run_live
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.sinks import Outlets, stream_sink, udp_sink
-from edge_runtime.tare import Tare
-from edge_runtime.trial_file import read_trial
+from holdfast.drivers.paced import PacedReplay
+from holdfast.drivers.replay import Replay
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime import clock as clock_module
+from holdfast.edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.commands import MOST_A_SAMPLE, command_port
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.decision import DecisionState
+from holdfast.edge_runtime.errors import TimeError
+from holdfast.edge_runtime.live import SourceReading, run_live
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.sinks import Outlets, stream_sink, udp_sink
+from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.trial_file import read_trial
 
 AREA = "Time and schedule"
 PERIOD_NS = round(1e9 / 150)

@@ -13,11 +13,11 @@ import pytest
 from grip_senses import RATE_HZ, sense
 from hazard_marks import SUPERVISOR_INVARIANTS
 
-from edge_runtime.grip import NoController
-from edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
-from edge_runtime.grip_control import GripLoop
-from edge_runtime.lanes import ONE_LANE
-from edge_runtime.supervisor import Limits, Supervisor
+from holdfast.edge_runtime.grip import NoController
+from holdfast.edge_runtime.grip_command import HOLD, IDLE, RELAX, TIGHTEN, YIELD
+from holdfast.edge_runtime.grip_control import GripLoop
+from holdfast.edge_runtime.lanes import ONE_LANE
+from holdfast.edge_runtime.supervisor import Limits, Supervisor
 
 PERIOD_S = 0.25
 RISE, MOST_RISE, GIVE_BACK = 2, 3, 4

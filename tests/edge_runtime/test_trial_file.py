@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.errors import (
+from holdfast.edge_runtime.errors import (
     ColumnError,
     DataError,
     DataNotFound,
@@ -17,7 +17,7 @@ from edge_runtime.errors import (
     NotANumber,
     TimeError,
 )
-from edge_runtime.trial_file import read_trial
+from holdfast.edge_runtime.trial_file import read_trial
 
 HEADER = "Time,X1,Y1,Z1,X2,Y2,Z2"
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from command_line import Run
 
-from evaluation.cells import macro_f1_cell, number, percent
-from evaluation.pictures import confusion
-from evaluation.score_pictures import confusion_spread
-from evaluation.states import ConfusionFigures
-from training.figures import SituationFigures
+from holdfast.evaluation.cells import macro_f1_cell, number, percent
+from holdfast.evaluation.pictures import confusion
+from holdfast.evaluation.score_pictures import confusion_spread
+from holdfast.evaluation.states import ConfusionFigures
+from holdfast.training.figures import SituationFigures
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -7,16 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.decision import UNKNOWN, DecisionRules
-from edge_runtime.errors import TooLittleToAdapt
-from evaluation.adapting.adapt import require_enough
-from evaluation.adapting.choice import LEAST_RECALL, choose
-from evaluation.adapting.evidence import PersonCounts, Stream, corrected, counts_of, stream_of
-from evaluation.adapting.logistic import MOST_NATS, TOP, _best_of_slips, fit_correction, moved
-from export.correction import corrected_votes
-from training.recording import Recording
-from training.timeline import Phase, RiskyEvent
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
+from holdfast.edge_runtime.errors import TooLittleToAdapt
+from holdfast.evaluation.adapting.adapt import require_enough
+from holdfast.evaluation.adapting.choice import LEAST_RECALL, choose
+from holdfast.evaluation.adapting.evidence import (
+    PersonCounts,
+    Stream,
+    corrected,
+    counts_of,
+    stream_of,
+)
+from holdfast.evaluation.adapting.logistic import (
+    MOST_NATS,
+    TOP,
+    _best_of_slips,
+    fit_correction,
+    moved,
+)
+from holdfast.export.correction import corrected_votes
+from holdfast.training.recording import Recording
+from holdfast.training.timeline import Phase, RiskyEvent
 
 AREA = "Events and alarms"
 RATE_HZ, VOTES, LENGTH = 100.0, 4096, 60

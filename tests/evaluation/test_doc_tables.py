@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from edge_runtime.errors import DataNotFound
-from evaluation.doc_tables import refresh
+from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.evaluation.doc_tables import refresh
 
 PAGE = """Prose.
 <!-- first: written by a command -->

@@ -14,26 +14,34 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
-from edge_runtime.decision import UNKNOWN, DecisionRules
-from edge_runtime.engine import ModelChoice
-from edge_runtime.errors import LabelError, UsageError
-from edge_runtime.graph import open_session, steps_of
-from edge_runtime.monitor import GripMonitor, Model
-from evaluation.baselines import (
+from holdfast.cli import main
+from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, Sample
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.errors import LabelError, UsageError
+from holdfast.edge_runtime.graph import open_session, steps_of
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.evaluation.baselines import (
     Baseline,
     baselines,
     held_until_let_go,
     matched,
     oracle_requests,
 )
-from evaluation.camera import SeenSlip, onsets_by, seen_beside
-from evaluation.closing_hand import ClosingHand, Drop, Droppable, drop_of, model_error_ms, slide
-from evaluation.detector_baselines import band_pass_fires, cone_fires, detector_signals
-from evaluation.evaluate import evaluate_events
-from evaluation.event_scores import event_scores, match_alarms
-from evaluation.labels import CONE, ORACLE, SHEAR_RATE
-from evaluation.methods import (
+from holdfast.evaluation.camera import SeenSlip, onsets_by, seen_beside
+from holdfast.evaluation.closing_hand import (
+    ClosingHand,
+    Drop,
+    Droppable,
+    drop_of,
+    model_error_ms,
+    slide,
+)
+from holdfast.evaluation.detector_baselines import band_pass_fires, cone_fires, detector_signals
+from holdfast.evaluation.evaluate import evaluate_events
+from holdfast.evaluation.event_scores import event_scores, match_alarms
+from holdfast.evaluation.labels import CONE, ORACLE, SHEAR_RATE
+from holdfast.evaluation.methods import (
     DisturbedHold,
     LabelledTrial,
     MethodFigures,
@@ -41,7 +49,7 @@ from evaluation.methods import (
     method_result,
     specificity,
 )
-from evaluation.model_outputs import (
+from holdfast.evaluation.model_outputs import (
     NO_CLASS,
     OUTPUTS,
     ModelOutputs,
@@ -49,23 +57,28 @@ from evaluation.model_outputs import (
     read_outputs,
     steps_with,
 )
-from evaluation.outcomes import JudgedTrial, outcome_table, recognised
-from evaluation.real_sets import RealSetsMissing, real_figures
-from evaluation.request import EvaluationRequest
-from evaluation.states import calibration, changes_per_s, confusions, labels_everywhere
-from evaluation.statistics import mcnemar, share
-from evaluation.truths import Grasp, VoluntaryAction, grasp_of, grasps_beside, voluntary_actions
-from export.detectors import detector_names
-from export.spec import BandsLeftOut, StepSpec
-from export.step_graph import feature_graph
-from holdfast.cli import main
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from training.datasets import load
-from training.fixture import write_fixture
-from training.recording import Recording
-from training.timeline import Phase, RiskyEvent
+from holdfast.evaluation.outcomes import JudgedTrial, outcome_table, recognised
+from holdfast.evaluation.real_sets import RealSetsMissing, real_figures
+from holdfast.evaluation.request import EvaluationRequest
+from holdfast.evaluation.states import calibration, changes_per_s, confusions, labels_everywhere
+from holdfast.evaluation.statistics import mcnemar, share
+from holdfast.evaluation.truths import (
+    Grasp,
+    VoluntaryAction,
+    grasp_of,
+    grasps_beside,
+    voluntary_actions,
+)
+from holdfast.export.detectors import detector_names
+from holdfast.export.spec import BandsLeftOut, StepSpec
+from holdfast.export.step_graph import feature_graph
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.training.datasets import load
+from holdfast.training.fixture import write_fixture
+from holdfast.training.recording import Recording
+from holdfast.training.timeline import Phase, RiskyEvent
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -11,10 +11,10 @@ from hard_marks import COLLAR, EVENTS
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
-from evaluation.alarms import Answers, act_requests
-from evaluation.event_scores import (
+from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide, period_us
+from holdfast.evaluation.alarms import Answers, act_requests
+from holdfast.evaluation.event_scores import (
     CONFIDENCES,
     EventMatch,
     choose_confidence,
@@ -23,9 +23,9 @@ from evaluation.event_scores import (
     match_alarms,
     match_all_alarms,
 )
-from evaluation.statistics import Spread
-from training.recording import Recording
-from training.timeline import RiskyEvent
+from holdfast.evaluation.statistics import Spread
+from holdfast.training.recording import Recording
+from holdfast.training.timeline import RiskyEvent
 
 RATE_HZ = 100.0
 EVENT = RiskyEvent(1.0, 1.05, 1.10)

@@ -15,8 +15,8 @@ from command_line import Run
 from distributed import LocalCluster
 from loop_bench import card_text, row
 
-from edge_runtime.errors import UsageError
-from evaluation.jobs import Workers
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.evaluation.jobs import Workers
 
 
 def square(number: int) -> tuple[int, int]:

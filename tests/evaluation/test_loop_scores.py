@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
-from simulation.card import read_card
-from simulation.closed_loop.oracle import needed_grip_n
-from simulation.closed_loop.outcome import LoopOutcome
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
-from simulation.script import Times
+from holdfast.evaluation.loop_scores import LoopFigures, ThreeRuns, loop_figures
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.oracle import needed_grip_n
+from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import Times
 
 RATE_HZ = 100.0
 TRIALS = {t.action: t for t in Scene(read_card("thesis"), 0).trials(40)}

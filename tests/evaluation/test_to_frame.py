@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-import evaluation
-from edge_runtime.contract import CLASSES, SITUATIONS
-from edge_runtime.engine import ModelChoice
-from edge_runtime.errors import RateError
-from edge_runtime.monitor import Model
-from evaluation.evaluate import evaluate_events
-from evaluation.request import EvaluationRequest
-from training.datasets import load
-from training.fixture import write_fixture
+from holdfast import evaluation
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.errors import RateError
+from holdfast.edge_runtime.monitor import Model
+from holdfast.evaluation.evaluate import evaluate_events
+from holdfast.evaluation.request import EvaluationRequest
+from holdfast.training.datasets import load
+from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
     from conftest import Built

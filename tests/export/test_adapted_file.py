@@ -11,12 +11,12 @@ from adapted_model import RULES, base_of, correction, file_of
 from onnx import numpy_helper
 from small_model import card_of, resealed, sealed_again, spec
 
-from edge_runtime.errors import NotAdapted, NotAModel, VerificationFailed
-from edge_runtime.model import Model, read_model
-from export.adapted_file import BASE_KEY, Adaptation, adapted, is_adapted, undone
-from export.correction import PREFIX, corrected_votes, rows_of
-from export.features import feature_count
-from export.verify_adapted import verify_adapted
+from holdfast.edge_runtime.errors import NotAdapted, NotAModel, VerificationFailed
+from holdfast.edge_runtime.model import Model, read_model
+from holdfast.export.adapted_file import BASE_KEY, Adaptation, adapted, is_adapted, undone
+from holdfast.export.correction import PREFIX, corrected_votes, rows_of
+from holdfast.export.features import feature_count
+from holdfast.export.verify_adapted import verify_adapted
 
 AREA = "The model file"
 

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from onnx import TensorProto
 from scipy.signal import freqz_sos, sosfilt
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import RateError
-from edge_runtime.graph import StepGraph, open_session, run_recording
-from edge_runtime.monitor import Model
-from export.bank import BANDS_HZ, DAMPING, bands_for, sections, step_matrix
-from export.builder import GraphBuilder
-from export.detectors import add_bank
-from export.guard import add_guard
-from export.spec import BandsLeftOut, StepSpec
-from export.step_graph import feature_graph
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import RateError
+from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
+from holdfast.edge_runtime.monitor import Model
+from holdfast.export.bank import BANDS_HZ, DAMPING, bands_for, sections, step_matrix
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.detectors import add_bank
+from holdfast.export.guard import add_guard
+from holdfast.export.spec import BandsLeftOut, StepSpec
+from holdfast.export.step_graph import feature_graph
 
 if TYPE_CHECKING:
     from conftest import Built

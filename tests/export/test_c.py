@@ -17,13 +17,13 @@ from c_rows import hard_features, hard_streams
 from made_once import made_once
 from small_model import artifact, graph_of, spec, with_networks
 
-from edge_runtime.graph import StepGraph, open_session
-from edge_runtime.model_file import read_sealed
-from export.c.graph import read_graph
-from export.features import GROUPS
-from export.hard_rows import hard_rows
-from export.seal import model_card, seal
-from export.verify import cut_learners
+from holdfast.edge_runtime.graph import StepGraph, open_session
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.export.c.graph import read_graph
+from holdfast.export.features import GROUPS
+from holdfast.export.hard_rows import hard_rows
+from holdfast.export.seal import model_card, seal
+from holdfast.export.verify import cut_learners
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -157,7 +157,7 @@ def hard_answers(made: CForm, n: int) -> npt.NDArray[np.float32]:
 
 
 def everything_features(made: CForm) -> int:
-    from export.features import feature_count
+    from holdfast.export.features import feature_count
 
     return feature_count(everything().spec)
 

@@ -17,14 +17,14 @@ from c_form import STRICT, require_compiler
 from command_line import fails
 from small_model import card_of, for_the_hand, graph_of, resealed, sealed_bytes
 
-from edge_runtime.c_engine import LIBRARY
-from edge_runtime.errors import CompilerFailed, NotCompilable, OutputError
-from edge_runtime.onnx_bytes import Node
-from edge_runtime.writing import write_whole
-from export.c.compiler import find_compiler
-from export.c.graph import read_graph
-from export.c.source import c_source
-from export.seal import model_card, seal
+from holdfast.edge_runtime.c_engine import LIBRARY
+from holdfast.edge_runtime.errors import CompilerFailed, NotCompilable, OutputError
+from holdfast.edge_runtime.onnx_bytes import Node
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.export.c.compiler import find_compiler
+from holdfast.export.c.graph import read_graph
+from holdfast.export.c.source import c_source
+from holdfast.export.seal import model_card, seal
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "c.md"
@@ -42,7 +42,7 @@ def model(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    from export.c.exporting import export_c
+    from holdfast.export.c.exporting import export_c
 
     require_compiler()
     folder = tmp_path_factory.mktemp("library")
@@ -111,7 +111,7 @@ def test_a_disk_that_fills_up_leaves_what_was_there(
             raise OutputError("cannot write (No space left on device)", where=path)
         return write_whole(path, content)
 
-    monkeypatch.setattr("export.c.exporting.write_whole", fill_up)
+    monkeypatch.setattr("holdfast.export.c.exporting.write_whole", fill_up)
     words = ("export", model, "--to", "c", "--out", folder, "--force")
     fails(run, 5, "OutputError", *words, says="No space left")
     assert folder.exists() == (earlier is not None)

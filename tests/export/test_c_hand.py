@@ -14,12 +14,12 @@ from grip_senses import QUICK, random_senses
 from made_once import made_once
 from small_model import sealed_bytes
 
-from edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
-from edge_runtime.grip import CONTROLLERS, GripSense
-from edge_runtime.grip_control import GripLoop
-from edge_runtime.lanes import ManyLanes
-from export.c.graph import read_graph
-from export.c.hand import RULE_ORDER
+from holdfast.edge_runtime.decision import LIMITS, DecisionRules, DecisionState, decide
+from holdfast.edge_runtime.grip import CONTROLLERS, GripSense
+from holdfast.edge_runtime.grip_control import GripLoop
+from holdfast.edge_runtime.lanes import ManyLanes
+from holdfast.export.c.graph import read_graph
+from holdfast.export.c.hand import RULE_ORDER
 
 RATE_HZ = 50.0
 """Of the small model."""

@@ -12,11 +12,11 @@ from hard_marks import COLLAR, EVENTS, NORMAL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.contract import BoolArray, FloatArray, Unit
-from edge_runtime.graph import open_session, run_recording, run_recordings
-from export.detectors import detector_names
-from export.spec import NOISE_RMS, DetectorSpec, StepSpec
-from export.step_graph import feature_graph
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Unit
+from holdfast.edge_runtime.graph import open_session, run_recording, run_recordings
+from holdfast.export.detectors import detector_names
+from holdfast.export.spec import NOISE_RMS, DetectorSpec, StepSpec
+from holdfast.export.step_graph import feature_graph
 
 RATE_HZ = 100.0
 SENSORS = 2

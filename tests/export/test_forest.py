@@ -19,17 +19,17 @@ from onnx.utils import Extractor
 from skl2onnx.common import tree_ensemble
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 
-from edge_runtime.contract import CLASSES, SITUATIONS
-from edge_runtime.errors import NotANumber, VerificationFailed
-from edge_runtime.graph import open_session
-from export.exporting import export_artifact, whole_graph
-from export.forest import Forest, leaf_votes, vote_bits
-from export.hard_rows import edge_rows, threshold_rows
-from export.heads import Calibration, Head
-from export.learner import reference_votes
-from export.reference import riskier_argmax, situation_votes
-from export.spec import StepSpec
-from export.verify import verify
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
+from holdfast.edge_runtime.errors import NotANumber, VerificationFailed
+from holdfast.edge_runtime.graph import open_session
+from holdfast.export.exporting import export_artifact, whole_graph
+from holdfast.export.forest import Forest, leaf_votes, vote_bits
+from holdfast.export.hard_rows import edge_rows, threshold_rows
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import riskier_argmax, situation_votes
+from holdfast.export.spec import StepSpec
+from holdfast.export.verify import verify
 
 if TYPE_CHECKING:
     from conftest import Built

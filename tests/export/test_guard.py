@@ -17,18 +17,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto
 
-from edge_runtime.contract import BoolArray, FloatArray, Sample
-from edge_runtime.errors import ChannelError
-from edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
-from edge_runtime.monitor import GripMonitor, Model
-from export.artifact import read_artifact, write_artifact
-from export.builder import GraphBuilder
-from export.detectors import add_bank
-from export.exporting import export_artifact
-from export.features import GROUPS
-from export.guard import add_guard
-from export.spec import RANGE_LIMIT, StepSpec
-from export.step_graph import feature_graph
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Sample
+from holdfast.edge_runtime.errors import ChannelError
+from holdfast.edge_runtime.graph import Outputs, StepGraph, open_session, run_recording
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.export.artifact import read_artifact, write_artifact
+from holdfast.export.builder import GraphBuilder
+from holdfast.export.detectors import add_bank
+from holdfast.export.exporting import export_artifact
+from holdfast.export.features import GROUPS
+from holdfast.export.guard import add_guard
+from holdfast.export.spec import RANGE_LIMIT, StepSpec
+from holdfast.export.step_graph import feature_graph
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -33,18 +33,18 @@ from hard_marks import (
 from scipy.signal import sosfilt
 from test_bank import bank_model, bank_outputs, by_scipy, forces, spec_at
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import RISKY_SLIP, FloatArray, Prediction, Sample, Unit
-from edge_runtime.decision import DecisionRules, DecisionState, decide
-from edge_runtime.graph import StepGraph, open_session, run_recording
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.preparation import Preparation
-from export.bank import BANDS_HZ, LOW_PASS_HZ, sections
-from export.detectors import detector_names
-from export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
-from export.step_graph import feature_graph
-from training.critical_points import offline_critical_points
-from training.recording import Recording
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import RISKY_SLIP, FloatArray, Prediction, Sample, Unit
+from holdfast.edge_runtime.decision import DecisionRules, DecisionState, decide
+from holdfast.edge_runtime.graph import StepGraph, open_session, run_recording
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.export.bank import BANDS_HZ, LOW_PASS_HZ, sections
+from holdfast.export.detectors import detector_names
+from holdfast.export.spec import NOISE_RMS, RANGE_LIMIT, StepSpec
+from holdfast.export.step_graph import feature_graph
+from holdfast.training.critical_points import offline_critical_points
+from holdfast.training.recording import Recording
 
 if TYPE_CHECKING:
     from conftest import Built

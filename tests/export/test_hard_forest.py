@@ -25,19 +25,19 @@ from skl2onnx.common.data_types import FloatTensorType
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from small_model import with_metadata
 
-from edge_runtime.contract import CLASSES, SITUATIONS
-from edge_runtime.errors import GoldenMismatch
-from edge_runtime.golden import golden_answers
-from edge_runtime.graph import open_session
-from edge_runtime.monitor import Model
-from export.exporting import whole_graph
-from export.forest import Forest, IntArray, leaf_votes, vote_bits
-from export.hard_rows import edge_rows, largest_float32_not_above, threshold_rows
-from export.heads import Calibration, Head
-from export.learner import reference_votes
-from export.reference import riskier_argmax, situation_votes
-from export.spec import StepSpec
-from export.verify import CHUNK, cut_learners
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
+from holdfast.edge_runtime.errors import GoldenMismatch
+from holdfast.edge_runtime.golden import golden_answers
+from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.monitor import Model
+from holdfast.export.exporting import whole_graph
+from holdfast.export.forest import Forest, IntArray, leaf_votes, vote_bits
+from holdfast.export.hard_rows import edge_rows, largest_float32_not_above, threshold_rows
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import riskier_argmax, situation_votes
+from holdfast.export.spec import StepSpec
+from holdfast.export.verify import CHUNK, cut_learners
 
 if TYPE_CHECKING:
     from conftest import Built

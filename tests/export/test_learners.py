@@ -16,23 +16,23 @@ from hypothesis import strategies as st
 from onnx import numpy_helper
 from small_model import artifact, card_of, resealed, spec
 
-from edge_runtime.contract import CLASSES, SITUATIONS
-from edge_runtime.errors import HoldfastError
-from edge_runtime.graph import open_session, run_recording
-from edge_runtime.model import Model
-from edge_runtime.onnx_network import INPUT_MOST
-from export.artifact import Artifact, read_artifact, write_artifact
-from export.committee import Committee
-from export.exporting import export_artifact, whole_graph
-from export.features import feature_count
-from export.heads import Calibration, Head
-from export.learner import Learner, reference_votes, votes_in_all
-from export.network import Inputs, Layer, Network, network_votes
-from export.reference import reference_label, riskier_argmax, weighted
-from export.seal import model_card, seal
-from export.verify import cut_learners, verify
-from training.network_fit import NetworkPlan, fit_network
-from training.plan import ForestPlan
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS
+from holdfast.edge_runtime.errors import HoldfastError
+from holdfast.edge_runtime.graph import open_session, run_recording
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.onnx_network import INPUT_MOST
+from holdfast.export.artifact import Artifact, read_artifact, write_artifact
+from holdfast.export.committee import Committee
+from holdfast.export.exporting import export_artifact, whole_graph
+from holdfast.export.features import feature_count
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import Learner, reference_votes, votes_in_all
+from holdfast.export.network import Inputs, Layer, Network, network_votes
+from holdfast.export.reference import reference_label, riskier_argmax, weighted
+from holdfast.export.seal import model_card, seal
+from holdfast.export.verify import cut_learners, verify
+from holdfast.training.network_fit import NetworkPlan, fit_network
+from holdfast.training.plan import ForestPlan
 
 AREA = "Learners in whole numbers"
 SPEC = spec(("now", "differences"))

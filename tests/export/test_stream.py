@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import sosfilt
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import BoolArray, FloatArray, Unit
-from edge_runtime.errors import UsageError
-from edge_runtime.graph import (
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import BoolArray, FloatArray, Unit
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.graph import (
     BATCH,
     Outputs,
     StepGraph,
@@ -28,13 +28,13 @@ from edge_runtime.graph import (
     run_recording,
     run_recordings,
 )
-from edge_runtime.monitor import Model
-from export.bank import sections
-from export.features import GROUPS, SPANS_S, feature_count
-from export.history import LAGS_S
-from export.spec import StepSpec
-from export.step_graph import feature_graph, features_alone
-from training.plan import CLOCK_FREE_GROUPS
+from holdfast.edge_runtime.monitor import Model
+from holdfast.export.bank import sections
+from holdfast.export.features import GROUPS, SPANS_S, feature_count
+from holdfast.export.history import LAGS_S
+from holdfast.export.spec import StepSpec
+from holdfast.export.step_graph import feature_graph, features_alone
+from holdfast.training.plan import CLOCK_FREE_GROUPS
 
 if TYPE_CHECKING:
     from conftest import Built

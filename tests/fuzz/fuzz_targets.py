@@ -24,42 +24,42 @@ from urllib.parse import urlsplit
 import numpy as np
 import usb.core
 
-from drivers.bus import Bus, Reply
-from drivers.calibration_file import read_bias, read_calibration
-from drivers.camera.sources import LENS, read_frames
-from drivers.finger_state import FingerState
-from drivers.ft232h import Ft232h
-from drivers.hand import Hand
-from drivers.layout import Finger, read_layout
-from drivers.mcp2221 import Mcp2221
-from drivers.packet_check import TEST_PACKETS
-from drivers.replay import open_replay
-from drivers.tiny_usb import TinyUsb
-from drivers.tmag5273 import CHECKED_BYTES, LAYOUT, Setup, packet_crc
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.descriptors import descriptor, device_fields
-from drivers.virtual.faults import read_fault
-from drivers.virtual.ft232h import VirtualFt232h
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.mcp2221 import VirtualMcp2221
-from drivers.virtual.tiny_usb import VirtualTinyUsb
-from drivers.virtual.usb_backend import Device, VirtualBackend
-from edge_runtime.answer_ranges import require_in_range
-from edge_runtime.commands import command_port
-from edge_runtime.contract import RISKY_SLIP
-from edge_runtime.decision import DecisionState, decide, period_us
-from edge_runtime.errors import HoldfastError, NotAModel
-from edge_runtime.golden import golden_answers, golden_from_json
-from edge_runtime.graph import StepGraph, open_session
-from edge_runtime.live import Command
-from edge_runtime.mending import MendResult
-from edge_runtime.model import read_model
-from edge_runtime.model_file import CARD_KEY, SEAL_KEY, ModelCard, read_card, read_sealed
-from edge_runtime.onnx_bytes import read_onnx
-from edge_runtime.tactile_file import mend
-from edge_runtime.tare import Tare
-from edge_runtime.trial_file import read_trial
 from holdfast.calibration.reading import read_studies
+from holdfast.drivers.bus import Bus, Reply
+from holdfast.drivers.calibration_file import read_bias, read_calibration
+from holdfast.drivers.camera.sources import LENS, read_frames
+from holdfast.drivers.finger_state import FingerState
+from holdfast.drivers.ft232h import Ft232h
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import Finger, read_layout
+from holdfast.drivers.mcp2221 import Mcp2221
+from holdfast.drivers.packet_check import TEST_PACKETS
+from holdfast.drivers.replay import open_replay
+from holdfast.drivers.tiny_usb import TinyUsb
+from holdfast.drivers.tmag5273 import CHECKED_BYTES, LAYOUT, Setup, packet_crc
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.descriptors import descriptor, device_fields
+from holdfast.drivers.virtual.faults import read_fault
+from holdfast.drivers.virtual.ft232h import VirtualFt232h
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
+from holdfast.drivers.virtual.tiny_usb import VirtualTinyUsb
+from holdfast.drivers.virtual.usb_backend import Device, VirtualBackend
+from holdfast.edge_runtime.answer_ranges import require_in_range
+from holdfast.edge_runtime.commands import command_port
+from holdfast.edge_runtime.contract import RISKY_SLIP
+from holdfast.edge_runtime.decision import DecisionState, decide, period_us
+from holdfast.edge_runtime.errors import HoldfastError, NotAModel
+from holdfast.edge_runtime.golden import golden_answers, golden_from_json
+from holdfast.edge_runtime.graph import StepGraph, open_session
+from holdfast.edge_runtime.live import Command
+from holdfast.edge_runtime.mending import MendResult
+from holdfast.edge_runtime.model import read_model
+from holdfast.edge_runtime.model_file import CARD_KEY, SEAL_KEY, ModelCard, read_card, read_sealed
+from holdfast.edge_runtime.onnx_bytes import read_onnx
+from holdfast.edge_runtime.tactile_file import mend
+from holdfast.edge_runtime.tare import Tare
+from holdfast.edge_runtime.trial_file import read_trial
 from holdfast.human_study.card import read_study
 from holdfast.human_study.journal import progress_of, read_journal
 from holdfast.human_study.questionnaires import read_questionnaire
@@ -70,11 +70,11 @@ from holdfast.live_sources import open_live
 from holdfast.mistakes import require_meant
 from holdfast.recorder.card import read_protocol
 from holdfast.recorder.labels import relabel
-from simulation import card as scene_card
-from simulation.scene import Scene
-from training.datasets.reading import read_arrays, read_table
-from training.objects import mass_g as read_mass_g
-from training.timeline import read_truth
+from holdfast.simulation import card as scene_card
+from holdfast.simulation.scene import Scene
+from holdfast.training.datasets.reading import read_arrays, read_table
+from holdfast.training.objects import mass_g as read_mass_g
+from holdfast.training.timeline import read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL_MODEL = Path(__file__).resolve().parent / "small.onnx"

@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from command_line import fails
 
-from edge_runtime.errors import UsageError
-from edge_runtime.model import Model
-from evaluation.adapting.adapt import of_person
-from evaluation.adapting.base import base_model
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.model import Model
+from holdfast.evaluation.adapting.adapt import of_person
+from holdfast.evaluation.adapting.base import base_model
 from holdfast.recorder.card import read_protocol
-from simulation.shipped import CARDS
-from training.datasets import load
+from holdfast.simulation.shipped import CARDS
+from holdfast.training.datasets import load
 
 AREA = "The command line"
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,17 +16,17 @@ from c_form import STRICT, require_compiler
 from headless_browser import Tab, browser, needs_chromium
 from small_model import for_the_hand, graph_of
 
-from benchmarks.runtimes.c_programs import WASM, compiled
-from drivers.replay import open_replay
-from edge_runtime.contract import Prediction, channel_names
-from edge_runtime.grip_command import GripCommand
-from edge_runtime.grip_control import GripControl
-from edge_runtime.model import Model
-from edge_runtime.monitor import GripMonitor
-from edge_runtime.reading import Json
-from edge_runtime.tare import Tare
-from export.c.exporting import export_c
-from export.seal import model_card, seal
+from holdfast.benchmarks.runtimes.c_programs import WASM, compiled
+from holdfast.drivers.replay import open_replay
+from holdfast.edge_runtime.contract import Prediction, channel_names
+from holdfast.edge_runtime.grip_command import GripCommand
+from holdfast.edge_runtime.grip_control import GripControl
+from holdfast.edge_runtime.model import Model
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.tare import Tare
+from holdfast.export.c.exporting import export_c
+from holdfast.export.seal import model_card, seal
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LIVE = EXAMPLES / "c" / "live.c"

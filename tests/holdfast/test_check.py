@@ -11,8 +11,8 @@ import pytest
 from command_line import Run, fails
 from own_data import write_meta, write_people_folders
 
-from edge_runtime.intent_file import intent_header
-from edge_runtime.trial_layout import intent_path, truth_path
+from holdfast.edge_runtime.intent_file import intent_header
+from holdfast.edge_runtime.trial_layout import intent_path, truth_path
 
 PULL, FALL = "soft-ball/pull/trial_1.csv", "hard-ball/fall/trial_1.csv"
 

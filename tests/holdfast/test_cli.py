@@ -23,11 +23,11 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from edge_runtime.errors import ArtifactError, OutputError
-from edge_runtime.writing import write_whole
-from export.artifact import read_artifact, write_artifact
 from holdfast.cli import VERBS, main
-from training.fixture import write_fixture
+from holdfast.edge_runtime.errors import ArtifactError, OutputError
+from holdfast.edge_runtime.writing import write_whole
+from holdfast.export.artifact import read_artifact, write_artifact
+from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -439,10 +439,10 @@ def test_evaluation_leaves_the_figures_with_the_keys_of_the_issue(
 def test_evaluation_on_other_people_scores_both_heads(run: Run, tmp_path: Path) -> None:
     import warnings
 
-    from export.exporting import export_artifact
-    from training.datasets import load
-    from training.fitting import train
-    from training.plan import ForestPlan, TrainingPlan
+    from holdfast.export.exporting import export_artifact
+    from holdfast.training.datasets import load
+    from holdfast.training.fitting import train
+    from holdfast.training.plan import ForestPlan, TrainingPlan
 
     few = ForestPlan(n_estimators=4)
     data = load(write_people(tmp_path / "these", people=3))

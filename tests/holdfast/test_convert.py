@@ -32,9 +32,9 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2Factory
 from rooms import ROOT
 
-from edge_runtime.contract import channel_names
-from edge_runtime.errors import LibraryMissing
 from holdfast.convert import WRITERS
+from holdfast.edge_runtime.contract import channel_names
+from holdfast.edge_runtime.errors import LibraryMissing
 
 Run = Callable[..., tuple[int, str, str]]
 CHANNELS = list(channel_names(6))

@@ -11,9 +11,9 @@ import pytest
 from command_line import fails
 from xdf_file import clock_offsets, markers, samples, stream_header, xdf_bytes
 
-from edge_runtime.contract import channel_names
-from edge_runtime.trial_file import read_trial
-from training.datasets import load
+from holdfast.edge_runtime.contract import channel_names
+from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.training.datasets import load
 
 RATE_HZ, ROWS = 100.0, 900
 SENDER_S, OFFSET_S = 5000.0, -4000.0

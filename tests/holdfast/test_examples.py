@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from grip_bench import ROOT, Hands, command, opened, send
 
-from edge_runtime.cues import QUIET, SILENCE, Pattern, cue_line
-from edge_runtime.grip_command import to_line
-from edge_runtime.grip_links import open_link
+from holdfast.edge_runtime.cues import QUIET, SILENCE, Pattern, cue_line
+from holdfast.edge_runtime.grip_command import to_line
+from holdfast.edge_runtime.grip_links import open_link
 
 EXAMPLES = ROOT / "examples"
 

@@ -23,9 +23,9 @@ from typing import Any
 import pytest
 from test_run_grip import DEFAULT, FALL
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.grip_command import GripCommand
-from edge_runtime.model import Model
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.grip_command import GripCommand
+from holdfast.edge_runtime.model import Model
 from holdfast.grip_options import drive_of
 from holdfast.live_grip import GripOutput, controller_for
 from holdfast.live_run import answer

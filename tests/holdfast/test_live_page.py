@@ -16,9 +16,9 @@ import pytest
 from hazard_marks import FOREIGN_BROWSER, PAGE_DELAYS, STALE_PAGE
 from page_bench import ABOUT, PERIOD_NS, next_event, sample, served
 
-from drivers.replay import open_replay
-from edge_runtime.errors import UsageError
-from edge_runtime.preparation import Preparation
+from holdfast.drivers.replay import open_replay
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.preparation import Preparation
 from holdfast.live_page.address import listen, read_address
 from holdfast.live_page.server import FILES, MOST_CONNECTIONS, Access
 from holdfast.live_page.stream import KEPT_FRAMES, KEPT_S, ROW_FIELDS, LiveStream

@@ -19,12 +19,12 @@ from live_bench import DEFAULT, ROOT, RUN, Steady
 from page_bench import ABOUT, next_event
 from recorder_bench import PULL, REST, Hand, cup_pull, meta_of, session, start, wait_for
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.contract import Sample
-from edge_runtime.errors import OutputError
-from edge_runtime.live import SourceReading, run_live
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.tare import Tare
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.contract import Sample
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.live import SourceReading, run_live
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.tare import Tare
 from holdfast.live_page.link import PageLink, live_page
 from holdfast.live_page.process import follow
 from holdfast.live_page.run_page import MARK, RunPage

@@ -21,15 +21,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_model import artifact, sealed_bytes, spec
 
-from drivers.calibration_file import read_bias, read_calibration
-from drivers.camera.recording import read_about, read_tracks
-from drivers.camera.sources import read_frames
-from drivers.replay import open_replay
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.faults import read_fault
-from edge_runtime import archives, reading
-from edge_runtime.command import finish
-from edge_runtime.errors import (
+from holdfast.calibration.reading import read_studies
+from holdfast.cli import main
+from holdfast.drivers.calibration_file import read_bias, read_calibration
+from holdfast.drivers.camera.recording import read_about, read_tracks
+from holdfast.drivers.camera.sources import read_frames
+from holdfast.drivers.replay import open_replay
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import read_fault
+from holdfast.edge_runtime import archives, reading
+from holdfast.edge_runtime.command import finish
+from holdfast.edge_runtime.errors import (
     ArtifactError,
     ColumnError,
     DataError,
@@ -39,22 +41,20 @@ from edge_runtime.errors import (
     TooLarge,
     UsageError,
 )
-from edge_runtime.model_file import read_sealed
-from edge_runtime.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES
-from edge_runtime.trial_file import check_columns, read_trial
-from edge_runtime.visible import LONGEST_LINE, one_line, visible
-from export.artifact import read_artifact, write_artifact
-from export.exporting import export_artifact
-from holdfast.calibration.reading import read_studies
-from holdfast.cli import main
+from holdfast.edge_runtime.model_file import read_sealed
+from holdfast.edge_runtime.reading import MOST_DOCUMENT_BYTES, MOST_LINE_BYTES
+from holdfast.edge_runtime.trial_file import check_columns, read_trial
+from holdfast.edge_runtime.visible import LONGEST_LINE, one_line, visible
+from holdfast.export.artifact import read_artifact, write_artifact
+from holdfast.export.exporting import export_artifact
 from holdfast.live_sources import open_bus, open_live
 from holdfast.recorder.card import read_protocol
 from holdfast.recorder.labels import read_events, read_meta
+from holdfast.simulation.card import read_card
 from holdfast.sources import open_source
+from holdfast.training.datasets.reading import read_arrays, read_table
+from holdfast.training.objects import read_json
 from holdfast.watched_trial import _starts_s
-from simulation.card import read_card
-from training.datasets.reading import read_arrays, read_table
-from training.objects import read_json
 
 MB = 1 << 20
 
@@ -320,7 +320,7 @@ def test_a_document_of_a_gigabyte_is_refused_unread(tmp_path: Path, kind: str) -
 @HUGE_INPUT.mark
 def test_a_model_file_of_a_terabyte_is_refused_unread(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch, little_memory(3 * MB):
-        patch.setattr("edge_runtime.model_file.MOST_BYTES", MB)
+        patch.setattr("holdfast.edge_runtime.model_file.MOST_BYTES", MB)
         with pytest.raises(NotAModel, match="larger than 1 MiB"):
             read_sealed(sparse(tmp_path / "m.onnx", 1 << 40))
 

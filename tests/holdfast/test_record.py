@@ -20,16 +20,16 @@ from recorder_bench import (
     session,
 )
 
-from drivers.replay import open_replay
-from drivers.virtual.clock import VirtualClock
-from edge_runtime import tactile_file
-from edge_runtime.errors import (
+from holdfast.drivers.replay import open_replay
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime import tactile_file
+from holdfast.edge_runtime.errors import (
     EmptyRecording,
     TimeError,
 )
-from edge_runtime.live import SourceReading
-from edge_runtime.tactile_file import TactileFile
-from edge_runtime.trial_file import read_trial
+from holdfast.edge_runtime.live import SourceReading
+from holdfast.edge_runtime.tactile_file import TactileFile
+from holdfast.edge_runtime.trial_file import read_trial
 from holdfast.recorder.keys import Keys
 from holdfast.sources import open_source
 

@@ -19,16 +19,16 @@ import pytest
 from drawn_frames import two_sizes
 from recorder_bench import arguments_of, columns_of, meta_of, never, start, wait_for
 
-from drivers.camera.recording import read_about, read_tracks
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.clock import MonotonicClock
-from edge_runtime.priority import PRIORITY
-from edge_runtime.trial_file import read_trial
 from holdfast.cli import main
+from holdfast.drivers.camera.recording import read_about, read_tracks
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.priority import PRIORITY
+from holdfast.edge_runtime.trial_file import read_trial
 from holdfast.recorder.beside import LOG, Beside
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.recording import record
-from training.datasets import load
+from holdfast.training.datasets import load
 
 ROOT = Path(__file__).resolve().parents[2]
 CARD = """
@@ -99,8 +99,8 @@ def runs(pid: int) -> bool:
 FILM = """
 import json, sys
 from pathlib import Path
-from drivers.camera.graph import watch
-from drivers.virtual.clock import VirtualClock
+from holdfast.drivers.camera.graph import watch
+from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.recorder.filming import scene
 options = json.loads(sys.argv[1])
 clock = VirtualClock(options["from_ns"])

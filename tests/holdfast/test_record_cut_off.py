@@ -26,17 +26,17 @@ from recorder_bench import (
     wait_for,
 )
 
-from drivers.replay import open_replay
-from edge_runtime.errors import OutputError
-from edge_runtime.tactile_file import TactileFile, mend
-from edge_runtime.trial_file import read_trial
 from holdfast.cli import main
+from holdfast.drivers.replay import open_replay
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.tactile_file import TactileFile, mend
+from holdfast.edge_runtime.trial_file import read_trial
 
 KILLED = """
 import os, signal, sys
-from drivers.live_hand import LiveHand
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.command import Parser
+from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.command import Parser
 from holdfast import record
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.recording import record as record_trials

@@ -30,13 +30,13 @@ from recorder_bench import (
     wait_on_terminal_for,
 )
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.trial_file import read_trial
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.trial_file import read_trial
 from holdfast.recorder.card import Task
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.recording import record
 from holdfast.stopping import stop_signals
-from training.datasets import load
+from holdfast.training.datasets import load
 
 
 def test_marks_become_phases_with_their_provenance(tmp_path, pressing):

@@ -17,8 +17,8 @@ from hazard_marks import OVERWRITTEN, SOURCE_ENDED
 from recorder_bench import PULL, ROOT, Hand, meta_of, recorded, session
 from recorder_bench import columns_of as read_columns
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.errors import EmptyRecording
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.errors import EmptyRecording
 from holdfast.recorder.card import Task
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.quality import Quality

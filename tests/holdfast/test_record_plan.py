@@ -20,8 +20,9 @@ from recorder_bench import (
     recorded,
 )
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.errors import (
+from holdfast.cli import main
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.errors import (
     CardError,
     DataError,
     DataNotFound,
@@ -29,13 +30,12 @@ from edge_runtime.errors import (
     UnitError,
     UsageError,
 )
-from holdfast.cli import main
 from holdfast.recorder.card import ACTIONS, Task, left, read_protocol
 from holdfast.recorder.folder import opened
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.recording import record
-from simulation import protocol as simulated
-from training.datasets import load, places
+from holdfast.simulation import protocol as simulated
+from holdfast.training.datasets import load, places
 
 NAMES = ["Anna Müller", "a@b.org", "", "p_01", "../p01", "nothing", "discarded", "p-", "x" * 25]
 

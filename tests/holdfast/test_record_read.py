@@ -14,15 +14,15 @@ from recorder_bench import (
     meta_of,
 )
 
-from edge_runtime.errors import (
+from holdfast.cli import main
+from holdfast.edge_runtime.errors import (
     HoldfastError,
     LabelError,
     TimeError,
 )
-from holdfast.cli import main
 from holdfast.recorder.card import read_protocol, word
 from holdfast.recorder.keys import KEYS
-from training.datasets import load
+from holdfast.training.datasets import load
 
 # -- what training makes of it
 
@@ -58,11 +58,11 @@ def test_the_truth_of_a_scene_is_the_trial_s_and_only_kept_trials_are_read(peopl
     assert again.notes["states"] == {"interrupted": 1, "kept": 6, "redone": 1}
 
 
-@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 def test_what_was_recorded_trains_evaluates_and_replays_as_it_is(people, tmp_path, capsys):
-    from export.exporting import export_artifact
-    from training.fitting import train
-    from training.plan import ForestPlan, TrainingPlan
+    from holdfast.export.exporting import export_artifact
+    from holdfast.training.fitting import train
+    from holdfast.training.plan import ForestPlan, TrainingPlan
 
     few = ForestPlan(n_estimators=4)
     train(load(people), tmp_path / "model", TrainingPlan(situation=few, prediction=few, folds=2))

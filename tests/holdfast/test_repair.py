@@ -16,12 +16,12 @@ from hazard_marks import DAMAGED_FILE
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.errors import ColumnError, DataError, EmptyRecording, OutputError
-from edge_runtime.mending import mend_lines
-from edge_runtime.tactile_file import TactileFile, mend
-from edge_runtime.trial_file import read_trial
-from edge_runtime.trial_layout import read_events
 from holdfast.cli import main
+from holdfast.edge_runtime.errors import ColumnError, DataError, EmptyRecording, OutputError
+from holdfast.edge_runtime.mending import mend_lines
+from holdfast.edge_runtime.tactile_file import TactileFile, mend
+from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.edge_runtime.trial_layout import read_events
 from holdfast.recorder.mending import repaired
 
 ROWS = 200

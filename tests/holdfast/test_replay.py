@@ -17,13 +17,13 @@ import numpy as np
 import pytest
 from hard_marks import GAPS
 
-from drivers.replay import open_replay
-from edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample
-from edge_runtime.errors import DataNotFound, TimeError, UnitError
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.output import to_json_line
-from edge_runtime.trial_file import read_trial
 from holdfast.cli import main
+from holdfast.drivers.replay import open_replay
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS, Prediction, Sample
+from holdfast.edge_runtime.errors import DataNotFound, TimeError, UnitError
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.output import to_json_line
+from holdfast.edge_runtime.trial_file import read_trial
 
 if TYPE_CHECKING:
     from conftest import Built

@@ -13,9 +13,9 @@ from hazard_marks import SILENT_CUES
 from live_bench import RUN
 from made_prediction import prediction
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.cue_card import read_cues
-from edge_runtime.cues import QUIET_NS
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.cue_card import read_cues
+from holdfast.edge_runtime.cues import QUIET_NS
 from holdfast.live_cues import CueOutput, cue_output
 
 PERIOD_NS = 6_666_667

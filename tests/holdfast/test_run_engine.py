@@ -18,14 +18,14 @@ from loop_bench import card_text, row
 from made_once import made_once
 from small_model import for_the_hand, graph_of, sealed_bytes
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.c_engine import LIBRARY, CompiledModel
-from edge_runtime.contract import Prediction
-from edge_runtime.engine import OpenedModel
-from edge_runtime.errors import LibraryRefused
-from edge_runtime.model import Model
-from export.c.exporting import export_c
-from export.seal import model_card, seal
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.c_engine import LIBRARY, CompiledModel
+from holdfast.edge_runtime.contract import Prediction
+from holdfast.edge_runtime.engine import OpenedModel
+from holdfast.edge_runtime.errors import LibraryRefused
+from holdfast.edge_runtime.model import Model
+from holdfast.export.c.exporting import export_c
+from holdfast.export.seal import model_card, seal
 from holdfast.live_run import answer
 from holdfast.live_sources import open_live
 

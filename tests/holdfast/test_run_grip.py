@@ -17,11 +17,11 @@ from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import DEFAULT, ROOT, RUN
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.errors import ChannelError, UsageError
-from edge_runtime.grip import CONTROLLERS
-from edge_runtime.grip_command import GripCommand
-from edge_runtime.model import Model
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.errors import ChannelError, UsageError
+from holdfast.edge_runtime.grip import CONTROLLERS
+from holdfast.edge_runtime.grip_command import GripCommand
+from holdfast.edge_runtime.model import Model
 from holdfast.grip_options import drive_of
 from holdfast.live_grip import GripOutput, controller_for, grip_output
 from holdfast.live_run import answer

@@ -19,12 +19,12 @@ from live_bench import RUN
 from made_prediction import prediction
 from recorder_bench import PULL, Hand, columns_of, meta_of, one_pull, session
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.contract import Sample
-from edge_runtime.intent import Intent, IntentMonitor
-from edge_runtime.intent_file import read_intent
-from edge_runtime.live import Command, SourceReading
-from edge_runtime.model import Model
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.contract import Sample
+from holdfast.edge_runtime.intent import Intent, IntentMonitor
+from holdfast.edge_runtime.intent_file import read_intent
+from holdfast.edge_runtime.live import Command, SourceReading
+from holdfast.edge_runtime.model import Model
 from holdfast.intent_options import intended, intent_monitor
 from holdfast.live_page.run_page import RunPage
 from holdfast.recorder.keys import Keys

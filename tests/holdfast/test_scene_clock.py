@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edge_runtime.clock import MonotonicClock
+from holdfast.edge_runtime.clock import MonotonicClock
 from holdfast.real_time import SceneClock
 
 

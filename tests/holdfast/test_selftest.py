@@ -14,14 +14,14 @@ import numpy as np
 import onnx
 import pytest
 
-from edge_runtime import graph_checks
-from edge_runtime.graph import StepGraph
-from edge_runtime.model_file import CARD_KEY
-from edge_runtime.monitor import Model
-from edge_runtime.self_checks import CHECKS, self_checks
-from export.artifact import read_artifact
-from export.seal import seal
 from holdfast.cli import main
+from holdfast.edge_runtime import graph_checks
+from holdfast.edge_runtime.graph import StepGraph
+from holdfast.edge_runtime.model_file import CARD_KEY
+from holdfast.edge_runtime.monitor import Model
+from holdfast.edge_runtime.self_checks import CHECKS, self_checks
+from holdfast.export.artifact import read_artifact
+from holdfast.export.seal import seal
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -245,7 +245,7 @@ def test_a_check_that_cannot_be_carried_out_has_failed_and_the_others_go_on(monk
     def _broken(model: Model) -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr("edge_runtime.self_checks.CHECKS", (_broken, CHECKS[-1]))
+    monkeypatch.setattr("holdfast.edge_runtime.self_checks.CHECKS", (_broken, CHECKS[-1]))
     result = list(self_checks(DEFAULT))
     assert [(one.what, one.ok) for one in result[1:]] == [("broken", False), ("clock", True)]
     assert "on purpose" in result[1].figure

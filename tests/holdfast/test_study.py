@@ -23,14 +23,14 @@ from recorder_bench import (
 )
 from study_bench import SUS_ANSWERS, TALK, TRIALS, Study, card_of, said
 
-from edge_runtime.errors import CardError, DeviceError, LabelError, OutputError, UsageError
+from holdfast.edge_runtime.errors import CardError, DeviceError, LabelError, OutputError, UsageError
 from holdfast.human_study import journal as log
 from holdfast.human_study.desk import QUIT, TrialKeys, letter_of
 from holdfast.human_study.journal import Journal, progress_of
 from holdfast.human_study.runner import FINISHED, WITHDRAWN
 from holdfast.human_study.starting import checked
 from holdfast.human_study.withdrawal import withdraw
-from training.datasets import load
+from holdfast.training.datasets import load
 
 WHOLE_TALK = "   " + SUS_ANSWERS
 

@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_bench import TALK, TRIALS, card_of
 
-from edge_runtime.errors import CardError, DataNotFound
-from edge_runtime.trial_layout import MASSES_G
+from holdfast.edge_runtime.errors import CardError, DataNotFound
+from holdfast.edge_runtime.trial_layout import MASSES_G
 from holdfast.human_study.card import QUESTIONNAIRE, RECORD, VIDEO, read_study
 from holdfast.human_study.questionnaires import read_questionnaire
 from holdfast.human_study.shipped import QUESTIONNAIRES, names_in
 from holdfast.recorder.card import Task
+from holdfast.simulation.card import read_card
+from holdfast.simulation.scene import Scene
 from holdfast.study import listed
-from simulation.card import read_card
-from simulation.scene import Scene
 
 THESIS = read_study("thesis")
 OBJECTS = ("basket-ball", "soft-ball", "empty-bottle", "hard-ball", "full-bottle")

@@ -13,13 +13,13 @@ from command_line import Run
 from hazard_marks import ADVERSE_EVENT
 from study_bench import SUS_ANSWERS, TRIALS, Study, options, said
 
-from edge_runtime.engine import ModelChoice
-from edge_runtime.errors import DataNotFound
-from evaluation.participant import participant_figures
+from holdfast.edge_runtime.engine import ModelChoice
+from holdfast.edge_runtime.errors import DataNotFound
+from holdfast.evaluation.participant import participant_figures
 from holdfast.human_study.outcome import outcome_of
 from holdfast.human_study.report import in_words, write_report
 from holdfast.human_study.starting import run_study
-from training.datasets import load
+from holdfast.training.datasets import load
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -48,7 +48,7 @@ def report_of(study: Study, person: str) -> tuple[dict[str, Any], str]:
     return json.loads((home / "report.json").read_text()), (home / "report.html").read_text()
 
 
-@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 def test_two_virtual_participants_go_from_consent_to_report(two: Study, run: Run) -> None:
     data = load(two.out, windows="natural")
     assert data.groups() == ["p01", "p02"]
@@ -64,7 +64,7 @@ def test_two_virtual_participants_go_from_consent_to_report(two: Study, run: Run
         assert page.count("<svg") == len(figures["answers"]["actions"])
 
 
-@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 def test_the_folder_of_a_study_is_evaluated_as_it_is(
     two: Study, eight_classes: Built, run: Run
 ) -> None:

@@ -12,17 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_bench import DEFAULT, go
 
-from drivers.bridges import open_virtual
-from drivers.layout import LAYOUTS
-from drivers.live_hand import LiveHand
-from drivers.timed_bridge import timed_virtual
-from drivers.timed_hand import TimedHand, TimedLiveHand
-from drivers.virtual.clock import DeviceClock, VirtualClock
-from drivers.virtual.hand import VirtualHand, still
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.errors import UsageError
-from edge_runtime.live import Summary
-from edge_runtime.model import Model
+from holdfast.drivers.bridges import open_virtual
+from holdfast.drivers.layout import LAYOUTS
+from holdfast.drivers.live_hand import LiveHand
+from holdfast.drivers.timed_bridge import timed_virtual
+from holdfast.drivers.timed_hand import TimedHand, TimedLiveHand
+from holdfast.drivers.virtual.clock import DeviceClock, VirtualClock
+from holdfast.drivers.virtual.hand import VirtualHand, still
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.live import Summary
+from holdfast.edge_runtime.model import Model
 from holdfast.live_sources import open_live
 
 AHEAD = 16

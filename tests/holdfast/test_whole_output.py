@@ -19,11 +19,11 @@ from command_line import Run, fails
 from hazard_marks import HALF_FINISHED, OVERWRITTEN, READABLE_BY_OTHERS
 from recorder_bench import one_pull
 
-from edge_runtime.errors import OutputError
-from edge_runtime.writing import whole_folder, write_whole
-from export.export import require_replaceable
 from holdfast.cli import main
-from training.fixture import write_fixture
+from holdfast.edge_runtime.errors import OutputError
+from holdfast.edge_runtime.writing import whole_folder, write_whole
+from holdfast.export.export import require_replaceable
+from holdfast.training.fixture import write_fixture
 
 if TYPE_CHECKING:
     from conftest import Built

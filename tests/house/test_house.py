@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from rooms import HOUSE, MAY_IMPORT, ROOT, imports_by_file, imports_of
 
-from edge_runtime import errors
+from holdfast.edge_runtime import errors
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -82,11 +82,11 @@ def test_every_folder_with_code_has_a_place_in_the_table():
 
 def test_the_import_test_sees_every_way_to_import():
     source = """
-import training.recording as t
+import holdfast.training.recording as t
 def late():
-    from export import graph
+    from holdfast.export import graph
     import importlib
-    importlib.import_module("simulation.scene")
+    importlib.import_module("holdfast.simulation.scene")
     __import__("drivers")
     from . import neighbour
 """
@@ -97,7 +97,7 @@ def late():
 def test_edge_runtime_and_all_its_modules_load_nothing_that_is_not_on_the_hand():
     program = """
 import importlib, json, pkgutil, sys
-import edge_runtime
+from holdfast import edge_runtime
 for m in pkgutil.walk_packages(edge_runtime.__path__, "edge_runtime."):
     if not m.name.endswith("__main__"):
         importlib.import_module(m.name)
@@ -249,7 +249,11 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
         for key, value in os.environ.items()
         if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
     }
-    for first in ("edge_runtime.monitor", "benchmarks.calls", "export.builder"):
+    for first in (
+        "holdfast.edge_runtime.monitor",
+        "holdfast.benchmarks.calls",
+        "holdfast.export.builder",
+    ):
         load = f"from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
         code = f"import {first}; {load}"
         subprocess.run(

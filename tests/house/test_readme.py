@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from page_tables import require_tables_fit
 
-from drivers.replay import open_replay
 from holdfast import demo, demo_trials
-from studies.tables.features import tables
+from holdfast.drivers.replay import open_replay
+from holdfast.studies.tables.features import tables
 
 if TYPE_CHECKING:
     from conftest import Built
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+@pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 def test_the_readme_shows_the_real_output_of_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_recording
+from holdfast.simulation.scene import Scene
 from holdfast.sources import open_source
-from simulation.card import read_card
-from simulation.folder import write_recording
-from simulation.scene import Scene
 
 PLACE = Path(__file__).resolve().parents[2] / "models"
 MODELS = sorted(PLACE.glob("*.onnx"))
@@ -64,8 +64,8 @@ def test_a_released_file_acts_in_pulls_of_an_unseen_object_and_in_few_hand_overs
 GROWTH = """
 import sys
 from pathlib import Path
-from benchmarks.calls import step_of
-from edge_runtime.monitor import Model
+from holdfast.benchmarks.calls import step_of
+from holdfast.edge_runtime.monitor import Model
 
 def resident_kib():
     status = Path("/proc/self/status").read_text("ascii")

@@ -19,11 +19,11 @@ import pytest
 from numpy._core._multiarray_umath import __cpu_features__ as features  # type: ignore[import-not-found]
 from small_model import artifact, graph_of, spec
 
-from simulation import run
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from simulation.script import grid_of
+from holdfast.simulation import run
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import grid_of
 
 on_the_machine_they_are_of = pytest.mark.skipif(
     platform.machine() != "x86_64" or not features["AVX512_SKX"],

@@ -12,13 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from edge_runtime.errors import CardError
-from simulation.camera import frames as film
-from simulation.camera.apriltag import CODES, cells
-from simulation.camera.frames import BLACK, CAMERA, GREY, HAND_TAG, OBJECT_TAG, WHITE, Camera
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
+from holdfast.edge_runtime.errors import CardError
+from holdfast.simulation.camera import frames as film
+from holdfast.simulation.camera.apriltag import CODES, cells
+from holdfast.simulation.camera.frames import (
+    BLACK,
+    CAMERA,
+    GREY,
+    HAND_TAG,
+    OBJECT_TAG,
+    WHITE,
+    Camera,
+)
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
 
 CARD = """
 [record]

@@ -20,13 +20,13 @@ from loop_bench import (
     scene_of,
 )
 
-from simulation.closed_loop.controllers import managed, oracle
-from simulation.closed_loop.loop import ClosedLoop, LoopSettings, run_loops
-from simulation.closed_loop.outcome import LoopOutcome
-from simulation.closed_loop.people import Habits, Wearer, held_n
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
-from simulation.script import Times
+from holdfast.simulation.closed_loop.controllers import managed, oracle
+from holdfast.simulation.closed_loop.loop import ClosedLoop, LoopSettings, run_loops
+from holdfast.simulation.closed_loop.outcome import LoopOutcome
+from holdfast.simulation.closed_loop.people import Habits, Wearer, held_n
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import Times
 
 ONE_OF_EACH = [row(action) for action in ACTIONS]
 PATIENT = "wait_s = 0.1\nmove_s = 0.3\ndistance_m = 0.25\narm_n_per_m = 600\n"

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from loop_bench import MODEL, WHOLE_BRUSH, card_text, row
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import CardError, HoldfastError, NotAModel, RateError
-from simulation.card import read_card
-from simulation.closed_loop.recording import RecordedLoop, require_controller, scene_of
-from simulation.folder import write_set
-from simulation.grip_record import COLUMNS
-from simulation.scene import Scene, SimulatedTrial
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import CardError, HoldfastError, NotAModel, RateError
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.recording import RecordedLoop, require_controller, scene_of
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.grip_record import COLUMNS
+from holdfast.simulation.scene import Scene, SimulatedTrial
 
 SENSED = WHOLE_BRUSH + "[effects.dipole]\n[effects.hall_noise]\n"
 ROWS = (row("fall", "weak_grip = 0.5\n"), row("pass"))

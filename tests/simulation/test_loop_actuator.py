@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.contract import FloatArray
-from simulation.card import read_card
-from simulation.closed_loop.actuator import Actuator, Drive
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.actuator import Actuator, Drive
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
 
 DT_S = 1e-3
 LIVELY = [t for t in Scene(read_card("thesis"), 0).trials(8) if t.action != "nothing"]

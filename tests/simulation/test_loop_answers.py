@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from loop_bench import model
 
-from edge_runtime.contract import Sample
-from edge_runtime.grip import GripSense
-from edge_runtime.grip_control import sense_of
-from edge_runtime.monitor import GripMonitor
-from edge_runtime.tare import Tare
-from simulation.closed_loop.answers import TOGETHER, HandModels
+from holdfast.edge_runtime.contract import Sample
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.grip_control import sense_of
+from holdfast.edge_runtime.monitor import GripMonitor
+from holdfast.edge_runtime.tare import Tare
+from holdfast.simulation.closed_loop.answers import TOGETHER, HandModels
 
 SAMPLES, HANDS, SETTLED = 150, 2, 85
 """SETTLED: the loop is settled a sample after the live path, which uses the last row of a bias."""

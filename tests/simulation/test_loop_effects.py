@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_runtime.contract import FloatArray
-from simulation.body import Body, Inputs, Pull, State, at_rest
-from simulation.core import step
-from simulation.effect import PhysicsEffects, stream
-from simulation.energy import kinetic_j, normal_j
-from simulation.loop import LOOP_EFFECTS, pressure
-from simulation.loop.lag import Lag
-from simulation.loop.rotation import Rotation, gyration_m2
-from simulation.loop.texture import Texture
-from simulation.objects import OBJECTS
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.body import Body, Inputs, Pull, State, at_rest
+from holdfast.simulation.core import step
+from holdfast.simulation.effect import PhysicsEffects, stream
+from holdfast.simulation.energy import kinetic_j, normal_j
+from holdfast.simulation.loop import LOOP_EFFECTS, pressure
+from holdfast.simulation.loop.lag import Lag
+from holdfast.simulation.loop.rotation import Rotation, gyration_m2
+from holdfast.simulation.loop.texture import Texture
+from holdfast.simulation.objects import OBJECTS
 
 FINGERS = np.array([1000.0, 1000.0, 500.0, 500.0, 500.0, 500.0])
 """N/m: two stiff of the thumb against four, so that equal depths balance."""

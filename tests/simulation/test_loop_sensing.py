@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from loop_bench import card_text, row, scene_of
 
-from edge_runtime.contract import FloatArray
-from simulation.closed_loop.sensing import LoopSensors
-from simulation.scene import Scene
-from simulation.sensor import SENSOR_EFFECTS
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.closed_loop.sensing import LoopSensors
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.sensor import SENSOR_EFFECTS
 
 COUNTS = np.array([75, 61, 40])
 """Samples of the trials, which end one after another."""

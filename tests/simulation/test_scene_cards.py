@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from edge_runtime.errors import CardError, UsageError
-from simulation.card import read_card
-from simulation.effects import EFFECTS
-from simulation.protocol import least_grip_n
-from simulation.scene import Scene, apportion
-from simulation.shipped import CARDS, STYLES, shipped
+from holdfast.edge_runtime.errors import CardError, UsageError
+from holdfast.simulation.card import read_card
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.protocol import least_grip_n
+from holdfast.simulation.scene import Scene, apportion
+from holdfast.simulation.shipped import CARDS, STYLES, shipped
 
 PROTOCOLS = {"thesis", "apple", "p1", "p2", "perturbed-hold", "daily", "broad"}
 PLAIN = """
@@ -136,7 +136,7 @@ def test_a_card_that_is_not_there_names_those_that_are():
 
 
 def test_styles_say_only_what_actions_know():
-    from simulation.protocol import ACTIONS, COMMON
+    from holdfast.simulation.protocol import ACTIONS, COMMON
 
     for style in tomllib.loads(STYLES.read_text("utf-8")).values():
         for action, result in style.items():

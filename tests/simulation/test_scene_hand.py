@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_runtime.errors import CardError
-from edge_runtime.trial_file import read_trial
-from simulation.body import SIDE, sides
-from simulation.card import read_card
-from simulation.effects import EFFECTS
-from simulation.folder import write_set
-from simulation.hand import HandLayout
-from simulation.protocol import PlannedTrial
-from simulation.run import TrialMotion, motions
-from simulation.scene import Scene, SimulatedTrial
-from training.datasets.thesis import load
+from holdfast.edge_runtime.errors import CardError
+from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.simulation.body import SIDE, sides
+from holdfast.simulation.card import read_card
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.hand import HandLayout
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.run import TrialMotion, motions
+from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.training.datasets.thesis import load
 
 TWENTY = HandLayout(thumb=4, finger=4)
 DIGITS = np.repeat(np.arange(5), [2, 1, 1, 1, 1]), np.repeat(np.arange(5), 4)

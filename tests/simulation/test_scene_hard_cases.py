@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_scene_physics import G, at_rest, body, closed, energy_j, go
 
-from edge_runtime.errors import CardError
-from simulation import energy
-from simulation.body import Body, Floor, Inputs, State
-from simulation.card import read_card
+from holdfast.edge_runtime.errors import CardError
+from holdfast.simulation import energy
+from holdfast.simulation.body import Body, Floor, Inputs, State
+from holdfast.simulation.card import read_card
 
 AREA = "Simulation"
 EVERY_STEP = pytest.mark.parametrize("dt_s", [1e-6, 1e-3, 1.0])

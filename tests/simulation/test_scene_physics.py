@@ -11,10 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulation import core, energy
-from simulation.body import SIDE, Body, Floor, Inputs, Pull, State, at_rest, offset_m, recess_m
-from simulation.core import step
-from simulation.loop.brush import pressure
+from holdfast.simulation import core, energy
+from holdfast.simulation.body import (
+    SIDE,
+    Body,
+    Floor,
+    Inputs,
+    Pull,
+    State,
+    at_rest,
+    offset_m,
+    recess_m,
+)
+from holdfast.simulation.core import step
+from holdfast.simulation.loop.brush import pressure
 
 G = 9.81
 SHARE = np.array([0.5, 0.5, 0.25, 0.25, 0.25, 0.25])[:, None]

@@ -11,20 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.replay import Replay
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.errors import OutputError, UsageError
-from edge_runtime.trial_file import read_trial
 from holdfast.cli import main
+from holdfast.drivers.replay import Replay
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.trial_file import read_trial
+from holdfast.simulation import scene as scenes
+from holdfast.simulation.card import Card, read_card
+from holdfast.simulation.effects import EFFECTS
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene, SimulatedTrial
+from holdfast.simulation.shipped import CARDS
 from holdfast.sources import open_source
-from simulation import scene as scenes
-from simulation.card import Card, read_card
-from simulation.effects import EFFECTS
-from simulation.folder import write_set
-from simulation.scene import Scene, SimulatedTrial
-from simulation.shipped import CARDS
-from training.datasets.thesis import load
-from training.timeline import read_truth
+from holdfast.training.datasets.thesis import load
+from holdfast.training.timeline import read_truth
 
 CORE = """
 [record]
@@ -205,7 +205,7 @@ def test_a_trial_is_the_same_in_any_company(tmp_path):
 
 
 def test_skipping_quiet_phases_changes_no_slip_time(tmp_path, core, monkeypatch):
-    from simulation import script
+    from holdfast.simulation import script
 
     monkeypatch.setattr(script, "busy", lambda trial: [(0.0, 1e9)])
     everywhere = trials_of(make(tmp_path))

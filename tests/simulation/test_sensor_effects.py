@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.contract import FloatArray, Unit
-from edge_runtime.preparation import Preparation
-from simulation.effect import Signal, stream
-from simulation.sensor import SENSOR_EFFECTS
-from simulation.sensor.calibration import calibrate, linear_map, loads_n, residual_n
-from simulation.sensor.magnet import dipole_ut
-from training.datasets.thesis import preparation
+from holdfast.edge_runtime.contract import FloatArray, Unit
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.simulation.effect import Signal, stream
+from holdfast.simulation.sensor import SENSOR_EFFECTS
+from holdfast.simulation.sensor.calibration import calibrate, linear_map, loads_n, residual_n
+from holdfast.simulation.sensor.magnet import dipole_ut
+from holdfast.training.datasets.thesis import preparation
 
 MU0 = 4e-7 * np.pi
 MOMENT_A_M2 = 1.35 / MU0 * np.pi * 0.75e-3**2 * 0.5e-3

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from edge_runtime.contract import FloatArray
-from simulation.table import csv_bytes
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.table import csv_bytes
 
 DECIMALS = st.integers(0, 6)
 WHOLE = st.integers(-(10**9), 10**9)

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evaluation.scores import LevelScores
-from studies.fast_handover.window_scores import macro_f1
-from studies.real.report import _row
-from studies.scenes.evidence import macro_f1 as scenes_cell
-from studies.scenes.evidence import number
-from studies.tables.scenes import _scores
-from training.figures import HeadFigures, PredictionFigures
-from training.metrics import situation_scores
+from holdfast.evaluation.scores import LevelScores
+from holdfast.studies.fast_handover.window_scores import macro_f1
+from holdfast.studies.real.report import _row
+from holdfast.studies.scenes.evidence import macro_f1 as scenes_cell
+from holdfast.studies.scenes.evidence import number
+from holdfast.studies.tables.scenes import _scores
+from holdfast.training.figures import HeadFigures, PredictionFigures
+from holdfast.training.metrics import situation_scores
 
 TRUTH, ANSWERED = np.array([0, 1, 1, 3]), np.array([0, 1, 2, 3])
 """No safe slip is in the truth, and one window is called one."""

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from page_tables import require_tables_fit, tables_of
 
-from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.decision import DecisionRules
-from evaluation.alarms import Answers
-from simulation.card import read_card
-from studies.adapt.figures import way_figures
-from studies.adapt.sets import STYLES, _adapt_card
-from studies.tables.adapt import MADE_FROM
-from training.recording import Recording
-from training.timeline import Phase
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.evaluation.alarms import Answers
+from holdfast.simulation.card import read_card
+from holdfast.studies.adapt.figures import way_figures
+from holdfast.studies.adapt.sets import STYLES, _adapt_card
+from holdfast.studies.tables.adapt import MADE_FROM
+from holdfast.training.recording import Recording
+from holdfast.training.timeline import Phase
 
 AREA = "Pages and figures"
 

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from page_tables import require_tables_fit, tables_of
 
-from evaluation.labels import CHOSEN, DEPLOYED
-from studies.row_names import CLOCK, OURS, RAW
-from studies.tables.evaluation import MADE_FROM
-from studies.tables.targets import TARGETS, target_rows
-from studies.thesis_preliminary.published import LEARNERS
+from holdfast.evaluation.labels import CHOSEN, DEPLOYED
+from holdfast.studies.row_names import CLOCK, OURS, RAW
+from holdfast.studies.tables.evaluation import MADE_FROM
+from holdfast.studies.tables.targets import TARGETS, target_rows
+from holdfast.studies.thesis_preliminary.published import LEARNERS
 
 
 def row(idea: str, good: float, bad: float) -> dict[str, Any]:

@@ -13,15 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.contract import FloatArray
-from evaluation.truths import Grasp
-from simulation.card import Card, read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from simulation.script import Times
-from studies.fast_handover.ideas import HARD, IDEAS, VARIED, Idea
-from studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
-from studies.fast_handover.sets import (
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.evaluation.truths import Grasp
+from holdfast.simulation.card import Card, read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import Times
+from holdfast.studies.fast_handover.ideas import HARD, IDEAS, VARIED, Idea
+from holdfast.studies.fast_handover.learners import Boosting, Forest, Learner, TwoStages
+from holdfast.studies.fast_handover.sets import (
     CHOOSE,
     EVALUATED,
     context,
@@ -30,14 +30,14 @@ from studies.fast_handover.sets import (
     streams,
     without,
 )
-from studies.fast_handover.stream_scores import opens_at_s
-from studies.fast_handover.study import study
-from studies.fast_handover.timing import session_of
-from studies.fast_handover.window_scores import bounds, macro_f1
-from studies.learner_streams import study as learner_streams
-from training.network_fit import NetworkPlan
-from training.plan import ForestPlan, TrainingPlan
-from training.recording import Recording
+from holdfast.studies.fast_handover.stream_scores import opens_at_s
+from holdfast.studies.fast_handover.study import study
+from holdfast.studies.fast_handover.timing import session_of
+from holdfast.studies.fast_handover.window_scores import bounds, macro_f1
+from holdfast.studies.learner_streams import study as learner_streams
+from holdfast.training.network_fit import NetworkPlan
+from holdfast.training.plan import ForestPlan, TrainingPlan
+from holdfast.training.recording import Recording
 
 SMALL = ForestPlan(n_estimators=8, max_depth=8)
 CARDS = {

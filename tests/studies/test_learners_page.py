@@ -6,7 +6,7 @@ from typing import Any
 
 from page_tables import require_tables_fit, tables_of
 
-from studies.tables.learners import CASES, MADE_FROM
+from holdfast.studies.tables.learners import CASES, MADE_FROM
 
 AREA = "Pages and figures"
 

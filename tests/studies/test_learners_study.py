@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from joblib import parallel_config
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.preparation import Preparation
-from studies.real import learners
-from training.network_choice import candidates_of
-from training.network_fit import NetworkPlan
-from training.plan import ForestPlan
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.studies.real import learners
+from holdfast.training.network_choice import candidates_of
+from holdfast.training.network_fit import NetworkPlan
+from holdfast.training.plan import ForestPlan
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 PEOPLE, SAMPLES, RATE_HZ = 4, 400, 50.0
 NETWORK = NetworkPlan(hidden=(8,), members=2, epochs=2, batch=64)

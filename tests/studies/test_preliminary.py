@@ -13,12 +13,17 @@ import numpy as np
 import pytest
 from sklearn.naive_bayes import GaussianNB
 
-from edge_runtime.errors import ClassMissing, DataNotFound
-from edge_runtime.preparation import Preparation
-from studies.thesis_preliminary import __main__ as program
-from studies.thesis_preliminary import study as learners
-from studies.thesis_preliminary.cases import CASES, bare_ratios, first_components, friction_ratios
-from studies.thesis_preliminary.points import (
+from holdfast.edge_runtime.errors import ClassMissing, DataNotFound
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.studies.thesis_preliminary import __main__ as program
+from holdfast.studies.thesis_preliminary import study as learners
+from holdfast.studies.thesis_preliminary.cases import (
+    CASES,
+    bare_ratios,
+    first_components,
+    friction_ratios,
+)
+from holdfast.studies.thesis_preliminary.points import (
     KINDS,
     SLIPPING,
     Points,
@@ -29,12 +34,18 @@ from studies.thesis_preliminary.points import (
     thesis_cone_rows,
     windows,
 )
-from studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
-from studies.thesis_preliminary.report import summary, write_preliminary_report
-from studies.thesis_preliminary.study import MAKE, balanced, case_figures, late_share, repetitions
-from training.datasets import load
-from training.recording import DataSet, Recording
-from training.timeline import Phase, RiskyEvent
+from holdfast.studies.thesis_preliminary.published import ACCURACY_PERCENT, LEARNERS, SHAPES
+from holdfast.studies.thesis_preliminary.report import summary, write_preliminary_report
+from holdfast.studies.thesis_preliminary.study import (
+    MAKE,
+    balanced,
+    case_figures,
+    late_share,
+    repetitions,
+)
+from holdfast.training.datasets import load
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.timeline import Phase, RiskyEvent
 
 RATE_HZ, SENSORS = 60.0, 20
 BY_NAME = {case.name: case for case in CASES}
@@ -366,9 +377,9 @@ def test_without_a_scene_the_command_that_makes_one_is_named(tmp_path):
 
 def test_the_simulated_hand_of_twenty_is_studied_as_it_is_written(tmp_path: Path):
     """From card to case: 60 channels, every kind of point, a truth that is the physics'."""
-    from simulation.card import read_card
-    from simulation.folder import write_set
-    from simulation.scene import Scene
+    from holdfast.simulation.card import read_card
+    from holdfast.simulation.folder import write_set
+    from holdfast.simulation.scene import Scene
 
     card = replace(read_card("twenty-sensors"), step_s=0.017)
     write_set(Scene(card, 0), tmp_path / "scene", 40)

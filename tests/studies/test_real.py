@@ -12,29 +12,29 @@ import numpy as np
 import pytest
 from page_tables import require_tables_fit
 
-from evaluation.eflesh_figures import EfleshFigures
-from evaluation.provenance import host
-from evaluation.window_scores import WindowFigures
-from export.verification import ExportReport
-from studies.ablation import AblationRow, Gains, StepCost, rows_of, table
-from studies.real import baselines
-from studies.real.eflesh import EfleshStudy, study_eflesh
-from studies.real.figures import FinalModel, RealStudy, StreamedFold
-from studies.real.proactive import ReplayPicture, study_proactive
-from studies.real.report import Evidence, write_report
-from studies.real.streamed_fold import stream_one_fold
-from studies.real.study import verification_of
-from studies.real.table import tables
-from studies.row_names import CLOCK, OURS_18
-from training.crossval import HeldOut, cross_validate
-from training.datasets import load
-from training.featurise import FloatRows, cpu_cost, features_of, spec_for
-from training.fitting import held_out_figures, versions
-from training.paired import Gain
-from training.plan import CLOCK_FREE_GROUPS, ForestPlan, TrainingPlan
-from training.recording import DataSet
+from holdfast.evaluation.eflesh_figures import EfleshFigures
+from holdfast.evaluation.provenance import host
+from holdfast.evaluation.window_scores import WindowFigures
+from holdfast.export.verification import ExportReport
+from holdfast.studies.ablation import AblationRow, Gains, StepCost, rows_of, table
+from holdfast.studies.real import baselines
+from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
+from holdfast.studies.real.figures import FinalModel, RealStudy, StreamedFold
+from holdfast.studies.real.proactive import ReplayPicture, study_proactive
+from holdfast.studies.real.report import Evidence, write_report
+from holdfast.studies.real.streamed_fold import stream_one_fold
+from holdfast.studies.real.study import verification_of
+from holdfast.studies.real.table import tables
+from holdfast.studies.row_names import CLOCK, OURS_18
+from holdfast.training.crossval import HeldOut, cross_validate
+from holdfast.training.datasets import load
+from holdfast.training.featurise import FloatRows, cpu_cost, features_of, spec_for
+from holdfast.training.fitting import held_out_figures, versions
+from holdfast.training.paired import Gain
+from holdfast.training.plan import CLOCK_FREE_GROUPS, ForestPlan, TrainingPlan
+from holdfast.training.recording import DataSet
 
-pytestmark = pytest.mark.filterwarnings("ignore::export.spec.BandsLeftOut")
+pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)
 PLAN = TrainingPlan(situation=FEW, prediction=FEW, folds=3)
 Small = tuple[DataSet, dict[str, FloatRows], HeldOut]

@@ -15,11 +15,18 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
-from edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
-from edge_runtime.errors import DataNotFound, RateError, UnitError
-from evaluation.markers import write_between
-from evaluation.scores import (
+from holdfast.edge_runtime.contract import (
+    CLASSES,
+    GRASP,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    FloatArray,
+)
+from holdfast.edge_runtime.decision import UNKNOWN, DecisionRules, DecisionState, decide
+from holdfast.edge_runtime.errors import DataNotFound, RateError, UnitError
+from holdfast.evaluation.markers import write_between
+from holdfast.evaluation.scores import (
     CEILING,
     ClassScores,
     answers_at,
@@ -30,7 +37,7 @@ from evaluation.scores import (
     scores,
     spread_of,
 )
-from evaluation.simple_baselines import (
+from holdfast.evaluation.simple_baselines import (
     BACK_SAMPLES,
     JUMP_N,
     clock_features,
@@ -39,22 +46,22 @@ from evaluation.simple_baselines import (
     shear_rate_fires,
     windows_alone,
 )
-from evaluation.streams import SHOWN, decided, held_out_streams, shown_trials
-from evaluation.style import FINGER_COLOURS, SITUATION_COLOURS
-from export.reference import IntArray
-from export.spec import window_samples
-from simulation.card import read_card
-from simulation.folder import write_set
-from simulation.scene import Scene
-from studies.row_names import CLOCK, LINE, OURS, RAW
-from studies.scenes import __main__ as command
-from studies.scenes import pictures
-from studies.scenes.candidate import Candidate
-from studies.scenes.evidence import SceneEvidence
-from studies.scenes.figures import MadeBy
-from studies.scenes.generalising import learning_curve, styles_left_out
-from studies.scenes.report import demo_report, write_scene_report
-from studies.scenes.study import (
+from holdfast.evaluation.streams import SHOWN, decided, held_out_streams, shown_trials
+from holdfast.evaluation.style import FINGER_COLOURS, SITUATION_COLOURS
+from holdfast.export.reference import IntArray
+from holdfast.export.spec import window_samples
+from holdfast.simulation.card import read_card
+from holdfast.simulation.folder import write_set
+from holdfast.simulation.scene import Scene
+from holdfast.studies.row_names import CLOCK, LINE, OURS, RAW
+from holdfast.studies.scenes import __main__ as command
+from holdfast.studies.scenes import pictures
+from holdfast.studies.scenes.candidate import Candidate
+from holdfast.studies.scenes.evidence import SceneEvidence
+from holdfast.studies.scenes.figures import MadeBy
+from holdfast.studies.scenes.generalising import learning_curve, styles_left_out
+from holdfast.studies.scenes.report import demo_report, write_scene_report
+from holdfast.studies.scenes.study import (
     RETRAININGS,
     STAGES,
     RateStudy,
@@ -64,10 +71,10 @@ from studies.scenes.study import (
     study_rate,
     ways,
 )
-from training.crossval import HeldOut
-from training.featurise import features_of, spec_for
-from training.plan import CLOCK_PLAN, RAW_BASELINE, RAW_GROUPS, ForestPlan, TrainingPlan
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.crossval import HeldOut
+from holdfast.training.featurise import features_of, spec_for
+from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, RAW_GROUPS, ForestPlan, TrainingPlan
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 FEW = ForestPlan(n_estimators=10, min_samples_leaf=8, max_features=0.3)
 SHARP = ForestPlan(n_estimators=10)

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from evaluation.loop_runs import CHOICES, scene_of
-from studies.shared_control import page
-from studies.shared_control.__main__ import _chosen
-from studies.shared_control.page import PAGE, shown
-from studies.shared_control.picture import curve, picture
-from studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
-from studies.shared_control.targets import TARGETS, target_rows
+from holdfast.evaluation.loop_runs import CHOICES, scene_of
+from holdfast.studies.shared_control import page
+from holdfast.studies.shared_control.__main__ import _chosen
+from holdfast.studies.shared_control.page import PAGE, shown
+from holdfast.studies.shared_control.picture import curve, picture
+from holdfast.studies.shared_control.plan import CURVE_SETS, LAGS_MS, OURS, SETTINGS, rows, sets
+from holdfast.studies.shared_control.targets import TARGETS, target_rows
 
 
 def row(part: str, name: str, controller: str, **figures: Any) -> dict[str, Any]:

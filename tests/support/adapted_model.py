@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from small_model import artifact, card_of, graph_of, spec, with_networks
 
-from edge_runtime.decision import DecisionRules
-from edge_runtime.onnx_rules import votes_in_all
-from export.adapted_file import Adaptation, adapted
-from export.correction import Correction
-from export.features import feature_count
-from export.network import Inputs, Layer, Network
-from export.seal import model_card, seal
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.onnx_rules import votes_in_all
+from holdfast.export.adapted_file import Adaptation, adapted
+from holdfast.export.correction import Correction
+from holdfast.export.features import feature_count
+from holdfast.export.network import Inputs, Layer, Network
+from holdfast.export.seal import model_card, seal
 
 RULES = DecisionRules(min_risky_permille=700)
 

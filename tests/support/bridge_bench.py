@@ -7,25 +7,25 @@ from typing import Any
 
 import pytest
 
-from drivers.bus import Bus, Transfer
-from drivers.ft232h import Ft232h
-from drivers.mcp2221 import Mcp2221
-from drivers.native_i2c import NativeI2C
-from drivers.tiny_usb import TinyUsb
-from drivers.tmag5273 import (
+from holdfast.drivers.bus import Bus, Transfer
+from holdfast.drivers.ft232h import Ft232h
+from holdfast.drivers.mcp2221 import Mcp2221
+from holdfast.drivers.native_i2c import NativeI2C
+from holdfast.drivers.tiny_usb import TinyUsb
+from holdfast.drivers.tmag5273 import (
     FACTORY_ADDRESSES,
     PACKET_BYTES,
     REGISTERS,
     RESULTS,
     Setup,
 )
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.ft232h import VirtualFt232h
-from drivers.virtual.hand import VirtualHand
-from drivers.virtual.mcp2221 import VirtualMcp2221
-from drivers.virtual.native import VirtualI2cDev
-from drivers.virtual.tiny_usb import FIRMWARES, VirtualTinyUsb
-from drivers.virtual.usb_backend import Device, VirtualBackend
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.ft232h import VirtualFt232h
+from holdfast.drivers.virtual.hand import VirtualHand
+from holdfast.drivers.virtual.mcp2221 import VirtualMcp2221
+from holdfast.drivers.virtual.native import VirtualI2cDev
+from holdfast.drivers.virtual.tiny_usb import FIRMWARES, VirtualTinyUsb
+from holdfast.drivers.virtual.usb_backend import Device, VirtualBackend
 
 A, B, C, D = FACTORY_ADDRESSES
 ABSENT = 0x11

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from export.c.exporting import export_c
-from export.c.graph import Graph, read_graph
-from export.c.literals import C_TYPES
+from holdfast.export.c.exporting import export_c
+from holdfast.export.c.graph import Graph, read_graph
+from holdfast.export.c.literals import C_TYPES
 
 HARNESS = Path(__file__).with_name("c_harness.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.model_file import ModelCard
-from export.c.graph import Graph
-from export.c.trees import read_forest
-from export.hard_rows import edge_rows
+from holdfast.edge_runtime.model_file import ModelCard
+from holdfast.export.c.graph import Graph
+from holdfast.export.c.trees import read_forest
+from holdfast.export.hard_rows import edge_rows
 
 Rows = npt.NDArray[Any]
 STREAM = 500

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from camera_process import CameraProcess
 
-from drivers.camera.library import QUIET
-from edge_runtime.contract import FloatArray
-from simulation.camera.frames import CAMERA, GREY, Camera, Frames
+from holdfast.drivers.camera.library import QUIET
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.simulation.camera.frames import CAMERA, GREY, Camera, Frames
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"width_px": 320.0, "height_px": 240.0}
@@ -103,11 +103,11 @@ import json, os, signal, sys
 from pathlib import Path
 from typing import Any
 import numpy as np
-from drivers.camera.graph import watch
-from drivers.camera.library import load_depthai
-from drivers.camera.recording import read_about, read_recorded, read_tracks, read_video
-from drivers.camera.sources import Frame, Lens, Stored, read_frames
-from edge_runtime.errors import DeviceLost, HoldfastError
+from holdfast.drivers.camera.graph import watch
+from holdfast.drivers.camera.library import load_depthai
+from holdfast.drivers.camera.recording import read_about, read_recorded, read_tracks, read_video
+from holdfast.drivers.camera.sources import Frame, Lens, Stored, read_frames
+from holdfast.edge_runtime.errors import DeviceLost, HoldfastError
 quiet = lambda line: None
 """
 

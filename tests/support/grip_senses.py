@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.grip import GripSense
-from edge_runtime.grip_control import GripLoop, controller_of
-from edge_runtime.lanes import Lanes
-from edge_runtime.supervisor import Limits
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.grip_control import GripLoop, controller_of
+from holdfast.edge_runtime.lanes import Lanes
+from holdfast.edge_runtime.supervisor import Limits
 
 RATE_HZ = 150.0
 QUICK = Limits(ceiling_n=20.0, rise_s=0.05, most_rise_s=0.4, give_back_s=0.2, give_back_n_s=30.0)

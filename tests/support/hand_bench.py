@@ -5,17 +5,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from drivers.bus import Bus
-from drivers.fingers import Crc, Reading
-from drivers.ft232h import Ft232h
-from drivers.hand import Hand
-from drivers.layout import read_layout
-from drivers.tmag5273 import Setup
-from drivers.virtual.clock import VirtualClock
-from drivers.virtual.faults import read_fault
-from drivers.virtual.ft232h import VirtualFt232h
-from drivers.virtual.hand import Track, VirtualHand
-from drivers.virtual.usb_backend import VirtualBackend
+from holdfast.drivers.bus import Bus
+from holdfast.drivers.fingers import Crc, Reading
+from holdfast.drivers.ft232h import Ft232h
+from holdfast.drivers.hand import Hand
+from holdfast.drivers.layout import read_layout
+from holdfast.drivers.tmag5273 import Setup
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.drivers.virtual.faults import read_fault
+from holdfast.drivers.virtual.ft232h import VirtualFt232h
+from holdfast.drivers.virtual.hand import Track, VirtualHand
+from holdfast.drivers.virtual.usb_backend import VirtualBackend
 
 PERIOD_NS = round(1e9 / 150)
 

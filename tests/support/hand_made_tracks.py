@@ -9,8 +9,8 @@ from drawn_frames import (
     FPS,
 )
 
-from drivers.camera.recording import TagFile, Tracks, read_tracks, write_about
-from drivers.camera.sources import LENS
+from holdfast.drivers.camera.recording import TagFile, Tracks, read_tracks, write_about
+from holdfast.drivers.camera.sources import LENS
 
 SIDES = [-20.0, -20.0, 20.0, -20.0, 20.0, 20.0, -20.0, 20.0]
 

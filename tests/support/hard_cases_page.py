@@ -9,7 +9,7 @@ from typing import Any
 
 from hard_cases import AREAS
 
-from evaluation.markers import write_between
+from holdfast.evaluation.markers import write_between
 
 
 def lists(results: list[dict[str, Any]]) -> str:

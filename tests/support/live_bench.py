@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.contract import Prediction, Sample
-from edge_runtime.live import SourceReading, Summary, run_live
-from edge_runtime.monitor import GripMonitor, Model
-from edge_runtime.tare import Tare
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.contract import Prediction, Sample
+from holdfast.edge_runtime.live import SourceReading, Summary, run_live
+from holdfast.edge_runtime.monitor import GripMonitor, Model
+from holdfast.edge_runtime.tare import Tare
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = ROOT / "models" / "holdfast-150hz.onnx"

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.grip import GripSense
-from edge_runtime.model import Model
-from simulation.card import read_card
-from simulation.closed_loop.loop import ClosedLoop, LoopTruth
-from simulation.protocol import PlannedTrial
-from simulation.scene import Scene
-from simulation.script import Times
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.grip import GripSense
+from holdfast.edge_runtime.model import Model
+from holdfast.simulation.card import read_card
+from holdfast.simulation.closed_loop.loop import ClosedLoop, LoopTruth
+from holdfast.simulation.protocol import PlannedTrial
+from holdfast.simulation.scene import Scene
+from holdfast.simulation.script import Times
 
 MODEL = Path(__file__).resolve().parents[2] / "models" / "holdfast-150hz.onnx"
 ACTIONS = {

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import channel_names
+from holdfast.edge_runtime.contract import channel_names
 
 ROWS, RATE_HZ, SENSORS = 120, 100.0, 6
 NEVER_CAME = (30, 31, 32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from edge_runtime.contract import Prediction
+from holdfast.edge_runtime.contract import Prediction
 
 
 def prediction(sequence: int = 7, **changes: Any) -> Prediction:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from edge_runtime.trial_layout import META
-from training.fixture import write_fixture
+from holdfast.edge_runtime.trial_layout import META
+from holdfast.training.fixture import write_fixture
 
 
 def write_people_folders(root: Path, people: int = 2) -> Path:

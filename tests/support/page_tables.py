@@ -6,8 +6,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from edge_runtime.reading import Json
-from evaluation.doc_tables import Tables, write_tables
+from holdfast.edge_runtime.reading import Json
+from holdfast.evaluation.doc_tables import Tables, write_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 BETWEEN = re.compile(r"(<!-- ([\w-]+):[^\n]*-->\n)(.*?)(<!-- /\2 -->)", re.DOTALL)

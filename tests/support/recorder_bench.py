@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.command import Parser
-from edge_runtime.live import SourceReading
 from holdfast import record
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.command import Parser
+from holdfast.edge_runtime.live import SourceReading
 from holdfast.recorder.card import Task
 from holdfast.recorder.keys import Keys
 from holdfast.recorder.recording import record as record_trials

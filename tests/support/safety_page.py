@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from evaluation.markers import write_between
+from holdfast.evaluation.markers import write_between
 
 
 def lists(results: list[dict[str, Any]]) -> str:

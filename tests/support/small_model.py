@@ -15,22 +15,22 @@ import numpy as np
 import onnx
 from sklearn.ensemble import RandomForestClassifier
 
-from edge_runtime.contract import CLASSES, SITUATIONS, Unit
-from edge_runtime.decision import DecisionRules
-from edge_runtime.golden import golden_answers, golden_to_json
-from edge_runtime.graph import open_session
-from edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
-from edge_runtime.preparation import Preparation
-from export.artifact import Artifact
-from export.committee import Committee
-from export.exporting import whole_graph
-from export.features import feature_count
-from export.forest import votes_of_trees
-from export.heads import Calibration, Head
-from export.seal import model_card, seal
-from export.spec import BandsLeftOut, StepSpec
-from training.network_fit import NetworkPlan, fit_network
-from training.plan import ForestPlan
+from holdfast.edge_runtime.contract import CLASSES, SITUATIONS, Unit
+from holdfast.edge_runtime.decision import DecisionRules
+from holdfast.edge_runtime.golden import golden_answers, golden_to_json
+from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.model_file import CARD_KEY, GOLDEN_KEY, SEAL_KEY
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.export.artifact import Artifact
+from holdfast.export.committee import Committee
+from holdfast.export.exporting import whole_graph
+from holdfast.export.features import feature_count
+from holdfast.export.forest import votes_of_trees
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.seal import model_card, seal
+from holdfast.export.spec import BandsLeftOut, StepSpec
+from holdfast.training.network_fit import NetworkPlan, fit_network
+from holdfast.training.plan import ForestPlan
 
 EXTRA_HEAD = "p_risky_250ms"
 

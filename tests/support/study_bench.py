@@ -10,9 +10,9 @@ from typing import Any
 
 from recorder_bench import never
 
-from drivers.virtual.clock import VirtualClock
-from edge_runtime.command import Parser
 from holdfast import study
+from holdfast.drivers.virtual.clock import VirtualClock
+from holdfast.edge_runtime.command import Parser
 from holdfast.human_study.card import StudyCard, read_study
 from holdfast.human_study.desk import Desk
 from holdfast.human_study.starting import checked, run_parts

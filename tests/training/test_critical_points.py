@@ -11,15 +11,15 @@ from hard_marks import BAD_SAMPLE, COLLAR, DEGENERATE, NORMAL, SIGN
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import RateError
-from training.critical_points import (
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import RateError
+from holdfast.training.critical_points import (
     band_pass_envelope,
     band_pass_rows,
     friction_rows,
     offline_critical_points,
 )
-from training.recording import Recording
+from holdfast.training.recording import Recording
 
 RATES_HZ = (50.0, 100.0, 150.0, 300.0)
 GRASP_S, SLIP_S = 3.0, 6.0

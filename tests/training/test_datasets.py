@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.errors import (
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP
+from holdfast.edge_runtime.errors import (
     ChannelError,
     ColumnError,
     DataError,
@@ -23,11 +23,11 @@ from edge_runtime.errors import (
     UnitError,
     UsageError,
 )
-from edge_runtime.preparation import Preparation
-from training.datasets import eflesh_slip, load
-from training.datasets.joined import join
-from training.datasets.proactive_slip_uskin import situations
-from training.recording import DataSet
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.training.datasets import eflesh_slip, load
+from holdfast.training.datasets.joined import join
+from holdfast.training.datasets.proactive_slip_uskin import situations
+from holdfast.training.recording import DataSet
 
 PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
 TAXELS = ",".join(f"txl{taxel}_{axis}" for taxel in range(1, 17) for axis in "xyz")

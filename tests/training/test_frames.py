@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from own_data import write_meta, write_people_folders
 
-import training
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
-from edge_runtime.errors import (
+from holdfast import training
+from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP
+from holdfast.edge_runtime.errors import (
     ColumnError,
     DataError,
     DataNotFound,
@@ -21,8 +21,8 @@ from edge_runtime.errors import (
     TimeError,
     UnitError,
 )
-from edge_runtime.trial_layout import truth_path
-from training.datasets import load
+from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.training.datasets import load
 
 PULL = "p01/soft-ball/pull/trial_1"
 

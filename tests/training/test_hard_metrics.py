@@ -19,26 +19,26 @@ from hard_marks import ABSENT, CERTAIN, COLLAR, EMPTY, FOREIGN, SINGULAR
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import f1_score, log_loss, roc_auc_score
 
-from drivers.calibration import Calibration as FieldCalibration
-from drivers.calibration import CalibrationOrigin
-from drivers.calibration_file import read_calibration, write_calibration
-from edge_runtime.contract import SITUATIONS, FloatArray
-from edge_runtime.decision import UNKNOWN
-from edge_runtime.errors import ClassMissing, DataError, LabelError, NotANumber
-from edge_runtime.graph import open_session
-from edge_runtime.preparation import Preparation
-from export.exporting import whole_graph
-from export.heads import Calibration, Head
-from export.learner import reference_votes
-from export.reference import reference_probability
-from export.spec import StepSpec
-from export.verify import cut_learners
-from training.critical_points import band_pass_envelope, band_pass_rows
-from training.crossval import cross_validate, fit_calibration
-from training.figures import PredictionFigures, Share
-from training.metrics import prediction_scores, share_scores, situation_scores
-from training.plan import ForestPlan, TrainingPlan
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.drivers.calibration import Calibration as FieldCalibration
+from holdfast.drivers.calibration import CalibrationOrigin
+from holdfast.drivers.calibration_file import read_calibration, write_calibration
+from holdfast.edge_runtime.contract import SITUATIONS, FloatArray
+from holdfast.edge_runtime.decision import UNKNOWN
+from holdfast.edge_runtime.errors import ClassMissing, DataError, LabelError, NotANumber
+from holdfast.edge_runtime.graph import open_session
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.export.exporting import whole_graph
+from holdfast.export.heads import Calibration, Head
+from holdfast.export.learner import reference_votes
+from holdfast.export.reference import reference_probability
+from holdfast.export.spec import StepSpec
+from holdfast.export.verify import cut_learners
+from holdfast.training.critical_points import band_pass_envelope, band_pass_rows
+from holdfast.training.crossval import cross_validate, fit_calibration
+from holdfast.training.figures import PredictionFigures, Share
+from holdfast.training.metrics import prediction_scores, share_scores, situation_scores
+from holdfast.training.plan import ForestPlan, TrainingPlan
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 RATE_HZ = 100.0
 NO_ROWS = np.zeros(0, dtype=np.int64)

@@ -12,13 +12,13 @@ import pytest
 from command_line import fails
 from own_data import write_meta, write_people_folders
 
-from edge_runtime.errors import DataError, DataNotFound, LabelError, TooFewGroups
-from edge_runtime.trial_layout import truth_path
-from training.datasets import load
-from training.datasets.joined import join
-from training.hold_out import regrouped
-from training.recording import DataSet
-from training.splits import grouped_folds
+from holdfast.edge_runtime.errors import DataError, DataNotFound, LabelError, TooFewGroups
+from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.training.datasets import load
+from holdfast.training.datasets.joined import join
+from holdfast.training.hold_out import regrouped
+from holdfast.training.recording import DataSet
+from holdfast.training.splits import grouped_folds
 
 PULL = "soft-ball/pull/trial_1"
 

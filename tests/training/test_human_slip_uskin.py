@@ -15,12 +15,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.errors import ChannelError, ColumnError, DataNotFound, EmptyRecording, NotANumber
-from training.datasets import human_slip_uskin as human
-from training.datasets import load
-from training.datasets.human_slip_labels import in_hand, middle_angle_deg
-from training.recording import DataSet
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.errors import (
+    ChannelError,
+    ColumnError,
+    DataNotFound,
+    EmptyRecording,
+    NotANumber,
+)
+from holdfast.training.datasets import human_slip_uskin as human
+from holdfast.training.datasets import load
+from holdfast.training.datasets.human_slip_labels import in_hand, middle_angle_deg
+from holdfast.training.recording import DataSet
 
 Arrays = dict[str, Any]
 Lines = list[dict[str, Any]]

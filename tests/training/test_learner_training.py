@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.contract import SITUATIONS
-from edge_runtime.preparation import Preparation
-from export.committee import Committee
-from export.network import Network, network_votes
-from training.crossval import chosen_label_weights, cross_validate, fit_learner, plan_for
-from training.label_rule import fit_label_weights, situation_labels
-from training.metrics import situation_scores
-from training.network_choice import candidates_of, choose_network
-from training.network_fit import NetworkPlan, fit_members, fit_network, in_whole_numbers
-from training.plan import ForestPlan, TrainingPlan
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.edge_runtime.contract import SITUATIONS
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.export.committee import Committee
+from holdfast.export.network import Network, network_votes
+from holdfast.training.crossval import chosen_label_weights, cross_validate, fit_learner, plan_for
+from holdfast.training.label_rule import fit_label_weights, situation_labels
+from holdfast.training.metrics import situation_scores
+from holdfast.training.network_choice import candidates_of, choose_network
+from holdfast.training.network_fit import NetworkPlan, fit_members, fit_network, in_whole_numbers
+from holdfast.training.plan import ForestPlan, TrainingPlan
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 SMALL = NetworkPlan(hidden=(8,), members=2, epochs=3, batch=16)
 PLAN = TrainingPlan(

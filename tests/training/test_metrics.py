@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import average_precision_score, f1_score, roc_auc_score
 
-from edge_runtime.preparation import Preparation
-from training.figures import PredictionFigures, SituationFigures
-from training.metrics import draw_groups, prediction_scores, rank, report, situation_scores
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.training.figures import PredictionFigures, SituationFigures
+from holdfast.training.metrics import draw_groups, prediction_scores, rank, report, situation_scores
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from training.metrics import prediction_scores, situation_scores
-from training.paired import macro_f1_gain, prediction_gains
+from holdfast.training.metrics import prediction_scores, situation_scores
+from holdfast.training.paired import macro_f1_gain, prediction_gains
 
 PEOPLE, EACH = 8, 40
 

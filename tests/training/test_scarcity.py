@@ -7,10 +7,10 @@ import warnings
 import numpy as np
 import pytest
 
-from edge_runtime.contract import CLASSES
-from edge_runtime.preparation import Preparation
-from training.recording import DataSet, LabelledRows, Recording
-from training.scarcity import FEWEST_WINDOWS, FewGroups, FewWindows, warn_of_scarcity
+from holdfast.edge_runtime.contract import CLASSES
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.training.recording import DataSet, LabelledRows, Recording
+from holdfast.training.scarcity import FEWEST_WINDOWS, FewGroups, FewWindows, warn_of_scarcity
 
 
 def a_set(counts: dict[str, int], n_groups: int) -> DataSet:

@@ -8,8 +8,8 @@ from hard_marks import EMPTY
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_runtime.errors import TooFewGroups
-from training.splits import assign_groups, folds_of, grouped_folds, leaky_folds
+from holdfast.edge_runtime.errors import TooFewGroups
+from holdfast.training.splits import assign_groups, folds_of, grouped_folds, leaky_folds
 
 GROUPS = st.lists(st.sampled_from("abcdefghij"), min_size=1, max_size=200)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from small_model import spec
 
-from edge_runtime.graph import open_session, run_recordings, steps_of
-from export.step_graph import feature_graph
-from training.recording import Recording
-from training.stepping import stepped
+from holdfast.edge_runtime.graph import open_session, run_recordings, steps_of
+from holdfast.export.step_graph import feature_graph
+from holdfast.training.recording import Recording
+from holdfast.training.stepping import stepped
 
 
 def recordings_of(lengths: list[int]) -> list[Recording]:

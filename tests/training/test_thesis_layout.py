@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, channel_names
-from edge_runtime.errors import (
+from holdfast.edge_runtime.contract import GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, channel_names
+from holdfast.edge_runtime.errors import (
     ChannelError,
     ClassMissing,
     DataError,
@@ -21,14 +21,14 @@ from edge_runtime.errors import (
     RateError,
     UnitError,
 )
-from edge_runtime.trial_file import Trial, read_trial
-from edge_runtime.trial_layout import truth_path
-from training.datasets import thesis
-from training.fitting import require_classes
-from training.fixture import KIND, UPSIDE_DOWN, write_fixture
-from training.objects import mass_g, object_name
-from training.recording import DataSet
-from training.timeline import contact, read_truth, scripted
+from holdfast.edge_runtime.trial_file import Trial, read_trial
+from holdfast.edge_runtime.trial_layout import truth_path
+from holdfast.training.datasets import thesis
+from holdfast.training.fitting import require_classes
+from holdfast.training.fixture import KIND, UPSIDE_DOWN, write_fixture
+from holdfast.training.objects import mass_g, object_name
+from holdfast.training.recording import DataSet
+from holdfast.training.timeline import contact, read_truth, scripted
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from command_line import Run
 
-from training.datasets import load
-from training.fixture import write_fixture
-from training.plan import SIZES
+from holdfast.training.datasets import load
+from holdfast.training.fixture import write_fixture
+from holdfast.training.plan import SIZES
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -13,17 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.model_selection import GroupKFold
 
-from edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
-from edge_runtime.errors import ClassMissing
-from edge_runtime.trial_layout import MASSES_G
-from export.spec import StepSpec, window_samples
-from training.datasets import thesis
-from training.fixture import write_fixture
-from training.objects import is_heavy
-from training.plan import SIZES
-from training.recording import DataSet, Recording
-from training.timeline import Phase, whole
-from training.windows import (
+from holdfast.edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP
+from holdfast.edge_runtime.errors import ClassMissing
+from holdfast.edge_runtime.trial_layout import MASSES_G
+from holdfast.export.spec import StepSpec, window_samples
+from holdfast.training.datasets import thesis
+from holdfast.training.fixture import write_fixture
+from holdfast.training.objects import is_heavy
+from holdfast.training.plan import SIZES
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.timeline import Phase, whole
+from holdfast.training.windows import (
     COLUMNS,
     STRATA,
     Choice,

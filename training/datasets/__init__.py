@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from edge_runtime.errors import DataNotFound, TooFewGroups, UsageError
-from training.hold_out import HoldOut, regrouped
-from training.recording import DataSet
-from training.say import Part, ignored
-from training.windows import Choice
+from holdfast.edge_runtime.errors import DataNotFound, TooFewGroups, UsageError
+from holdfast.training.hold_out import HoldOut, regrouped
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Part, ignored
+from holdfast.training.windows import Choice
 
 PUBLIC_SETS = ("human_slip_uskin", "eflesh_slip", "proactive_slip_uskin")
 LAYOUTS = ("recorded", "thesis")
@@ -116,7 +116,7 @@ def layout_of(root: Path) -> str | None:
 
 
 def _reader(name: str) -> Any:
-    return import_module(f"training.datasets.{name}")
+    return import_module(f"holdfast.training.datasets.{name}")
 
 
 def _read(root: Path, channels: int | None, seed: int, windows: Choice, part: Part) -> DataSet:

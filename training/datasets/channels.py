@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from edge_runtime.errors import ChannelError
+from holdfast.edge_runtime.errors import ChannelError
 
 
 class ChannelsNotOffered(ChannelError):

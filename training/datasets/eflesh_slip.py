@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import GRASP, RISKY_SLIP, SITUATIONS, BoolArray, FloatArray
-from edge_runtime.errors import LabelError
-from edge_runtime.preparation import Preparation
-from training.datasets.channels import ChannelsNotOffered
-from training.datasets.reading import COPY_AGAIN, read_arrays
-from training.datasets.rows import finite_sensors, join_trials
-from training.recording import DataSet, Recording
-from training.splits import grouped_folds
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SITUATIONS, BoolArray, FloatArray
+from holdfast.edge_runtime.errors import LabelError
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.training.datasets.channels import ChannelsNotOffered
+from holdfast.training.datasets.reading import COPY_AGAIN, read_arrays
+from holdfast.training.datasets.rows import finite_sensors, join_trials
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.splits import grouped_folds
 
 ARRAYS = "eflesh_slip.npz"
 RATE_HZ = 100.0

@@ -17,9 +17,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import GRASP, NORMAL_AXIS, NOTHING, RISKY_SLIP, SAFE_SLIP, FloatArray
-from training.datasets.rows import TrialRows
-from training.timeline import Phase, RiskyEvent
+from holdfast.edge_runtime.contract import (
+    GRASP,
+    NORMAL_AXIS,
+    NOTHING,
+    RISKY_SLIP,
+    SAFE_SLIP,
+    FloatArray,
+)
+from holdfast.training.datasets.rows import TrialRows
+from holdfast.training.timeline import Phase, RiskyEvent
 
 BIAS_ROWS = 60
 CONTACT_N, SAFE_DEG, RISKY_DEG = 1.0, 5.0, 15.0

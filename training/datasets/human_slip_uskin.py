@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import SITUATIONS, FloatArray
-from edge_runtime.errors import ChannelError, ColumnError, EmptyRecording, NotANumber
-from edge_runtime.preparation import Preparation
-from training.datasets import human_slip_labels as labels
-from training.datasets.channels import ChannelsNotOffered
-from training.datasets.reading import COPY_AGAIN, Table, read_arrays, read_table
-from training.datasets.rows import TrialRows, finite_sensors, join_trials
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.edge_runtime.contract import SITUATIONS, FloatArray
+from holdfast.edge_runtime.errors import ChannelError, ColumnError, EmptyRecording, NotANumber
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.training.datasets import human_slip_labels as labels
+from holdfast.training.datasets.channels import ChannelsNotOffered
+from holdfast.training.datasets.reading import COPY_AGAIN, Table, read_arrays, read_table
+from holdfast.training.datasets.rows import TrialRows, finite_sensors, join_trials
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 SIGNALS, TRIALS = "signals.npz", "trials.csv"
 PREPARATION = Preparation(bias_rows=labels.BIAS_ROWS, statistic="median")

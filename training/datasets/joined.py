@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from edge_runtime.contract import RATE_TOLERANCE
-from edge_runtime.errors import ChannelError, DataError, LabelError, RateError, UnitError
-from training.recording import DataSet, LabelledRows, Recording
+from holdfast.edge_runtime.contract import RATE_TOLERANCE
+from holdfast.edge_runtime.errors import ChannelError, DataError, LabelError, RateError, UnitError
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 
 
 def join(sets: Sequence[DataSet]) -> DataSet:

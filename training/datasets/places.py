@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from edge_runtime.errors import DataError, LabelError
-from edge_runtime.trial_layout import META, SITUATION_OF_ACTION
-from training.objects import plain_word, read_json
-from training.timeline import UNSCRIPTED
+from holdfast.edge_runtime.errors import DataError, LabelError
+from holdfast.edge_runtime.trial_layout import META, SITUATION_OF_ACTION
+from holdfast.training.objects import plain_word, read_json
+from holdfast.training.timeline import UNSCRIPTED
 
 EMPTY_HAND = "nothing"
 FOLDERS = tuple(dict.fromkeys((*SITUATION_OF_ACTION, *UNSCRIPTED)))

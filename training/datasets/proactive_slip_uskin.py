@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP, SITUATIONS, FloatArray
-from edge_runtime.errors import ColumnError, DataNotFound
-from edge_runtime.preparation import Preparation
-from training.datasets.channels import ChannelsNotOffered
-from training.datasets.reading import COPY_AGAIN, read_table
-from training.datasets.rows import TrialRows, finite_sensors, join_trials
-from training.recording import DataSet, Recording
+from holdfast.edge_runtime.contract import GRASP, RISKY_SLIP, SAFE_SLIP, SITUATIONS, FloatArray
+from holdfast.edge_runtime.errors import ColumnError, DataNotFound
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.training.datasets.channels import ChannelsNotOffered
+from holdfast.training.datasets.reading import COPY_AGAIN, read_table
+from holdfast.training.datasets.rows import TrialRows, finite_sensors, join_trials
+from holdfast.training.recording import DataSet, Recording
 
 PADS = ("xela_sensor1.csv", "xela_sensor2.csv")
 LABELS, META = "slip_label.csv", "meta_data.csv"

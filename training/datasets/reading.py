@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
-from edge_runtime.contract import FloatArray
-from edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber
-from edge_runtime.reading import require_lines
-from edge_runtime.visible import listed
+from holdfast.edge_runtime.archives import NOT_AN_ARCHIVE, require_modest_archive
+from holdfast.edge_runtime.contract import FloatArray
+from holdfast.edge_runtime.errors import ColumnError, DataNotFound, EmptyRecording, NotANumber
+from holdfast.edge_runtime.reading import require_lines
+from holdfast.edge_runtime.visible import listed
 
 Shape = tuple[int | None, ...]
 COPY_AGAIN = "copy the data set again from its source"

@@ -14,18 +14,18 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from edge_runtime.errors import DataNotFound, LabelError, UnitError
-from edge_runtime.reading import Json
-from edge_runtime.trial_file import Trial
-from edge_runtime.trial_layout import DISCARDED, META, TACTILE, truth_path
-from training.datasets import thesis
-from training.datasets.places import EMPTY_HAND, Fault, TrialPlace, refuse
-from training.datasets.trial_readers import TrialReader, read_all
-from training.objects import object_name, read_json
-from training.recording import DataSet, Recording
-from training.say import Part, ignored, span
-from training.timeline import Phase, RiskyEvent, read_events, read_truth
-from training.windows import Choice, TimedTrial
+from holdfast.edge_runtime.errors import DataNotFound, LabelError, UnitError
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_file import Trial
+from holdfast.edge_runtime.trial_layout import DISCARDED, META, TACTILE, truth_path
+from holdfast.training.datasets import thesis
+from holdfast.training.datasets.places import EMPTY_HAND, Fault, TrialPlace, refuse
+from holdfast.training.datasets.trial_readers import TrialReader, read_all
+from holdfast.training.objects import object_name, read_json
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.say import Part, ignored, span
+from holdfast.training.timeline import Phase, RiskyEvent, read_events, read_truth
+from holdfast.training.windows import Choice, TimedTrial
 
 KEPT = "kept"
 EXACT = ("scene", "camera")

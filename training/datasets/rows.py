@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from edge_runtime.contract import BoolArray, FloatArray
-from training.recording import LabelledRows
+from holdfast.edge_runtime.contract import BoolArray, FloatArray
+from holdfast.training.recording import LabelledRows
 
 TrialRows = tuple[npt.NDArray[Any], npt.NDArray[Any]]
 """Last rows [m] of a trial's windows, and their labels [m]."""

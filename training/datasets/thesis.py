@@ -18,30 +18,30 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from edge_runtime.contact import NORMAL_FLOOR
-from edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
-from edge_runtime.errors import (
+from holdfast.edge_runtime.contact import NORMAL_FLOOR
+from holdfast.edge_runtime.contract import NOTHING, RATE_TOLERANCE, UNITS, Unit
+from holdfast.edge_runtime.errors import (
     ChannelError,
     DataNotFound,
     LabelError,
     RateError,
     UnitError,
 )
-from edge_runtime.preparation import Preparation
-from edge_runtime.reading import Json
-from edge_runtime.trial_file import Trial, read_trial
-from edge_runtime.trial_layout import META, truth_path
-from export.bank import bands_for
-from training.datasets.channels import ChannelsNotOffered
-from training.datasets.places import Fault, TrialPlace, places, refuse
-from training.datasets.places import recognises as recognises
-from training.datasets.rows import finite_sensors
-from training.datasets.trial_readers import TrialReader, read_all
-from training.hold_out import grouped
-from training.objects import MASSES_KEY, mass_of, object_name, read_json
-from training.recording import DataSet, Recording
-from training.say import Part, ignored, span
-from training.timeline import (
+from holdfast.edge_runtime.preparation import Preparation
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.trial_file import Trial, read_trial
+from holdfast.edge_runtime.trial_layout import META, truth_path
+from holdfast.export.bank import bands_for
+from holdfast.training.datasets.channels import ChannelsNotOffered
+from holdfast.training.datasets.places import Fault, TrialPlace, places, refuse
+from holdfast.training.datasets.places import recognises as recognises
+from holdfast.training.datasets.rows import finite_sensors
+from holdfast.training.datasets.trial_readers import TrialReader, read_all
+from holdfast.training.hold_out import grouped
+from holdfast.training.objects import MASSES_KEY, mass_of, object_name, read_json
+from holdfast.training.recording import DataSet, Recording
+from holdfast.training.say import Part, ignored, span
+from holdfast.training.timeline import (
     ACTION_KEY,
     ACTION_S,
     Phase,
@@ -55,7 +55,7 @@ from training.timeline import (
     scripted,
     whole,
 )
-from training.windows import (
+from holdfast.training.windows import (
     Choice,
     TimedTrial,
     class_counts,

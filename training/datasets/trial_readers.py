@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from edge_runtime.errors import DataError
-from training.datasets.places import Fault, TrialPlace, refuse
-from training.say import Part, ignored
-from training.windows import TimedTrial
+from holdfast.edge_runtime.errors import DataError
+from holdfast.training.datasets.places import Fault, TrialPlace, refuse
+from holdfast.training.say import Part, ignored
+from holdfast.training.windows import TimedTrial
 
 
 @dataclass(frozen=True)
