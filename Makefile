@@ -25,7 +25,7 @@ LEARNER_STREAMS := $(STREAMS) asked-daily:daily:370:1006
 ACROSS := -n auto --dist loadfile --no-loadscope-reorder
 # A process a core: numpy's own threads would only wait for each other.
 test hard-cases safety: export OPENBLAS_NUM_THREADS := 1
-ROOMS  := $(wildcard edge_runtime drivers export training evaluation studies simulation holdfast benchmarks)
+
 
 # Deaf to settings of the machine that could pick another interpreter or environment;
 # and uv trusts the certificates that pip trusts, the machine's own. Compiled modules are kept beside their sources:
@@ -175,7 +175,7 @@ lerobot: setup $(LEROBOT)/.stamp  ## lerobot's own loader reads what holdfast co
 
 lint: setup  ## ruff and mypy
 	$(BIN)/ruff check .
-	$(BIN)/mypy $(ROOMS) tests
+	$(BIN)/mypy holdfast tests
 
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh

@@ -1,7 +1,7 @@
 """What a network of whole numbers costs in time, beside the same in real numbers and the trees.
 
-`python -m holdfast.benchmarks.network_time OUT.json`. All answer the same rows one at a time from their
-features on, interleaved; the numbers inside are of noise, on which the time does not depend.
+`python -m holdfast.benchmarks.network_time OUT.json`. All answer the same rows one at a time from
+their features on, interleaved; the numbers inside are of noise, on which the time does not depend.
 """
 
 from __future__ import annotations

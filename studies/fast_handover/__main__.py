@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.fast_handover FOLDER --out DIR`: runs the study and writes figures.json."""
+"""`python -m holdfast.studies.fast_handover FOLDER --out DIR`: writes figures.json."""
 
 from __future__ import annotations
 

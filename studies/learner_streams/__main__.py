@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.learner_streams FOLDER --out DIR`: writes learner-streams.json, row by row."""
+"""`python -m holdfast.studies.learner_streams FOLDER --out DIR`: learner-streams.json."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""human_slip_uskin labelled by rotation in the hand: `python -m holdfast.studies.real.truer_label OUT`.
+"""human_slip_uskin by rotation in the hand: `python -m holdfast.studies.real.truer_label OUT`.
 
 The set's usual label is the object's rotation, about half of it the wrist's. With the hand's IMU
 the wrist cancels. The same people, folds, features and baselines; only what is called a slip

@@ -1,4 +1,4 @@
-"""`python -m holdfast.studies.thesis_preliminary --out DIR` leaves preliminary.json and report.html.
+"""`python -m holdfast.studies.thesis_preliminary --out DIR`: preliminary.json and report.html.
 
 DIR/scene (or --scene) is what `holdfast simulate twenty-sensors --out DIR/scene` wrote; the
 recordings of people are the public set human_slip_uskin, all 48 channels.

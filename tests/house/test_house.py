@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from rooms import HOUSE, MAY_IMPORT, ROOT, imports_by_file, imports_of
+from rooms import HOUSE, MAY_IMPORT, ROOT, imports_by_file, imports_of, room_of
 
 from holdfast.edge_runtime import errors
 
@@ -87,7 +88,7 @@ def late():
     from holdfast.export import graph
     import importlib
     importlib.import_module("holdfast.simulation.scene")
-    __import__("drivers")
+    __import__("holdfast.drivers")
     from . import neighbour
 """
     expected = {"training", "export", "simulation", "drivers", "importlib", "edge_runtime"}
@@ -98,26 +99,28 @@ def test_edge_runtime_and_all_its_modules_load_nothing_that_is_not_on_the_hand()
     program = """
 import importlib, json, pkgutil, sys
 from holdfast import edge_runtime
-for m in pkgutil.walk_packages(edge_runtime.__path__, "edge_runtime."):
+for m in pkgutil.walk_packages(edge_runtime.__path__, "holdfast.edge_runtime."):
     if not m.name.endswith("__main__"):
         importlib.import_module(m.name)
-print(json.dumps(sorted({name.split(".")[0] for name in sys.modules})))
+print(json.dumps(sorted(sys.modules)))
 """
     if not (ROOT / "edge_runtime").is_dir():
         pytest.skip("edge_runtime is not built yet")
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    loaded = set(re.findall(r'"(\w+)"', done.stdout))
+    loaded = {room_of(name) for name in json.loads(done.stdout)}
     assert "edge_runtime" in loaded
     assert loaded & (NOT_ON_THE_HAND | (set(MAY_IMPORT) - {"edge_runtime"})) == set()
 
 
 def test_the_c_export_needs_no_package_but_those_of_the_live_path():
-    program = "import json, sys, export.c.exporting; print(json.dumps(sorted(sys.modules)))"
+    program = (
+        "import json, sys, holdfast.export.c.exporting; print(json.dumps(sorted(sys.modules)))"
+    )
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = {name.split(".")[0] for name in re.findall(r'"([\w.]+)"', done.stdout)}
+    loaded = {room_of(name) for name in json.loads(done.stdout)}
     assert "export" in loaded
     assert loaded & (NOT_ON_THE_HAND | {"skl2onnx", "skops"}) == set()
 
@@ -249,13 +252,10 @@ def test_nothing_that_opens_a_model_leaves_telemetry_behind(
         for key, value in os.environ.items()
         if key not in ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
     }
-    for first in (
-        "holdfast.edge_runtime.monitor",
-        "holdfast.benchmarks.calls",
-        "holdfast.export.builder",
-    ):
-        load = f"from edge_runtime.monitor import Model; Model({str(eight_classes.model)!r})"
-        code = f"import {first}; {load}"
+    for first in ("edge_runtime.monitor", "benchmarks.calls", "export.builder"):
+        model = repr(str(eight_classes.model))
+        load = f"from holdfast.edge_runtime.monitor import Model; Model({model})"
+        code = f"import holdfast.{first}; {load}"
         subprocess.run(
             [sys.executable, "-c", code], check=True, cwd=ROOT, env={**clean, "HOME": str(home)}
         )

@@ -47,7 +47,7 @@ def nodes_of(path: Path) -> tuple[ast.AST, ...]:
 
 
 def imports_of(source: str, room: str) -> set[str]:
-    """Top-level names imported anywhere in the source, in functions too."""
+    """Rooms and other packages imported anywhere in the source, in functions too."""
     return imports_in(ast.walk(ast.parse(source)), room)
 
 
@@ -57,11 +57,20 @@ def imports_in(nodes: Iterable[ast.AST], room: str) -> set[str]:
     for node in nodes:
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module == "holdfast":
+            names.update(f"holdfast.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             names.add(room if node.level else node.module or "")
         else:
             names.update(calls_by_name(node))
-    return {name.split(".")[0] for name in names}
+    return {room_of(name) for name in names}
+
+
+def room_of(module: str) -> str:
+    """The room, or the package, that a module is in: holdfast.export.seal is in export."""
+    first, _, rest = module.partition(".")
+    inner = rest.split(".")[0]
+    return inner if first == "holdfast" and inner in MAY_IMPORT else first
 
 
 def imports_by_file(room: str) -> dict[str, set[str]]:
