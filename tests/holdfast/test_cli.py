@@ -65,7 +65,9 @@ def loaded_by(*words: str) -> tuple[str, set[str]]:
     )
     command = [sys.executable, "-c", program, *words]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stdout, {name.split(".")[0] for name in json.loads(done.stderr)}
+    return done.stdout, {
+        name.removeprefix("holdfast.").split(".")[0] for name in json.loads(done.stderr)
+    }
 
 
 OFTEN = (

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from hard_marks import GAPS
+from rooms import MAY_IMPORT
 
 from holdfast.cli import main
 from holdfast.drivers.replay import open_replay
@@ -234,8 +235,9 @@ def live_path(folder: Path) -> dict[str, str]:
     """An environment with numpy and onnxruntime and nothing else, and the three rooms a hand
     has."""
     packages = Path(sysconfig.get_paths()["platlib"])
-    for room in ("edge_runtime", "drivers", "holdfast"):
-        shutil.copytree(ROOT / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
+    others = set(MAY_IMPORT) - {"edge_runtime", "drivers"}
+    left_out = shutil.ignore_patterns("__pycache__", *others)
+    shutil.copytree(ROOT / "holdfast", folder / "holdfast", ignore=left_out)
     for package in ("numpy", "numpy.libs", "onnxruntime"):
         if (packages / package).exists():
             (folder / package).symlink_to(packages / package)

@@ -16,6 +16,7 @@ import pytest
 from grip_bench import TtyReceiver, UdpReceiver, wait_for_the_end_of
 from hazard_marks import DEAD_LOG, LOST_SENSOR, NO_GRIP_COMMAND, RUN_DIES
 from live_bench import DEFAULT, ROOT, RUN
+from rooms import room_of
 
 from holdfast.drivers.virtual.clock import VirtualClock
 from holdfast.edge_runtime.errors import ChannelError, UsageError
@@ -276,9 +277,9 @@ def test_the_help_names_every_controller():
 
 
 def test_a_run_that_moves_a_real_hand_loads_no_simulation():
-    code = "import sys, holdfast.live_grip; print(*{name.split('.')[0] for name in sys.modules})"
+    code = "import sys, holdfast.live_grip; print(*sys.modules)"
     done = subprocess.run([RUN[0], "-c", code], cwd=ROOT, capture_output=True, text=True)
-    loaded = set(done.stdout.split())
+    loaded = {room_of(name) for name in done.stdout.split()}
     assert "edge_runtime" in loaded
     assert loaded & {"simulation", "training", "export", "evaluation", "scipy", "sklearn"} == set()
 

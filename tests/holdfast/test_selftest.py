@@ -49,7 +49,7 @@ ALONE = """
 import sys
 from holdfast.cli import main
 code = main(["selftest", *sys.argv[1:]])
-print(*sorted({name.split(".")[0] for name in sys.modules}))
+print(*sorted({name.removeprefix("holdfast.").split(".")[0] for name in sys.modules}))
 sys.exit(code)
 """
 FEWER_STEPS = 3000

@@ -109,7 +109,7 @@ print(json.dumps(sorted(sys.modules)))
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    loaded = {room_of(name) for name in json.loads(done.stdout)}
+    loaded = {room_of(name) for name in json.loads(done.stdout) if name != "holdfast"}
     assert "edge_runtime" in loaded
     assert loaded & (NOT_ON_THE_HAND | (set(MAY_IMPORT) - {"edge_runtime"})) == set()
 
