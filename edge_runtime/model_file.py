@@ -15,6 +15,7 @@ from holdfast.edge_runtime.decision import LIMITS, DecisionRules
 from holdfast.edge_runtime.errors import BrokenSeal, DataNotFound, NotAModel, RuntimeRefused
 from holdfast.edge_runtime.preparation import Preparation, preparation_from_json
 from holdfast.edge_runtime.reading import Json, json_of, require_file
+from holdfast.edge_runtime.shipped_models import model_path, shipped
 
 SEAL_KEY = "holdfast.sha256"
 CARD_KEY = "holdfast.card"
@@ -69,8 +70,11 @@ class ModelCard:
 
 
 def read_sealed(path: str | Path) -> bytes:
-    """The bytes of a model file whose seal holds; NotAModel or BrokenSeal otherwise."""
-    path = Path(path)
+    """The bytes of a model file whose seal holds; NotAModel or BrokenSeal otherwise.
+
+    path: a file, or the name of a shipped model.
+    """
+    path = model_path(path)
     data = _file_bytes(path)
     start = _seal_at(data)
     if start < 0:
@@ -100,7 +104,9 @@ def _file_bytes(path: Path) -> bytes:
             data = file.read(min(size, MOST_BYTES))
     except FileNotFoundError:
         raise DataNotFound(
-            "no such model file", where=path, next_step="export one: holdfast export DIR"
+            "no such model file",
+            where=path,
+            next_step=f"export one (holdfast export DIR), or name one of {', '.join(shipped())}",
         ) from None
     except OSError as error:
         raise NotAModel(

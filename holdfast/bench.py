@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from holdfast.edge_runtime.command import path_argument
 from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.shipped_models import model_path
 from holdfast.evaluation.job_options import CORES, add_job_options, chosen_workers
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from holdfast.evaluation.jobs import Workers
 
-MODEL = Path(__file__).resolve().parent.parent / "models" / "holdfast-150hz.onnx"
+MODEL = model_path("holdfast-150hz")
 LIVE_HZ, LIVE_S = (150.0, 400.0), 60.0
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime", "skl2onnx")
 SEED = 0

@@ -17,7 +17,7 @@ from holdfast.simulate import trial_count
 if TYPE_CHECKING:
     from holdfast.evaluation.loop_scores import LoopFigures
 
-MODEL = Path("models/holdfast-150hz.onnx")
+MODEL = Path("holdfast-150hz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

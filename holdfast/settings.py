@@ -3,7 +3,7 @@
     source = "usb://ft232h"
     calibration = "hand.calibration.json"
     bias = "hand.bias.json"
-    model = "models/holdfast-150hz.onnx"
+    model = "holdfast-150hz"          # a shipped one, or a file
 
     [sinks]                           # of holdfast run
     udp = "127.0.0.1:9000"
@@ -22,6 +22,7 @@ from typing import Any
 from holdfast.edge_runtime.card_file import CardReader, read_toml
 from holdfast.edge_runtime.command import Parser, path_argument
 from holdfast.edge_runtime.errors import CardError, DataNotFound
+from holdfast.edge_runtime.shipped_models import shipped
 
 DEFAULT = Path("holdfast.toml")
 HAND = ("source", "calibration", "bias", "model")
@@ -83,7 +84,8 @@ def _value(path: Path, name: str, value: object) -> str:
             where=path,
             next_step=f'write it as on the command line, in quotes: {name} = ".."',
         )
-    return str(path.parent / value) if name in FILES else value
+    beside = name in FILES and not (name == "model" and value in shipped())
+    return str(path.parent / value) if beside else value
 
 
 def add_config_option(parser: argparse.ArgumentParser) -> None:

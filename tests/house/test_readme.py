@@ -53,5 +53,5 @@ def test_the_five_lines_of_the_readme_answer_every_sample(eight_classes: Built) 
     assert code is not None
     trial = next(eight_classes.fixture.glob("*/pull/trial_1.csv"))
     names: dict[str, Any] = {"source": open_replay(trial)}
-    exec(code[1].replace("models/holdfast-150hz.onnx", str(eight_classes.model)), names)
+    exec(code[1].replace("holdfast-150hz", str(eight_classes.model)), names)
     assert names["answer"].sequence == len(open_replay(trial).values) - 1
