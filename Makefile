@@ -8,6 +8,7 @@ LOCKS  := requirements/live.lock requirements/dev.lock requirements/build.lock
 DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 PEERS  := .venv-peers
 LEROBOT := .venv-lerobot
+DIST   := .venv-dist
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
@@ -40,7 +41,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot dist lint lock clean docs hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -180,9 +181,14 @@ lint: setup  ## ruff and mypy
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
-clean:  ## remove .venv, .venv-peers, .venv-lerobot, .tools, build and caches
-	rm -rf .venv $(PEERS) $(LEROBOT) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+clean:  ## remove every .venv, .tools, build and caches
+	rm -rf .venv $(PEERS) $(LEROBOT) $(DIST) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
+	rm -rf dist
+	$(BIN)/python -m hatchling build -d dist
+	$(DIST)/bin/twine check --strict dist/*
 
 # pip is used once, to fetch uv: `--target` works where Debian marks its Python as externally managed.
 .tools/.stamp: tools/uv.txt
@@ -218,4 +224,9 @@ $(PEERS)/.stamp: .tools/.stamp $(LOCKS) requirements/peers.lock
 $(LEROBOT)/.stamp: .tools/.stamp requirements/lerobot.lock
 	@test -x $(LEROBOT)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(LEROBOT)
 	$(UV) pip sync --quiet --python $(LEROBOT)/bin/python --require-hashes requirements/lerobot.lock
+	@touch $@
+
+$(DIST)/.stamp: .tools/.stamp requirements/dist.lock
+	@test -x $(DIST)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DIST)
+	$(UV) pip sync --quiet --python $(DIST)/bin/python --only-binary :all: --require-hashes requirements/dist.lock
 	@touch $@

@@ -31,7 +31,7 @@ EXTRAS = {
     "xdf": ("pyxdf",),
 }
 RULES = "holdfast board udev | sudo tee /etc/udev/rules.d/70-holdfast.rules"
-Status = Literal["ok", "missing", "not built", "broken"]
+Status = Literal["ok", "missing", "broken"]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def examine() -> list[Finding]:
         ("packages", _packages),
         ("onnxruntime", _runtime),
         ("data sets", _data_sets),
-        ("model", _default_model),
+        ("model", _models),
         ("settings", _settings),
         ("libusb", _libusb),
         ("bridges", _bridges),
@@ -84,7 +84,7 @@ def _safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
     try:
         return check()
     except ModuleNotFoundError as error:
-        step = "only the live path is installed: get the whole repository"
+        step = "only the live path is installed: pip install 'holdfast[train]'"
         return [Finding(name, "missing", f"needs {error.name}", step)]
     except Exception as error:  # doctor must report, whatever fails
         return [Finding(name, "broken", f"{type(error).__name__}: {error}", "report this line")]
@@ -136,19 +136,21 @@ def _data_sets() -> list[Finding]:
     ]
 
 
-def _default_model() -> list[Finding]:
+def _models() -> list[Finding]:
+    """The shipped models, and the one that `holdfast export` without options wrote here."""
     from holdfast.edge_runtime.errors import HoldfastError
     from holdfast.edge_runtime.monitor import Model
+    from holdfast.edge_runtime.shipped_models import shipped
 
-    path = Path("build/default/holdfast.onnx")
-    if not path.exists():
-        step = "use models/holdfast-150hz.onnx, or build it: holdfast train && holdfast export"
-        return [Finding("model", "not built", f"no {path}", step)]
-    try:
-        model_id = Model(path).card.model_id
-    except HoldfastError as error:
-        return [Finding("model", "broken", str(error), error.next_step)]
-    return [Finding("model", "ok", f"{path}, id {model_id}, golden sequences reproduced")]
+    built = Path("build/default/holdfast.onnx")
+    findings = []
+    for word in [*shipped(), *([str(built)] if built.exists() else [])]:
+        try:
+            found = f"id {Model(word).card.model_id}, golden sequences reproduced"
+            findings.append(Finding(f"model {word}", "ok", found))
+        except HoldfastError as error:
+            findings.append(Finding(f"model {word}", "broken", str(error), error.next_step))
+    return findings
 
 
 def _settings() -> list[Finding]:
