@@ -1,7 +1,7 @@
 """Whether the live page delays the loop: `holdfast run --web` beside browsers that stall and read.
 
-`python -m holdfast.benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after another,
-in turns. A stalled browser asks for the events and never reads; its buffers are small, so the
+`python -m holdfast.benchmarks.live_page OUT.json`. Runs on the virtual hand in real time, one after
+another. A stalled browser asks for the events and never reads; its buffers are small, so the
 server's are soon full. Where the server disconnects it, it comes back at once. Counts and latencies
 are those of the run's own summary: times on this machine, of simulated samples.
 """

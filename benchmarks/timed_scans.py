@@ -1,7 +1,7 @@
 """Scans that an FT232H times itself, beside the scan of today, while the host stalls: virtual.
 
-`python -m holdfast.benchmarks.timed_scans OUT.json`. The real drivers on an emulated FT232H and a virtual
-clock; the host's stalls are drawn at random, the same for every row of a mean.
+`python -m holdfast.benchmarks.timed_scans OUT.json`. The real drivers on an emulated FT232H and a
+virtual clock; the host's stalls are drawn at random, the same for every row of a mean.
 """
 
 from __future__ import annotations

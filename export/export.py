@@ -15,10 +15,12 @@ if not __package__:
     sys.path[0] = str(Path(__file__).resolve().parent.parent)
 
 import argparse
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from holdfast.edge_runtime.command import path_argument, run_script, show
+from holdfast.edge_runtime.command import path_argument, run_script
 from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.json_option import add_json_option, require_json_writable, show_found
 from holdfast.edge_runtime.visible import visible
 
 if TYPE_CHECKING:
@@ -37,10 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--out", type=path_argument, metavar="FILE", help=out)
     option("--force", action="store_true", help="replace FILE if it exists")
     option("--build", action="store_true", help="with --to c: compile libholdfast.so too")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Export; prints what was verified."""
+    require_json_writable(args)
     sys.stderr.write(f"exporting {visible(str(args.artifact))}\n")
     if args.to == "c":
         return _export_c(args)
@@ -50,11 +54,13 @@ def run(args: argparse.Namespace) -> int:
 
     require_replaceable(args.artifact, args.out or args.artifact / MODEL_NAME, force=args.force)
     path, report = export_artifact(args.artifact, args.out, say=_say_stage)
-    for name, head in report.heads.items():
-        show(f"{name}: {_agreement(head)}")
     rows, samples = report.single_rows, report.stream_samples
-    print(f"one at a time equals a batch, bit for bit: {rows} rows and {samples} samples")
-    show(f"model: {path} ({report.bytes / 1e6:.1f} MB)")
+    words = [
+        *(f"{name}: {_agreement(head)}" for name, head in report.heads.items()),
+        f"one at a time equals a batch, bit for bit: {rows} rows and {samples} samples",
+        f"model: {path} ({report.bytes / 1e6:.1f} MB)",
+    ]
+    show_found(args, "\n".join(words), {"model": path, **asdict(report)})
     return 0
 
 
@@ -67,13 +73,22 @@ def _export_c(args: argparse.Namespace) -> int:
     folder = args.out or default_folder(model)
     done = export_c(model, folder, build=args.build, force=args.force)
     source = done.source
-    print(
+    files = [*source.files, *([LIBRARY] if args.build else [])]
+    words = [
         f"state {source.state_bytes} bytes, tables {source.table_bytes} bytes, "
-        f"stack of a step about {source.stack_bytes} bytes"
-    )
-    for line in done.selftest:
-        print(line)
-    show(f"C: {folder} ({', '.join([*source.files, *([LIBRARY] if args.build else [])])})")
+        f"stack of a step about {source.stack_bytes} bytes",
+        *done.selftest,
+        f"C: {folder} ({', '.join(files)})",
+    ]
+    found = {
+        "folder": folder,
+        "files": files,
+        "state_bytes": source.state_bytes,
+        "table_bytes": source.table_bytes,
+        "stack_bytes": source.stack_bytes,
+        "selftest": list(done.selftest),
+    }
+    show_found(args, "\n".join(words), found)
     return 0
 
 

@@ -11,11 +11,13 @@ says what is fitted, and on what.
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holdfast.edge_runtime.command import path_argument, show
+from holdfast.edge_runtime.command import path_argument
 from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.json_option import add_json_option, require_json_writable, show_found
 from holdfast.edge_runtime.writing import require_writable, write_whole
 
 if TYPE_CHECKING:
@@ -41,12 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--out", type=path_argument, required=True, metavar="FILE", help=out)
     option("--undo", action="store_true", help="write the base of an adapted file, byte for byte")
     option("--force", action="store_true", help="replace FILE if it exists")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Adapt, or undo; prints what was chosen and verified."""
     _require_options(args)
     require_writable(args.out.parent)
+    require_json_writable(args)
     return _undo(args) if args.undo else _adapt(args)
 
 
@@ -83,7 +87,8 @@ def _undo(args: argparse.Namespace) -> int:
 
     base = undone(read_sealed(args.model), args.model)
     _write(args.out, base)
-    show(f"base: {args.out}, as it was before it was adapted")
+    words = f"base: {args.out}, as it was before it was adapted"
+    show_found(args, words, {"base": args.out})
     return 0
 
 
@@ -95,7 +100,7 @@ def _adapt(args: argparse.Namespace) -> int:
         fitted, verified = _adapted(args, say)
     reached, person = fitted.point.reached, fitted.adaptation.about["person"]
     rules = fitted.point.rules
-    show(
+    words = (
         f"based on {person['hand_overs']} hand-overs and {person['holding_s']:.0f} s of holding\n"
         f"an act needs {rules.min_risky_permille} of 1000 votes, {rules.act_samples} in a row\n"
         f"trials held out: {reached.called} of {reached.hand_overs} hand-overs called, recall "
@@ -104,6 +109,14 @@ def _adapt(args: argparse.Namespace) -> int:
         f"{verified.changed} labels differ from the base\n"
         f"model: {args.out}; back: holdfast adapt {args.out} --undo --out BASE.onnx"
     )
+    found = {
+        "model": args.out,
+        "person": person,
+        "rules": rules.to_json(),
+        "held_out": asdict(reached),
+        "verified": asdict(verified),
+    }
+    show_found(args, words, found)
     return 0
 
 

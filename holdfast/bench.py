@@ -12,6 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.edge_runtime.command import path_argument
+from holdfast.edge_runtime.json_option import (
+    STDOUT,
+    add_json_option,
+    require_json_writable,
+    write_found,
+)
 from holdfast.edge_runtime.reading import Json
 from holdfast.edge_runtime.shipped_models import model_path
 from holdfast.evaluation.job_options import CORES, add_job_options, chosen_workers
@@ -55,32 +61,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     out = "folder for the results (default build/bench); cost continues there where it stopped"
     option("--out", type=path_argument, default=default, metavar="DIR", help=out)
     add_job_options(parser, CORES)
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write WHAT.json and WHAT.svg, print the tables."""
-    from holdfast.edge_runtime.writing import require_writable, write_whole
+    from holdfast.edge_runtime.writing import require_writable
     from holdfast.training.progress import stages
 
     require_writable(args.out)
+    require_json_writable(args)
     request = BenchRequest(args.out, chosen_workers(args))
     chosen = list(MEASURES) if args.what == "all" else [args.what]
+    found: dict[str, Json] = {}
     with stages(len(chosen)) as begin:
         for what in chosen:
             begin(f"{what}: {MEASURES[what].about}")
-            from holdfast.benchmarks.pictures import PICTURES
+            found[what] = MEASURES[what].measure(request)
+            written = _written(args.out, what, found[what])
+            if args.json != STDOUT:
+                _print_tables(what, found[what])
+                print("\n".join(written))
+    write_found(args, found)
+    return int(args.check and any(one.get("broken") for one in found.values()))
 
-            figures = MEASURES[what].measure(request)
-            text = json.dumps(figures | _host(what), indent=2) + "\n"
-            path = write_whole(args.out / f"{what}.json", text)
-            picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
-            _print_tables(what, figures)
-            print(f"{path}\n{picture}")
-            for line in figures.get("broken", []):
-                print(f"over budget: {line}")
-            if args.check and figures.get("broken"):
-                return 1
-    return 0
+
+def _written(out: Path, what: str, figures: Json) -> list[str]:
+    """Write WHAT.json and WHAT.svg; returns their names, and what is over a budget."""
+    from holdfast.benchmarks.pictures import PICTURES
+    from holdfast.edge_runtime.writing import write_whole
+
+    text = json.dumps(figures | _host(what), indent=2) + "\n"
+    path = write_whole(out / f"{what}.json", text)
+    picture = write_whole(path.with_suffix(".svg"), PICTURES[what](figures))
+    return [f"{path}", f"{picture}", *(f"over budget: {one}" for one in figures.get("broken", []))]
 
 
 def _print_tables(what: str, figures: Json) -> None:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import argparse
 
-from holdfast.edge_runtime.command import path_argument, positive, show
+from holdfast.edge_runtime.command import path_argument, positive
+from holdfast.edge_runtime.json_option import add_json_option, require_json_writable, show_found
 from holdfast.live_options import add_live_options, force_of
 
 
@@ -19,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     duration = "duration of the measurement (default 2)"
     option("--seconds", type=positive, default=2.0, metavar="S", help=duration)
     option("--anyway", action="store_true", help="write it even if it is not good")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.real_time import RunClock
 
     require_writable(args.out.parent)
+    require_json_writable(args)
     clock = RunClock()
     say(f"opening {args.source}")
     source = open_live(args.source, clock=clock, say=say, to_force=force_of(args.calibration))
@@ -42,6 +45,9 @@ def run(args: argparse.Namespace) -> int:
         require_good(measured, "nothing is written")
     bias = measured.bias
     write_bias(args.out, bias)
-    show(f"{bias.n} rows, spread at most {bias.spread.max():.3g} {bias.unit}")
-    show(f"bias written to {args.out}; next: holdfast run MODEL --source URL --bias {args.out}")
+    spread = float(bias.spread.max())
+    next_step = f"next: holdfast run MODEL --source URL --bias {args.out}"
+    words = f"{bias.n} rows, spread at most {spread:.3g} {bias.unit}\nbias written to {args.out}"
+    found = {"out": args.out, "rows": bias.n, "largest_spread": spread, "unit": bias.unit}
+    show_found(args, f"{words}; {next_step}", found)
     return 0

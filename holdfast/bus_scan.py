@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 from holdfast.drivers.bus import Bus, Transfer
 from holdfast.drivers.layout import masks_of, muxes_of, read_layout
 from holdfast.drivers.mux import enable_channels
-from holdfast.drivers.scanning import as_layout, look_at
+from holdfast.drivers.scanning import BusDevice, as_layout, look_at
 from holdfast.drivers.tmag5273 import PACKET_BYTES, RESULTS
-from holdfast.edge_runtime.command import show
 from holdfast.live_sources import named_addresses, open_bus
 from holdfast.real_time import RunClock
 
@@ -21,36 +19,63 @@ SPARE = 0.8
 """Largest share of a period that a scan may take: the rest is for the model and for delays."""
 
 
-def scan(url: str) -> None:
-    """Print what is on one bus. Raises a DeviceError."""
+@dataclass(frozen=True)
+class ScannedBus:
+    """What is on one bus. layout: of its sensors, None without one.
+
+    scan_s: median time of a scan of all sensors. model_hz: the fastest model that this serves, None
+    where it serves none.
+    """
+
+    url: str
+    devices: list[BusDevice]
+    layout: str | None = None
+    scan_s: float | None = None
+    model_hz: float | None = None
+
+
+def scan(url: str) -> ScannedBus:
+    """Look at one bus, and time its sensors. Raises a DeviceError."""
     clock = RunClock()
     bus = open_bus(url, clock)
     try:
-        show(url)
         devices = look_at(bus, lambda s: clock.spend(round(1e9 * s)), named_addresses(url))
-        _show_devices(devices)
-        if layout := as_layout(devices):
-            n_sensors = len(layout.split(","))
-            print(f"  {n_sensors} sensors: layout={layout} (put them in the order of the fingers)")
-            print(f"  {rate_line(bus, layout)}")
-        else:
-            print("  no sensor: power, SDA and SCL swapped, or pull-ups missing?")
+        layout = as_layout(devices)
+        if not layout:
+            return ScannedBus(url, devices)
+        scan_s = median_scan_s(bus, layout)
     finally:
         bus.close()
+    served = next((rate for rate in MODEL_RATES_HZ if scan_s * rate < SPARE), None)
+    return ScannedBus(url, devices, layout, scan_s, served)
 
 
-def _show_devices(devices: Sequence[Any]) -> None:
-    """A line for each device: mux and channel, address, what it is, what is wrong with it."""
-    several = sum(one.kind == "mux" for one in devices) > 1
-    for one in devices:
+def in_words(of: ScannedBus) -> list[str]:
+    """A line for each device (where, what it is, what is wrong), then the rate."""
+    several = sum(one.kind == "mux" for one in of.devices) > 1
+    lines = [of.url]
+    for one in of.devices:
         behind = "" if one.channel is None else f"channel {one.channel}, "
         mux = f"mux {one.mux:#04x}, " if behind and several else ""
         place = f"{mux}{behind}{one.address:#04x}"
-        show(f"  {place:<{30 if several else 18}}{one.what:<28}{one.trouble}".rstrip())
+        lines.append(f"  {place:<{30 if several else 18}}{one.what:<28}{one.trouble}".rstrip())
+    if of.layout is None or of.scan_s is None:
+        return [*lines, "  no sensor: power, SDA and SCL swapped, or pull-ups missing?"]
+    count = len(of.layout.split(","))
+    order = "put them in the order of the fingers"
+    return [*lines, f"  {count} sensors: layout={of.layout} ({order})", f"  {_rate(of.scan_s, of)}"]
 
 
-def rate_line(bus: Bus, layout: str) -> str:
-    """The time of one scan of these sensors, and the fastest model that it is enough for."""
+def _rate(scan_s: float, of: ScannedBus) -> str:
+    """The time of one scan, and the fastest model that it is enough for."""
+    words = f"a scan takes {1e3 * scan_s:.2f} ms ({1.0 / scan_s:.0f} Hz)"
+    if of.model_hz is None:
+        return f"{words}: serves no model, {MODEL_RATES_HZ[-1]:g} Hz needs another bridge"
+    return f"{words}: serves a model of {of.model_hz:g} Hz"
+
+
+def median_scan_s(bus: Bus, layout: str) -> float:
+    """The time of one scan of these sensors."""
     transfers, behind = [], frozenset[tuple[int, int]]()
     fingers = read_layout(layout)
     for finger in fingers:
@@ -66,9 +91,4 @@ def rate_line(bus: Bus, layout: str) -> str:
         started = time.perf_counter()
         bus.scan(transfers)
         times.append(time.perf_counter() - started)
-    scan_s = sorted(times)[len(times) // 2]
-    served = next((rate for rate in MODEL_RATES_HZ if scan_s * rate < SPARE), None)
-    scan = f"a scan takes {1e3 * scan_s:.2f} ms ({1.0 / scan_s:.0f} Hz)"
-    if served is None:
-        return f"{scan}: serves no model, {MODEL_RATES_HZ[-1]:g} Hz needs another bridge"
-    return f"{scan}: serves a model of {served:g} Hz"
+    return sorted(times)[len(times) // 2]

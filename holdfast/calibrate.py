@@ -8,12 +8,12 @@ shear_force/, with one folder a probing). The errors that it prints are on probi
 from __future__ import annotations
 
 import argparse
-import json
 from datetime import date
 from pathlib import Path
 
-from holdfast.edge_runtime.command import path_argument, seed, show
-from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.edge_runtime.command import path_argument, seed
+from holdfast.edge_runtime.json_option import add_json_option, require_json_writable, show_found
+from holdfast.edge_runtime.writing import require_writable
 
 STAGES = 5
 """Reading, then a linear map and trees for the normal and for the shear probings."""
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     layout = "a CSV file Time,X1..Zn,Fx,Fy,Fz, or a folder like eflesh_calibration"
     option("path", type=path_argument, metavar="PATH", help=layout)
     option("--out", type=path_argument, required=True, metavar="FILE", help="calibration to write")
-    option("--json", type=path_argument, metavar="FILE", help="write the errors as JSON here")
+    add_json_option(parser)
     today = date.today().isoformat()
     option("--date", default=today, metavar="DAY", help="day of the loads (default today)")
     trees = "seed of the trees that it is compared with (default 0)"
@@ -39,8 +39,8 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.drivers.calibration_file import write_calibration
     from holdfast.training.progress import stages
 
-    for target in filter(None, (args.out, args.json)):
-        require_writable(target.parent)
+    require_writable(args.out.parent)
+    require_json_writable(args)
     figures, lines = [], []
     with stages(STAGES) as begin:
         begin(f"reading {args.path}")
@@ -50,9 +50,7 @@ def run(args: argparse.Namespace) -> int:
             write_calibration(target, calibration)
             figures.append(as_json(study, judged, args.seed))
             lines += [*in_words(study, judged, calibration), f"  written: {target}", ""]
-    show("\n".join(lines))
-    if args.json:
-        write_whole(args.json, json.dumps({"studies": figures}, indent=1, allow_nan=False) + "\n")
+    show_found(args, "\n".join(lines), {"studies": figures})
     return 0
 
 

@@ -7,7 +7,6 @@ folder, else 3.
 from __future__ import annotations
 
 import argparse
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from holdfast.edge_runtime.command import show
 from holdfast.edge_runtime.errors import DataError
+from holdfast.edge_runtime.json_option import add_json_option, show_found
 
 if TYPE_CHECKING:
     from holdfast.training.folder_report import Cell, FolderReport, Missing
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     option = parser.add_argument
     option("folder", metavar="FOLDER|SET", help="a folder of recordings, or a public set by name")
-    option("--json", action="store_true", help="print one JSON object instead of tables")
+    add_json_option(parser)
     example = "write the files of docs/your-data.md into FOLDER, which must be new, and stop"
     option("--example", action="store_true", help=example)
 
@@ -47,10 +47,7 @@ def run(args: argparse.Namespace) -> int:
     with stages(1) as say:
         say(f"reading {args.folder}")
         report = examine(find(args.folder), say.part)
-    if args.json:
-        print(json.dumps(report.to_json(), indent=1))
-    else:
-        show("\n".join(in_words(report)))
+    show_found(args, "\n".join(in_words(report)), report.to_json())
     return 0 if report.readable else DataError.exit_code
 
 

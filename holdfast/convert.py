@@ -11,9 +11,10 @@ import argparse
 from importlib import import_module
 from typing import Any
 
-from holdfast.edge_runtime.command import path_argument, show
+from holdfast.edge_runtime.command import path_argument
 from holdfast.edge_runtime.contract import UNITS
 from holdfast.edge_runtime.errors import OutputError, UsageError
+from holdfast.edge_runtime.json_option import add_json_option, show_found
 
 WRITERS = {
     "parquet": "holdfast.interop.tables",
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--only", default="*", metavar="GLOB", help="trials whose names match, such as 'p01/*'")
     raw = "values as recorded, not without bias"
     option("--raw", action="store_true", help=raw)
+    add_json_option(parser)
     xdf = parser.add_argument_group("an XDF file into trials").add_argument
     xdf("--person", metavar="PSEUDONYM", help="letters, digits, dashes; never a real name")
     xdf("--object", metavar="NAME", help="without markers that begin trials: the object")
@@ -62,7 +64,8 @@ def _to_format(args: argparse.Namespace) -> int:
     with whole_folder(args.out) as folder:
         writer.write_trials(trials, folder)
     rows = sum(len(trial.t_s) for trial in trials)
-    show(f"{args.out}: {len(trials)} trials, {rows} samples")
+    words = f"{args.out}: {len(trials)} trials, {rows} samples"
+    show_found(args, words, {"out": args.out, "trials": len(trials), "samples": rows})
     return 0
 
 
@@ -77,7 +80,7 @@ def _from_xdf(args: argparse.Namespace) -> int:
     named = f"{args.object}/{args.action}" if args.object and args.action else args.action
     stream, markers = read_xdf(args.source, args.stream, args.unit)
     found = cuts(markers, named, args.source)
-    for path in write_trials(stream, markers, found, person):
-        show(f"{path}")
-    show(f"next: holdfast check {args.out}")
+    written = [str(path) for path in write_trials(stream, markers, found, person)]
+    words = "\n".join([*written, f"next: holdfast check {args.out}"])
+    show_found(args, words, {"out": args.out, "trials": written})
     return 0

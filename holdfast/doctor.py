@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
-import json
 import os
 import platform
 import sys
@@ -14,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.json_option import add_json_option, show_found
 
 EXTRAS = {
     "live path": ("numpy", "onnxruntime", "pyusb", "libusb-package", "smbus2"),
@@ -46,18 +45,20 @@ class Finding:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
-    parser.add_argument("--json", action="store_true", help="one JSON object for each finding")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print every finding; always 0, because a missing thing is a result."""
-    for finding in examine():
-        if args.json:
-            print(json.dumps(asdict(finding)))
-        else:
-            step = f"  -> {finding.next_step}" if finding.next_step else ""
-            show(f"{finding.status:<11}{finding.what:<28}{finding.found}{step}")
+    findings = examine()
+    words = "\n".join(map(_in_words, findings))
+    show_found(args, words, {"findings": [asdict(one) for one in findings]})
     return 0
+
+
+def _in_words(one: Finding) -> str:
+    step = f"  -> {one.next_step}" if one.next_step else ""
+    return f"{one.status:<11}{one.what:<28}{one.found}{step}"
 
 
 def examine() -> list[Finding]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import TYPE_CHECKING
 
-from holdfast.edge_runtime.command import path_argument, positive, seed, show
+from holdfast.edge_runtime.command import path_argument, positive, seed
 from holdfast.edge_runtime.engine_options import add_engine_options, chosen_model
-from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.edge_runtime.json_option import add_json_option, require_json_writable, show_found
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import require_writable
 from holdfast.evaluation import MOST_FALSE_PER_MIN
 from holdfast.evaluation.job_options import add_job_options, chosen_workers
 
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--groups", type=int, metavar="K", help="use only K people (or blocks)")
     seeds = "seed of the intervals and of the choice of groups (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=seeds)
-    option("--json", type=path_argument, metavar="OUT", help="write the figures to this file")
+    add_json_option(parser)
     report = "write a report with pictures to this file (HTML)"
     option("--report", type=path_argument, metavar="OUT", help=report)
 
@@ -50,15 +51,15 @@ def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures in words, write them as JSON and as a report."""
     from holdfast.training.progress import stages
 
-    for out in (args.json, args.report):
-        if out is not None:
-            require_writable(out.parent)
+    require_json_writable(args)
+    if args.report is not None:
+        require_writable(args.report.parent)
     request = _request(args)
     extra = 1 + (args.real is not None) + (args.report is not None)
     with stages(request.n_stages() + extra) as say:
         say("loading the libraries and the model")
-        evaluation = _evaluated(args, request, say)
-    show("\n".join(in_words(evaluation)))
+        evaluation, figures = _evaluated(args, request, say)
+    show_found(args, "\n".join(in_words(evaluation)), figures)
     return 0
 
 
@@ -75,8 +76,10 @@ def _request(args: argparse.Namespace) -> EvaluationRequest:
     )
 
 
-def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages) -> Evaluation:
-    """The figures, once they are written where the options want them."""
+def _evaluated(
+    args: argparse.Namespace, request: EvaluationRequest, say: Stages
+) -> tuple[Evaluation, Json]:
+    """The evaluation and its figures, once the report is written."""
     from holdfast.evaluation.evaluate import evaluate_events
     from holdfast.evaluation.real_sets import real_figures
 
@@ -87,14 +90,12 @@ def _evaluated(args: argparse.Namespace, request: EvaluationRequest, say: Stages
         say("real recordings")
         real = real_figures(args.real, args.seed)
         figures["real"] = real.to_json()
-    if args.json is not None:
-        write_whole(args.json, json.dumps(figures, indent=1, allow_nan=False) + "\n")
     if args.report is not None:
         from holdfast.evaluation.report import write_event_report
 
         say("drawing the report")
         write_event_report(args.report, evaluation, real)
-    return evaluation
+    return evaluation, figures
 
 
 def in_words(of: Evaluation) -> list[str]:

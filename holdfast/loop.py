@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holdfast.edge_runtime.command import path_argument, positive, seed, show
+from holdfast.edge_runtime.command import path_argument, positive, seed
 from holdfast.edge_runtime.engine_options import add_engine_options, chosen_model
-from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.edge_runtime.json_option import add_json_option, require_json_writable, show_found
 from holdfast.evaluation.job_options import add_job_options, chosen_workers
 from holdfast.simulate import trial_count
 
@@ -35,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--trials", type=trial_count, metavar="N", help="trials a card (default: all)")
     option("--seed", type=seed, default=0, metavar="S", help="seed of every choice (default 0)")
     add_job_options(parser, 2)
-    option("--json", type=path_argument, metavar="OUT", help="write the figures to this file")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,11 +44,11 @@ def run(args: argparse.Namespace) -> int:
     _require_runnable(args)
     with counted(f"running {', '.join(args.cards)} in a closed loop (simulated)", 1) as done:
         sets = _figures(args, done)
+    words = []
     for card, rows in sets.items():
-        show(f"{card}, drive lag {args.lag_ms:g} ms, seed {args.seed} (simulated)")
-        show("\n".join(in_words(name, figures) for name, figures in rows.items()))
-    if args.json is not None:
-        write_whole(args.json, json.dumps(_json(args, sets), indent=1) + "\n")
+        words.append(f"{card}, drive lag {args.lag_ms:g} ms, seed {args.seed} (simulated)")
+        words += [in_words(name, figures) for name, figures in rows.items()]
+    show_found(args, "\n".join(words), _json(args, sets))
     return 0
 
 
@@ -58,8 +57,7 @@ def _require_runnable(args: argparse.Namespace) -> None:
     from holdfast.evaluation.loop_runs import CHOICES, require_runnable
     from holdfast.simulation.closed_loop.recording import model_of
 
-    if args.json is not None:
-        require_writable(args.json.parent)
+    require_json_writable(args)
     require_known(args.controller, CHOICES)
     model = model_of(chosen_model(args))
     for card in args.cards:

@@ -13,8 +13,9 @@ import argparse
 from dataclasses import replace
 
 from holdfast.camera_options import printed_mm
-from holdfast.edge_runtime.command import path_argument, positive, show
+from holdfast.edge_runtime.command import path_argument, positive
 from holdfast.edge_runtime.errors import UsageError
+from holdfast.edge_runtime.json_option import add_json_option, show_found
 from holdfast.onset_label import ACTIONS, write
 from holdfast.watched_trial import WatchedTrial, read
 
@@ -50,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="search until S seconds",
     )
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,7 +68,8 @@ def run(args: argparse.Namespace) -> int:
         moved=trial.moved.between(args.from_s + trial.starts_s, args.until_s + trial.starts_s),
     )
     require_above_shear(held, gross_mm)
-    show(str(write(trial, args.action, gross_mm, shear_known=bool(held))))
+    label = write(trial, args.action, gross_mm, shear_known=bool(held))
+    show_found(args, label.words, label.to_json())
     return 0
 
 

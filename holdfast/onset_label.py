@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast.edge_runtime.errors import LabelError, UsageError
+from holdfast.edge_runtime.reading import Json
 from holdfast.edge_runtime.trial_layout import (
     EVENTS,
     ONSET_SUFFIX,
@@ -85,8 +86,25 @@ class LabelBasis:
     frames_seen: int
 
 
-def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool) -> str:
-    """Find the slip and write its label beside the trial; returns a sentence about it."""
+@dataclass(frozen=True)
+class WrittenLabel:
+    """A label in its file, and a sentence about it."""
+
+    words: str
+    where: Path
+    intervals: list[CameraInterval]
+    basis: LabelBasis
+
+    def to_json(self) -> Json:
+        """With the intervals as phases."""
+        phases = [asdict(one) for one in self.intervals]
+        return {"written": str(self.where), "phases": phases, **asdict(self.basis)}
+
+
+def write(
+    trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_known: bool
+) -> WrittenLabel:
+    """Find the slip and write its label beside the trial."""
     from holdfast.drivers.camera.onset import Slip, find_slip
 
     try:
@@ -103,11 +121,13 @@ def write(trial: WatchedTrial, action: str | None, gross_mm: float, *, shear_kno
     how = _how(trial, gross_mm, gap, shear_known=shear_known)
     where = write_labels(trial.path, intervals, how)
     if intervals:
-        return _sentence(intervals[0], where)
-    if gap:
+        words = _sentence(intervals[0], where)
+    elif gap:
         span = f"{gap['from_s']:.3f} to {gap['to_s']:.3f} s"
-        return f"no onset: a tag was hidden from {span} while the object moved; {where}"
-    return f"no onset: the object moved by less than {gross_mm:.2f} mm; {where}"
+        words = f"no onset: a tag was hidden from {span} while the object moved; {where}"
+    else:
+        words = f"no onset: the object moved by less than {gross_mm:.2f} mm; {where}"
+    return WrittenLabel(words, where, intervals, how)
 
 
 def _how(

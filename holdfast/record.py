@@ -18,6 +18,7 @@ from contextlib import ExitStack
 
 from holdfast.camera_options import add_camera_options
 from holdfast.edge_runtime.command import path_argument, positive, seed
+from holdfast.edge_runtime.json_option import add_json_option
 from holdfast.intent_options import add_intent_option
 from holdfast.live_options import add_live_options, add_web_option
 from holdfast.recorder.card import ACTIONS
@@ -49,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_intent_option(parser)
     option("--camera", metavar="oak|scene|FILE", help="film every trial (docs/camera.md)")
     add_camera_options(parser)
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:

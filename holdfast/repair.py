@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import argparse
 
-from holdfast.edge_runtime.command import path_argument, show
+from holdfast.edge_runtime.command import path_argument
+from holdfast.edge_runtime.errors import DataError, OutputError
+from holdfast.edge_runtime.json_option import add_json_option, show_found
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     folder = "a trial's folder, or one with trials in it"
     parser.add_argument("folder", type=path_argument, metavar="DIR", help=folder)
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -23,16 +26,17 @@ def run(args: argparse.Namespace) -> int:
 
     Returns the exit code of the last error where one could not be repaired: 3, or 5 on a full disk.
     """
-    from holdfast.edge_runtime.errors import DataError, OutputError
     from holdfast.recorder.folder import all_trials, alone
     from holdfast.recorder.mending import repaired
 
-    code = 0
+    code, trials = 0, []
     with alone(args.folder):
         for folder in all_trials(args.folder):
             try:
-                show(f"{folder}: {', '.join(repaired(folder)) or 'complete'}")
+                done = ", ".join(repaired(folder)) or "complete"
             except (DataError, OutputError) as error:
-                show(f"{folder}: not repaired: {error}")
-                code = error.exit_code
+                done, code = f"not repaired: {error}", error.exit_code
+            trials.append({"folder": folder, "done": done})
+    words = "\n".join(f"{one['folder']}: {one['done']}" for one in trials)
+    show_found(args, words, {"trials": trials})
     return code

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
+import sys
 from dataclasses import asdict
 
+from holdfast.edge_runtime.command import show
+from holdfast.edge_runtime.json_option import STDOUT, add_json_option, write_found
 from holdfast.messages import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of this verb."""
     parser.add_argument("model", metavar="MODEL", help="a sealed holdfast.onnx")
-    parser.add_argument("--json", action="store_true", help="one JSON object for each check")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,9 +22,12 @@ def run(args: argparse.Namespace) -> int:
     say(f"checking {args.model}, about 5 s")
     from holdfast.edge_runtime.self_checks import self_checks
 
-    failed = 0
+    checks = []
     for one in self_checks(args.model):
-        failed += not one.ok
-        words = f"{'ok' if one.ok else 'failed':<8}{one.what:<28}{one.figure}"
-        print(json.dumps(asdict(one)) if args.json else words, flush=True)
-    return int(failed > 0)
+        checks.append(one)
+        if args.json != STDOUT:
+            show(f"{'ok' if one.ok else 'failed':<8}{one.what:<28}{one.figure}")
+            sys.stdout.flush()
+    ok = all(one.ok for one in checks)
+    write_found(args, {"model": args.model, "ok": ok, "checks": [asdict(one) for one in checks]})
+    return int(not ok)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from holdfast.edge_runtime.command import path_argument, seed, show
+from holdfast.edge_runtime.command import path_argument, seed
+from holdfast.edge_runtime.json_option import add_json_option, require_json_writable, show_found
 from holdfast.edge_runtime.visible import visible
 from holdfast.simulation.shipped import shipped
 
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--rate", type=float, metavar="HZ", help="sampling rate (default: the card's)")
     every = "seed of every random choice (default 0)"
     option("--seed", type=seed, default=0, metavar="S", help=every)
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.simulation.folder import require_new, write_set
     from holdfast.training.progress import counted
 
+    require_json_writable(args)
     require_new(args.out)
     card = read_card(args.card, rate_hz=args.rate, rate_option="--rate ")
     scene = scene_of(card, args.seed)
@@ -48,10 +51,23 @@ def run(args: argparse.Namespace) -> int:
         counted(f"simulating {total} trials of {scene.card.name}", total) as done,
     ):
         files = write_set(scene, args.out, args.trials, done)
-    show(scene.card.title)
-    done_text = f"{files} recordings at {scene.card.rate_hz:g} Hz, simulated, seed {args.seed}"
-    show(f"{done_text}; next: holdfast train --data {args.out} --out build/model")
+    found = {
+        "kind": "simulated",
+        "card": card.name,
+        "title": card.title,
+        "recordings": files,
+        "rate_hz": card.rate_hz,
+        "seed": args.seed,
+        "out": args.out,
+    }
+    show_found(args, _in_words(found), found)
     return 0
+
+
+def _in_words(found: Mapping[str, Any]) -> str:
+    rate = f"{found['recordings']} recordings at {found['rate_hz']:g} Hz"
+    next_step = f"next: holdfast train --data {found['out']} --out build/model"
+    return f"{found['title']}\n{rate}, simulated, seed {found['seed']}; {next_step}"
 
 
 @contextmanager

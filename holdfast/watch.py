@@ -18,8 +18,9 @@ from holdfast.camera_options import (
     shooting,
     stored,
 )
-from holdfast.edge_runtime.command import path_argument, positive, show
+from holdfast.edge_runtime.command import path_argument, positive
 from holdfast.edge_runtime.errors import TagError
+from holdfast.edge_runtime.json_option import add_json_option, show_found
 
 if TYPE_CHECKING:
     from holdfast.drivers.camera.sources import FrameSource
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     apart = "distance between the tags' centres at the start, as a check"
     option("--apart-mm", type=positive, metavar="MM", help=apart)
     option("--seconds", type=positive, metavar="S", help="oak: stop after S seconds")
+    add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,8 +53,11 @@ def run(args: argparse.Namespace) -> int:
     with stop_signals() as stopped:
         watched = watch(source, args.out, say=say, stopped=stopped)
     counts = f"{watched.frames} frames with tags read, {watched.in_video} in the video"
-    print(f"{counts}, {watched.lost} lost between them")
-    show(f"{args.out}; next: holdfast onset {args.out}")
+    words = (
+        f"{counts}, {watched.lost} lost between them\n{args.out}; next: holdfast onset {args.out}"
+    )
+    found = {"frames": watched.frames, "in_video": watched.in_video, "lost": watched.lost}
+    show_found(args, words, {"out": args.out, **found})
     wrong = doubt(args.out)
     if isinstance(wrong, TagError):
         raise wrong

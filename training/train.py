@@ -21,6 +21,12 @@ from typing import TYPE_CHECKING
 
 from holdfast.edge_runtime.command import path_argument, run_script, seed, show
 from holdfast.edge_runtime.errors import DataError, UsageError
+from holdfast.edge_runtime.json_option import (
+    STDOUT,
+    add_json_option,
+    require_json_writable,
+    show_found,
+)
 
 if TYPE_CHECKING:
     from holdfast.training.figures import HeadFigures
@@ -63,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=seed, default=0, metavar="S", help="seed of every random choice (default 0)"
     )
+    add_json_option(parser)
 
 
 def add_script_arguments(parser: argparse.ArgumentParser) -> None:
@@ -130,18 +137,20 @@ def run(args: argparse.Namespace) -> int:
     from holdfast.training.progress import stages
     from holdfast.training.summary import situation_lines, with_interval
 
+    require_json_writable(args)
     folders = args.data or [str(args.out / FIXTURE)]
     with stages(len(folders) + MOST_STAGES) as say:
         say("loading the libraries")
         data, figures = _trained(args, folders, say)
     head = figures.predict_250ms
     macro_f1, *each_f1 = situation_lines(figures.situations, figures.group_kind)
-    print("\n".join([f"held out by {data.group_kind}: {macro_f1}", *each_f1]))
+    words = [f"held out by {data.group_kind}: {macro_f1}", *each_f1]
     if head is not None:
         auc = with_interval(head.auc, head.auc_ci, figures.group_kind)
-        print(f"held out by {data.group_kind}: 0.25 s prediction AUC {auc}")
-    show(data.caveat)
-    show(f"artifact: {args.out}; next: holdfast export {args.out}")
+        words.append(f"held out by {data.group_kind}: 0.25 s prediction AUC {auc}")
+    words += [data.caveat, f"artifact: {args.out}; next: holdfast export {args.out}"]
+    found = {"artifact": args.out, "data": data.name, "kind": data.kind, "caveat": data.caveat}
+    show_found(args, "\n".join(words), {**found, "held_out": figures.to_json()})
     return 0
 
 
@@ -167,10 +176,9 @@ def _trained(
     for folder in folders:
         say(f"reading {folder}")
         part = _read_set(folder, args, say)
-        show(
-            f"{part.name}: {part.kind}; {len(part.recordings)} recordings at {part.rate_hz:.4g} Hz"
-        )
-        show(windows_table(part))
+        if args.json != STDOUT:
+            count = f"{len(part.recordings)} recordings at {part.rate_hz:.4g} Hz"
+            show(f"{part.name}: {part.kind}; {count}\n{windows_table(part)}")
         sets.append(part)
     data = join(sets)
     warn_of_scarcity(data, undersampled=args.windows == "thesis")

@@ -13,9 +13,9 @@ from typing import Any
 from holdfast.camera_options import require_camera_options, shooting
 from holdfast.drivers.camera.sources import OAK
 from holdfast.edge_runtime.errors import LabelError, UsageError
+from holdfast.edge_runtime.json_option import show_found
 from holdfast.edge_runtime.live import Source
 from holdfast.edge_runtime.reading import Json
-from holdfast.edge_runtime.visible import visible
 from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
 from holdfast.intent_options import intent_monitor
 from holdfast.live_options import force_of
@@ -68,7 +68,9 @@ def record(
     _report_before(args.out, person, plan, say)
     recorded = partial(record_plan, announce=announce, host_ns=host_ns, camera=camera)
     kept = recorded(args, plan, clock, keys, say, stopped, show)
-    _report_after(args.out, person, kept)
+    next_step = f"next: holdfast evaluate MODEL --data {args.out}"
+    words = f"{kept} trials kept in {args.out / person}; {next_step}"
+    show_found(args, words, {"out": args.out, "person": person, "kept": kept})
     return 0
 
 
@@ -185,11 +187,6 @@ def _report_before(root: Path, person: str, plan: Plan, say: Callable[[str], Non
             _report_mass(root / person / thing, say)
     if not plan.tasks:
         say("every trial of the card is recorded")
-
-
-def _report_after(root: Path, person: str, kept: int) -> None:
-    next_step = f"holdfast evaluate MODEL --data {root}"
-    print(visible(f"{kept} trials kept in {root / person}; next: {next_step}"))
 
 
 def _report_mass(folder: Path, say: Callable[[str], None]) -> None:

@@ -744,10 +744,10 @@ BUILT = "build/default/holdfast.onnx"
 
 
 def findings(run: Run) -> dict[str, dict[str, str]]:
-    """By name; every line of --json is an object with the four keys, and the exit code is 0."""
+    """By name; each is an object with the four keys, and the exit code is 0."""
     code, out, err = run("doctor", "--json")
     assert (code, err) == (0, "")
-    lines = [json.loads(line) for line in out.splitlines()]
+    lines = json.loads(out)["findings"]
     for line in lines:
         assert set(line) == {"what", "status", "found", "next_step"}
         assert line["status"] in ("ok", "missing", "broken")
@@ -809,7 +809,7 @@ def test_the_doctor_runs_where_no_package_is_installed_at_all(tmp_path: Path) ->
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
-    found = {line["what"]: line for line in map(json.loads, done.stdout.splitlines())}
+    found = {line["what"]: line for line in json.loads(done.stdout)["findings"]}
     assert (
         found["numpy (live path)"]["status"] == found["scikit-learn (train)"]["status"] == "missing"
     )

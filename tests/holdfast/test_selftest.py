@@ -88,7 +88,7 @@ def test_the_default_model_holds_line_by_line(default_alone, record_property):
 
 
 def test_a_model_of_four_situations_holds_too_and_json_says_the_same(four_situations: Built):
-    content = [json.loads(line) for line in alone(four_situations.model, "--json")[0]]
+    content = json.loads("\n".join(alone(four_situations.model, "--json")[0]))["checks"]
     assert [one["what"] for one in content] == EVERY
     assert all(one["ok"] is True and one["figure"] for one in content)
 
@@ -222,7 +222,7 @@ def test_the_selftest_fails_on_a_model_with_any_of_these_faults(
     path = damaged(four_situations, damage, tmp_path / "m.onnx")
     Model(path)
     assert main(["selftest", str(path), "--json"]) == 1
-    content = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    content = json.loads(capsys.readouterr().out)["checks"]
     assert DAMAGES[damage] in [one["what"] for one in content if not one["ok"]]
 
 
