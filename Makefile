@@ -9,6 +9,7 @@ DEMO_LOCKS := requirements/demo.lock requirements/build.lock
 PEERS  := .venv-peers
 LEROBOT := .venv-lerobot
 DIST   := .venv-dist
+DOCS   := .venv-docs
 RATE   ?= 150
 SIZE   ?= default
 MODEL  ?= models/holdfast-150hz.onnx
@@ -41,7 +42,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot dist lint lock clean docs hard-cases safety
+.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot dist lint lock clean docs docs-site hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -119,7 +120,9 @@ soak: setup  ## the long tests: a million steps, an hour of falls in real time, 
 ablation: setup  ## what each part of the method is worth, into build/ablation
 	$(BIN)/python -m holdfast.studies.ablation --out build/ablation $(ARGS)
 
-docs: setup  ## rewrite the tables of README and docs from build and the code; prose stays
+docs: setup  ## rewrite the tables and pictures of README and docs from build and the code; prose stays
+	$(BIN)/python -m holdfast.studies.tables.step $(MODEL) docs/step.svg
+	$(BIN)/python -m holdfast.studies.tables.timing build/evaluate/figures.json docs
 	$(BIN)/python -m holdfast.studies.tables.features build/ablation/ablation.json docs/features.md
 	$(BIN)/python -m holdfast.studies.real.table build/real/metrics.json README.md
 	$(BIN)/python -m holdfast.studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
@@ -134,6 +137,9 @@ docs: setup  ## rewrite the tables of README and docs from build and the code; p
 	$(BIN)/python -m holdfast.benchmarks.camera_page build/bench/onset.json docs/camera.md
 	$(BIN)/python -m holdfast.benchmarks.live_page_table build/bench/live-page.json docs/live-page.md
 	$(BIN)/python -m holdfast.benchmarks.runtimes.page build/bench/runtimes.json build/bench/arm.json docs/any-runtime.md
+
+docs-site: $(DOCS)/.stamp  ## the documents as a site that opens from a folder, into build/docs-site; fails on a broken link
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict --config-file tools/docs_site/mkdocs.yml
 
 hard-cases: setup  ## run the hard cases and write their results into docs/hard-cases.md
 	$(BIN)/python -m pytest $(ACROSS) -m "hard_case and not soak" --hard-cases=build/hard-cases.json $(ARGS)
@@ -181,8 +187,8 @@ lint: setup  ## ruff and mypy
 lock: .tools/.stamp  ## rewrite the locks after a change of dependencies; UPGRADE=1 moves the pins too
 	PYTHON=$(PYTHON) UPGRADE=$(UPGRADE) tools/lock.sh
 
-clean:  ## remove every .venv, .tools, build and caches
-	rm -rf .venv $(PEERS) $(LEROBOT) $(DIST) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+clean:  ## remove .venv, the other environments, .tools, build and caches
+	rm -rf .venv $(PEERS) $(LEROBOT) $(DIST) $(DOCS) .tools build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 dist: setup $(DIST)/.stamp  ## the wheel and the source archive, checked, into dist
@@ -229,4 +235,12 @@ $(LEROBOT)/.stamp: .tools/.stamp requirements/lerobot.lock
 $(DIST)/.stamp: .tools/.stamp requirements/dist.lock
 	@test -x $(DIST)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DIST)
 	$(UV) pip sync --quiet --python $(DIST)/bin/python --only-binary :all: --require-hashes requirements/dist.lock
+	@touch $@
+
+# Everything of dev.lock too: the notebooks are executed, and the API is read from the code.
+$(DOCS)/.stamp: .tools/.stamp $(LOCKS) requirements/docs.lock pyproject.toml
+	@test -x $(DOCS)/bin/python || $(UV) venv --quiet --clear --python "$$(command -v $(PYTHON))" $(DOCS)
+	$(UV) pip sync --quiet --python $(DOCS)/bin/python --only-binary :all: --require-hashes \
+	    $(LOCKS) requirements/docs.lock
+	$(UV) pip install --quiet --python $(DOCS)/bin/python --no-build-isolation --no-deps --editable .
 	@touch $@

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 
+from holdfast.evaluation.drawing import with_label
 from holdfast.simulation.camera.apriltag import CODES, SIDE_CELLS, cells
 
 TAG_MM, MARGIN_MM, RULER_MM = 10.0, 10.0, 100
@@ -15,7 +16,8 @@ FONT = 'font-size="3" font-family="sans-serif"'
 def sheet() -> str:
     """Both tags at their size with a ruler, as SVG in mm."""
     size = 'width="120mm" height="50mm" viewBox="0 0 120 50" shape-rendering="crispEdges"'
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>'
+    label = "Two printed tags, 0 for the object and 1 for the hand, and a ruler of 100 mm"
+    head = with_label(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>', label)
     white = '<rect width="120" height="50" fill="white"/>'
     tags = [shape for tag in range(len(CODES)) for shape in _tag(tag)]
     return "\n".join([head, white, *tags, *_ruler(), "</svg>"]) + "\n"

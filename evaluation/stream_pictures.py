@@ -15,6 +15,7 @@ from holdfast.edge_runtime.decision import UNKNOWN
 from holdfast.evaluation.streams import StreamPicture
 from holdfast.evaluation.style import (
     FINGER_COLOURS,
+    FINGER_LINES,
     INK,
     QUIET,
     SITUATION_COLOURS,
@@ -66,8 +67,9 @@ def stream(picture: StreamPicture, kind: str) -> str:
 
 def _forces(axes: Axes, t_s: FloatArray, force_n: FloatArray, picture: StreamPicture) -> None:
     """One line a finger; dotted, the labeller's critical points; dashed, the truth's events."""
-    for finger, colour in enumerate(FINGER_COLOURS[: force_n.shape[1]]):
-        axes.plot(t_s, force_n[:, finger], color=colour, linewidth=0.9, label=FINGERS[finger])
+    for finger in range(min(force_n.shape[1], len(FINGERS))):
+        colour, line = FINGER_COLOURS[finger], FINGER_LINES[finger]
+        axes.plot(t_s, force_n[:, finger], line, color=colour, linewidth=0.9, label=FINGERS[finger])
     for point in picture.points:
         axes.axvline(point.t_s, color=INK, linewidth=0.9, linestyle=":")
     for name in EVENT_NAMES:

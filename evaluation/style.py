@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from holdfast.evaluation.drawing import label_of, with_label
+
 INK, QUIET, OURS, WARNING = "#1f2933", "#9aa5b1", "#0b69a3", "#cb6e17"
 STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -26,15 +28,18 @@ STYLE: dict[Any, Any] = {
 SITUATION_COLOURS = ("#bbbbbb", "#56b4e9", "#009e73", "#d55e00")
 """nothing, grasp, safe slip, risky slip: Okabe and Ito's sky blue, bluish green and vermilion
 beside a grey."""
-FINGER_COLOURS = ("#000000", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7")
+FINGER_COLOURS = ("#000000", "#000000", "#0072b2", "#e69f00", "#cc79a7", "#882255")
+FINGER_LINES = ("-", "--", "-", "--", "-", "--")
+"""Of thumb 1 and 2, index, middle, ring and little finger: none is a situation's colour, and a line
+behind a dashed one still shows."""
 
 
 def svg(figure: Figure) -> str:
-    """The figure as an inline SVG element, the same bytes every time."""
+    """The figure as an inline SVG element that names what it shows, the same bytes every time."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    return with_label(text[text.index("<svg") :], label_of(figure))
 
 
 ROW_COLOURS = {"ours": OURS, "warning": WARNING, "": QUIET}

@@ -19,10 +19,14 @@ compile pyproject.toml --all-extras --group dev --constraint requirements/build.
 compile pyproject.toml --constraint requirements/dev.lock --output-file requirements/live.lock
 compile pyproject.toml --extra train --extra viz --constraint requirements/dev.lock \
     --output-file requirements/demo.lock
-# Only what an environment of dev.lock lacks: the peers' environment is built from both.
+# Only what an environment of dev.lock lacks: the environments of peers and docs are built from both.
 locked=$(sed -n 's/^\([A-Za-z0-9][A-Za-z0-9._-]*\)==.*/--no-emit-package \1/p' requirements/dev.lock)
 # shellcheck disable=SC2086
 compile requirements/peers.in --constraint requirements/dev.lock $locked --output-file requirements/peers.lock
+# The site needs what dev.lock has for other systems only: colorama.
+locked=$(sed -n 's/^\([A-Za-z0-9][A-Za-z0-9._-]*\)==[^;]*$/--no-emit-package \1/p' requirements/dev.lock)
+# shellcheck disable=SC2086
+compile requirements/docs.in --constraint requirements/dev.lock $locked --output-file requirements/docs.lock
 
 # By itself: lerobot wants older versions than those of dev.lock.
 compile requirements/lerobot.in --output-file requirements/lerobot.lock

@@ -12,6 +12,7 @@ from holdfast.benchmarks.cost.point import GOOD, REFERENCE, SHIPPED, Point
 from holdfast.edge_runtime.reading import Json
 from holdfast.edge_runtime.writing import write_whole
 from holdfast.evaluation.doc_tables import Tables, refresh, table, with_interval
+from holdfast.evaluation.drawing import for_any_page
 from holdfast.evaluation.page import markdown
 
 HEADS = {
@@ -239,7 +240,7 @@ def main(folder: Path, docs: Path, readme: Path) -> None:
     refresh(readme, {cost: readme_table})
     if cost.is_file():
         drawn = figure(json.loads(cost.read_text("utf-8"))["rows"])
-        write_whole(docs / "what-accuracy-costs.svg", drawn)
+        write_whole(docs / "what-accuracy-costs.svg", for_any_page(drawn))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from holdfast.edge_runtime.engine_options import add_engine_options, chosen_mode
 from holdfast.edge_runtime.errors import UsageError
 from holdfast.edge_runtime.reading import Json
 from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.drawing import for_any_page
 from holdfast.evaluation.job_options import add_job_options, chosen_workers
 from holdfast.evaluation.loop_runs import LoopRuns
 from holdfast.evaluation.provenance import host
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     if args.page:
         fill_page(figures)
     if args.page and any(row.part == "curve" for row in wanted):
-        write_whole(FIGURE, picture(figures) + "\n")
+        write_whole(FIGURE, for_any_page(picture(figures)) + "\n")
     sys.stdout.write(f"{path}\n")
     return 0
 

@@ -47,7 +47,7 @@ from holdfast.evaluation.simple_baselines import (
     windows_alone,
 )
 from holdfast.evaluation.streams import SHOWN, decided, held_out_streams, shown_trials
-from holdfast.evaluation.style import FINGER_COLOURS, SITUATION_COLOURS
+from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS
 from holdfast.export.reference import IntArray
 from holdfast.export.spec import window_samples
 from holdfast.simulation.card import read_card
@@ -712,9 +712,9 @@ def test_the_four_situations_have_colours_of_okabe_and_ito_beside_a_light_grey()
     assert luminance(SITUATION_COLOURS[GRASP]) > luminance(SITUATION_COLOURS[RISKY_SLIP]) + 0.1
 
 
-def test_every_finger_has_its_own_colour_of_okabe_and_ito() -> None:
-    assert set(FINGER_COLOURS) <= OKABE_ITO
-    assert len(set(FINGER_COLOURS)) == 6
+def test_every_finger_has_its_own_line_and_none_is_in_the_colour_of_a_situation() -> None:
+    assert not set(FINGER_COLOURS) & set(SITUATION_COLOURS)
+    assert len(set(zip(FINGER_COLOURS, FINGER_LINES, strict=True))) == 6
 
 
 def test_only_what_stands_between_the_markers_is_replaced(tmp_path: Path) -> None:

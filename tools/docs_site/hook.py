@@ -1,0 +1,127 @@
+"""What mkdocs does not do: pages from outside docs/, executed notebooks, equations as MathML.
+
+The README is the first page. A file of the repository that a page links to becomes a page below
+source/. A link to a file that is not there stays as it is, and `mkdocs build --strict` then fails.
+"""
+
+from __future__ import annotations
+
+import html
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from notebooks import executed
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).parent
+LINK = re.compile(r"(\]\()(?!\w+:)([^)#\s]+)(?=[)#])")
+FENCE = re.compile(r"(^ *```.*?^ *```[^\n]*$)", re.DOTALL | re.MULTILINE)
+LIST_AFTER_TEXT = re.compile(r"^((?![-*|#>\s]|\d+\. ).+\n)(?=(?:- |\d+\. ))", re.MULTILINE)
+EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+IN_NAV = ("CHANGELOG.md", "CONTRIBUTING.md")
+LANGUAGES = {".py": "python", ".toml": "toml", ".c": "c", ".h": "c", ".js": "js", ".rs": "rust"}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the README, the notebooks, the style sheet, and every source that a page leads to."""
+    _add(files, config, "index.md", (ROOT / "README.md").read_text("utf-8"))
+    _add(files, config, "holdfast.css", (HERE / "holdfast.css").read_text("utf-8"))
+    for source in sorted((ROOT / "docs/notebooks").glob("*.py")):
+        for name, content in executed(source).items():
+            _add(files, config, f"notebooks/{name}", content)
+    waiting = [file for file in files if file.src_uri.endswith(".md")]
+    waiting += [_add(files, config, f"source/{path}", _as_page(path)) for path in IN_NAV]
+    while waiting:
+        file = waiting.pop()
+        for path in sorted(_sources(file)):
+            if files.get_file_from_path(f"source/{_page_name(path)}") is None:
+                waiting.append(_add(files, config, f"source/{_page_name(path)}", _as_page(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Links in the site's own terms; lists and fences as GitHub reads them."""
+    parts = FENCE.split(markdown)
+    for place in range(0, len(parts), 2):
+        linked = LINK.sub(lambda m: m[1] + _target(page.file.src_uri, m[2]), parts[place])
+        parts[place] = LIST_AFTER_TEXT.sub(r"\1\n", linked)
+    return "".join(parts)
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Equations as MathML, which needs no script; tables that scroll by themselves."""
+    content = EQUATION.sub(_mathml, content)
+    content = content.replace("<table>", '<div class="wide" tabindex="0"><table>')
+    return content.replace("</table>", "</table></div>")
+
+
+def _mathml(match: re.Match[str]) -> str:
+    display = "block" if match[1] == "div" else "inline"
+    mathml = convert(html.unescape(match[2]).strip(), display=display)
+    return f'<div class="wide" tabindex="0">{mathml}</div>' if match[1] == "div" else mathml
+
+
+def _add(files: Files, config: MkDocsConfig, uri: str, content: str) -> File:
+    file = File.generated(config, uri, content=content)
+    files.append(file)
+    return file
+
+
+def _repository_path(uri: str) -> str:
+    """Where a page stands in the repository."""
+    if uri.startswith("source/"):
+        return uri.removeprefix("source/")
+    return "README.md" if uri == "index.md" else f"docs/{uri}"
+
+
+def _linked_path(uri: str, link: str) -> str:
+    return posixpath.normpath(posixpath.join(posixpath.dirname(_repository_path(uri)), link))
+
+
+def _page_name(path: str) -> str:
+    return path if path.endswith(".md") else f"{path}.md"
+
+
+def _sources(file: File) -> set[str]:
+    """Repository paths outside docs/ that a page links to."""
+    text = "".join(FENCE.split(file.content_string)[::2])
+    paths = {_linked_path(file.src_uri, match[2]) for match in LINK.finditer(text)}
+    return {
+        path
+        for path in paths
+        if path != "README.md" and not path.startswith("docs/") and (ROOT / path).exists()
+    }
+
+
+def _target(uri: str, link: str) -> str:
+    """A link of a page as a link of the site."""
+    path = _linked_path(uri, link)
+    if path == "README.md":
+        target = "index.md"
+    elif path.startswith("docs/"):
+        target = path.removeprefix("docs/")
+    elif (ROOT / path).exists():
+        target = f"source/{_page_name(path)}"
+    else:
+        return link
+    return posixpath.relpath(target, posixpath.dirname(uri) or ".")
+
+
+def _as_page(path: str) -> str:
+    """A file or a folder of the repository as a page that the search leaves out."""
+    if (ROOT / path).is_dir():
+        names = sorted(one.name for one in (ROOT / path).iterdir() if one.is_file())
+        links = "".join(f"- [{name}]({posixpath.basename(path)}/{name})\n" for name in names)
+        return f"# {path}\n\n{links}"
+    text = (ROOT / path).read_text("utf-8")
+    head = "---\nsearch:\n  exclude: true\n---\n"
+    if path.endswith(".md"):
+        return head + text
+    language = LANGUAGES.get(Path(path).suffix, "text")
+    return f"{head}# {path}\n\n````{language}\n{text.rstrip()}\n````\n"

@@ -1,0 +1,60 @@
+"""Notebooks that are Python files with cells (`# %%`): executed, with what they printed."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import jupytext
+import nbformat
+from nbclient import NotebookClient
+from traitlets.config import Config
+
+from holdfast.evaluation.drawing import for_any_page, with_label
+
+ROOT = Path(__file__).resolve().parents[2]
+SECONDS = 300
+SETUP = "%config InlineBackend.figure_formats = ['svg']"
+
+
+def executed(source: Path) -> dict[str, str]:
+    """The page of a notebook and its pictures, name -> content. Raises where a cell fails."""
+    book = jupytext.read(source, fmt="py:percent")
+    book.cells.insert(0, nbformat.v4.new_code_cell(SETUP))
+    with tempfile.TemporaryDirectory() as folder:
+        NotebookClient(
+            book,
+            timeout=SECONDS,
+            kernel_name="python3",
+            config=Config({"KernelManager": {"transport": "ipc"}}),
+            resources={"metadata": {"path": folder}},
+        ).execute()
+        pages = _pages(book.cells[1:], source.stem)
+        private = [path for path in (folder, str(ROOT)) if path in "".join(pages.values())]
+    if private:
+        raise ValueError(f"{source.name}: its output names a folder of this machine: {private}")
+    return pages
+
+
+def _pages(cells: list[nbformat.NotebookNode], name: str) -> dict[str, str]:
+    page, pictures = [], {}
+    for place, cell in enumerate(cells):
+        if cell.cell_type == "markdown":
+            page.append(cell.source)
+            continue
+        page.append(f"```python\n{cell.source}\n```")
+        for output in cell.outputs:
+            data = output.get("data", {})
+            if "image/svg+xml" in data:
+                alt = cell.metadata["alt"]
+                file = f"{name}-{place}.svg"
+                pictures[file] = for_any_page(with_label(_element(data["image/svg+xml"]), alt))
+                page.append(f"![{alt}]({file})")
+            else:
+                text = output.get("text") or data.get("text/plain", "")
+                page.append(f"```text\n{text.rstrip()}\n```")
+    return {f"{name}.md": "\n\n".join(page) + "\n", **pictures}
+
+
+def _element(svg: str) -> str:
+    return svg[svg.index("<svg") :]
