@@ -25,13 +25,15 @@ FENCE = re.compile(r"(^ *```.*?^ *```[^\n]*$)", re.DOTALL | re.MULTILINE)
 LIST_AFTER_TEXT = re.compile(r"^((?![-*|#>\s]|\d+\. ).+\n)(?=(?:- |\d+\. ))", re.MULTILINE)
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 IN_NAV = ("CHANGELOG.md", "CONTRIBUTING.md")
+SHIM, FROM_ELSEWHERE = "iframe-worker.js", "https://unpkg.com/iframe-worker/shim"
 LANGUAGES = {".py": "python", ".toml": "toml", ".c": "c", ".h": "c", ".js": "js", ".rs": "rust"}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the README, the notebooks, the style sheet, and every source that a page leads to."""
     _add(files, config, "index.md", (ROOT / "README.md").read_text("utf-8"))
-    _add(files, config, "holdfast.css", (HERE / "holdfast.css").read_text("utf-8"))
+    for name in ("holdfast.css", SHIM):
+        _add(files, config, name, (HERE / name).read_text("utf-8"))
     for source in sorted((ROOT / "docs/notebooks").glob("*.py")):
         for name, content in executed(source).items():
             _add(files, config, f"notebooks/{name}", content)
@@ -59,6 +61,13 @@ def on_page_content(content: str, **_: Any) -> str:
     content = EQUATION.sub(_mathml, content)
     content = content.replace("<table>", '<div class="wide" tabindex="0"><table>')
     return content.replace("</table>", "</table></div>")
+
+
+def on_post_page(output: str, page: Page, **_: Any) -> str:
+    """The search's helper for pages that are opened from a folder, from the site itself."""
+    return output.replace(
+        FROM_ELSEWHERE, posixpath.relpath(SHIM, posixpath.dirname(page.url) or ".")
+    )
 
 
 def _mathml(match: re.Match[str]) -> str:
@@ -106,6 +115,8 @@ def _target(uri: str, link: str) -> str:
         target = "index.md"
     elif path.startswith("docs/"):
         target = path.removeprefix("docs/")
+        if target.startswith("notebooks/"):
+            target = target.replace(".py", ".md")
     elif (ROOT / path).exists():
         target = f"source/{_page_name(path)}"
     else:

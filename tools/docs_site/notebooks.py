@@ -8,7 +8,6 @@ from pathlib import Path
 import jupytext
 import nbformat
 from nbclient import NotebookClient
-from traitlets.config import Config
 
 from holdfast.evaluation.drawing import for_any_page, with_label
 
@@ -26,7 +25,6 @@ def executed(source: Path) -> dict[str, str]:
             book,
             timeout=SECONDS,
             kernel_name="python3",
-            config=Config({"KernelManager": {"transport": "ipc"}}),
             resources={"metadata": {"path": folder}},
         ).execute()
         pages = _pages(book.cells[1:], source.stem)
