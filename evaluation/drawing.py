@@ -16,9 +16,10 @@ DARK_INSTEAD = {
     "#52606d": "#b8c2cc",
     "#e4e7eb": "#3e4c59",
     "#0b69a3": "#5fb0e5",
-    "#eef4f8": "#262c36",
+    "#0072b2": "#4ba3db",
+    "#882255": "#b39ddb",
 }
-"""Ink, paper, grid and our own colour on a dark page; other colours stay."""
+"""Ink, paper, grid and dark colours on a dark page; other colours stay."""
 
 
 def label_of(figure: Figure) -> str:
@@ -44,12 +45,17 @@ def with_label(svg: str, label: str) -> str:
     return f"{svg[:start]}{head}{rest}<title>{escape(label)}</title>{svg[end:]}"
 
 
-def for_any_page(svg: str) -> str:
-    """A file of its own: with other ink and paper where the reader prefers dark."""
+def dark_rules() -> str:
+    """CSS that gives drawings their colours of a dark page, where the reader prefers dark."""
     rules = "".join(
-        f'[style*="{kind}: {light}"]{{{kind}:{dark}!important}}'
+        f'svg [style*="{kind}: {light}"]{{{kind}:{dark}!important}}'
         for light, dark in DARK_INSTEAD.items()
         for kind in ("fill", "stroke")
     )
+    return f"@media(prefers-color-scheme:dark){{{rules}}}"
+
+
+def for_any_page(svg: str) -> str:
+    """A file of its own: with other ink and paper where the reader prefers dark."""
     end = svg.index(">", svg.index("<svg")) + 1
-    return f"{svg[:end]}<style>@media(prefers-color-scheme:dark){{{rules}}}</style>{svg[end:]}"
+    return f"{svg[:end]}<style>{dark_rules()}</style>{svg[end:]}"

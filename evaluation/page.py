@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from holdfast.edge_runtime.contract import SITUATIONS
 from holdfast.edge_runtime.writing import write_whole
+from holdfast.evaluation.drawing import dark_rules
 
 CSS = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1f2933;max-width:62rem;margin:2rem auto;
@@ -23,14 +25,21 @@ tr.ours td{font-weight:600} tr.warning td{color:#9a4a06} .note{color:#52606d;fon
 .answer b{display:block;font-size:2rem;line-height:1.1}
 .key i{display:inline-block;width:.9em;height:.9em;margin:0 .3em 0 1em;vertical-align:-.1em}
 .side{display:flex;flex-wrap:wrap;gap:1rem} svg{max-width:100%;height:auto} .wide{overflow-x:auto}
+.side>.wide{max-width:100%} @media(max-width:45rem){svg{max-width:none}}
+@media(prefers-color-scheme:dark){body{background:#1e2129;color:#e4e7eb}.note{color:#b8c2cc}
+th,td{border-color:#3e4c59}tr.warning td{color:#f0a35e}a{color:#5fb0e5}}
 """
+DRAWN = re.compile(r"<svg.*?</svg>", re.DOTALL)
 
 
 def write_page(path: Path, title: str, sections: list[str]) -> Path:
-    """One self-contained page of sections, each HTML; OutputError where it cannot be written."""
+    """One self-contained page of sections, each HTML; OutputError where it cannot be written.
+
+    On a phone a picture keeps its size and scrolls; the page follows a reader who prefers dark.
+    """
     meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-    head = f"<title>{html.escape(title)}</title>{meta}<style>{CSS}</style>"
-    body = "\n".join(sections)
+    head = f"<title>{html.escape(title)}</title>{meta}<style>{CSS}{dark_rules()}</style>"
+    body = DRAWN.sub(r"<div class=wide>\g<0></div>", "\n".join(sections))
     return write_whole(path, f"<!doctype html><html lang=en>{head}{body}</html>")
 
 

@@ -136,7 +136,7 @@ def over_rates(
         left, right = figure.subplots(1, 2, sharey=True)
         for place, (name, scores) in enumerate(held_out):
             _over(left, hz, scores, METHOD_COLOURS[place % 3], _short(name))
-        for (name, scores), colour in zip(unseen, FINGER_COLOURS[2:], strict=False):
+        for (name, scores), colour in zip(unseen, FINGER_COLOURS[1:], strict=False):
             _over(right, hz, scores, colour, name)
         left.set(
             title="trials held out", ylabel="macro F1, four situations", xlabel="Hz", xticks=hz

@@ -23,7 +23,7 @@ import pandas as pd
 from holdfast import cli
 from holdfast.drivers.replay import open_replay
 from holdfast.edge_runtime.monitor import GripMonitor, Model
-from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS
+from holdfast.evaluation.style import FINGER_COLOURS, FINGER_LINES, SITUATION_COLOURS, STYLE
 
 os.chdir(tempfile.mkdtemp())
 folder = Path("trials")
@@ -69,14 +69,13 @@ print(f"first request to act: {act_s[0]:.3f} s")
 # first request to act.
 
 # %% alt="Normal force of six fingers in a simulated pull, and the state at every sample below"
+plt.rcParams.update({**STYLE, "font.size": 13})
 fingers = ("thumb 1", "thumb 2", "index", "middle", "ring", "little")
-figure, (above, below) = plt.subplots(
-    2, 1, sharex=True, figsize=(6, 5), height_ratios=(2, 1), layout="constrained"
-)
+figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(6, 6), height_ratios=(2, 1))
 for number, name in enumerate(fingers):
     colour, line = FINGER_COLOURS[number], FINGER_LINES[number]
     above.plot(time_s, forces[:, number, 2], line, color=colour, label=name)
-above.legend(frameon=False, ncols=3, loc="upper left")
+figure.legend(frameon=False, ncols=3, loc="outside upper left")
 above.set_ylabel("normal force, N")
 names = ("nothing", "grasp", "safe_slip", "risky_slip")
 for height, (name, colour) in enumerate(zip(names, SITUATION_COLOURS, strict=True)):

@@ -607,7 +607,7 @@ def test_the_page_has_its_sections_and_a_picture_of_every_stream(
     ]
     for stream in studied.rate.streams:
         trial = re.escape(stream.recording.trial_id)
-        assert re.search(rf"<h3>{trial} \(simulated\)</h3>\s*<svg", commanded.page)
+        assert re.search(rf"<h3>{trial} \(simulated\)</h3>\s*<div class=wide><svg", commanded.page)
     assert (
         commanded.page.count("<svg")
         == commanded.page.count("</svg>")
@@ -712,9 +712,9 @@ def test_the_four_situations_have_colours_of_okabe_and_ito_beside_a_light_grey()
     assert luminance(SITUATION_COLOURS[GRASP]) > luminance(SITUATION_COLOURS[RISKY_SLIP]) + 0.1
 
 
-def test_every_finger_has_its_own_line_and_none_is_in_the_colour_of_a_situation() -> None:
+def test_every_finger_has_its_own_colour_and_none_has_that_of_a_situation() -> None:
     assert not set(FINGER_COLOURS) & set(SITUATION_COLOURS)
-    assert len(set(zip(FINGER_COLOURS, FINGER_LINES, strict=True))) == 6
+    assert len(set(FINGER_COLOURS)) == len(FINGER_LINES) == 6
 
 
 def test_only_what_stands_between_the_markers_is_replaced(tmp_path: Path) -> None:

@@ -41,18 +41,25 @@ def _pages(cells: list[nbformat.NotebookNode], name: str) -> dict[str, str]:
             page.append(cell.source)
             continue
         page.append(f"```python\n{cell.source}\n```")
+        printed = "".join(filter(None, map(_text, cell.outputs))).rstrip()
+        page += [f"```text\n{printed}\n```"] if printed else []
         for output in cell.outputs:
-            data = output.get("data", {})
-            if "image/svg+xml" in data:
+            drawn = output.get("data", {}).get("image/svg+xml")
+            if drawn:
                 alt = cell.metadata["alt"]
                 file = f"{name}-{place}.svg"
-                pictures[file] = for_any_page(with_label(_element(data["image/svg+xml"]), alt))
+                pictures[file] = for_any_page(with_label(_element(drawn), alt))
                 page.append(f"![{alt}]({file})")
-            else:
-                text = output.get("text") or data.get("text/plain", "")
-                page.append(f"```text\n{text.rstrip()}\n```")
     return {f"{name}.md": "\n\n".join(page) + "\n", **pictures}
 
 
 def _element(svg: str) -> str:
     return svg[svg.index("<svg") :]
+
+
+def _text(output: nbformat.NotebookNode) -> str:
+    """What an output prints, a whole number of lines; nothing for a picture."""
+    data = output.get("data", {})
+    if "image/svg+xml" in data:
+        return ""
+    return f"{(output.get('text') or data.get('text/plain', '')).rstrip()}\n"

@@ -1,0 +1,57 @@
+"""Pictures have a name for a screen reader, and follow a dark page."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from holdfast.evaluation.drawing import DARK_INSTEAD, for_any_page, with_label
+from holdfast.evaluation.page import write_page
+from holdfast.evaluation.style import INK, svg
+
+
+@pytest.fixture
+def figure() -> Figure:
+    drawn = Figure()
+    left, right, unseen = drawn.subplots(1, 3)
+    drawn.suptitle("simulated")
+    left.plot([0, 1], label='p < "0.05" & less')
+    left.set(title="thesis", xlabel="time, s", ylabel="force,\nN")
+    right.plot([0, 1], color=INK)
+    right.set(xlabel="Hz")
+    unseen.set(xlabel="not shown")
+    unseen.set_visible(False)
+    return drawn
+
+
+def test_a_picture_names_its_kind_titles_axes_and_lines(figure: Figure) -> None:
+    drawn = ET.fromstring(svg(figure))
+    said = 'simulated; thesis: force, N against time, s: p < "0.05" & less; Hz'
+    assert (drawn.get("role"), drawn.get("aria-label")) == ("img", said)
+    assert drawn[0].text == said
+
+
+def test_the_name_of_a_picture_is_escaped() -> None:
+    named = ET.fromstring(with_label('<svg viewBox="0 0 1 1"><path/></svg>', 'a < "b"'))
+    assert named.get("aria-label") == named[0].text == 'a < "b"'
+    assert named.get("viewBox") == "0 0 1 1"
+
+
+def test_ink_and_paper_of_a_file_change_on_a_dark_page(figure: Figure) -> None:
+    text = for_any_page(svg(figure))
+    ET.fromstring(text)
+    used = set(re.findall(r"(?:fill|stroke): (#[0-9a-f]{6})", text))
+    assert {"#ffffff", INK} <= used & set(DARK_INSTEAD)
+    for light in used & set(DARK_INSTEAD):
+        assert f'"fill: {light}"]{{fill:{DARK_INSTEAD[light]}!important}}' in text
+
+
+def test_pictures_of_a_report_scroll_by_themselves(figure: Figure, tmp_path: Path) -> None:
+    page = write_page(tmp_path / "page.html", "two", [svg(figure), f"<h2>b</h2>{svg(figure)}"])
+    text = page.read_text("utf-8")
+    assert text.count("<div class=wide><svg") == text.count("</svg></div>") == 2
+    assert "prefers-color-scheme:dark" in text

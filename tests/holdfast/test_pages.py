@@ -1,0 +1,86 @@
+"""Pages that teach do what they say: their commands (sh), their code and their notebooks run."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture
+def follow(
+    run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[str], str]:
+    """Runs the blocks of a page in their order, in an empty folder; returns what they printed."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(page: str) -> str:
+        printed = ""
+        for kind, text in BLOCK.findall((ROOT / "docs" / page).read_text("utf-8")):
+            if kind == "python":
+                exec(text, {})
+                continue
+            for line in text.splitlines():
+                code, out, err = run(*shlex.split(line)[1:])
+                assert code == 0, (line, err)
+                printed += out
+        return printed
+
+    return of
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_getting_started_ends_with_figures(follow: Callable[[str], str]) -> None:
+    printed = follow("getting-started.md")
+    assert '"state": "risky_slip"' in printed or '"state":"risky_slip"' in printed
+    assert "macro F1 over four situations" in printed
+
+
+def test_calibrate_finds_the_matrix_of_its_own_example(follow: Callable[[str], str]) -> None:
+    printed = follow("calibrate.md")
+    assert "10 probings, 600 rows, 1 sensors" in printed
+    found = json.loads(Path("build/calibrate/hand.json").read_text("utf-8"))
+    true = [[0.012, 0.001, 0.0], [0.0, 0.011, 0.001], [0.0, 0.001, 0.020]]
+    np.testing.assert_allclose(found["matrix_n_per_ut"][0], true, atol=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_train_ends_with_a_model_file(follow: Callable[[str], str]) -> None:
+    follow("train.md")
+    assert Path("build/train/model/holdfast.onnx").is_file()
+
+
+def test_evaluate_ends_with_figures_of_simulated_trials(follow: Callable[[str], str]) -> None:
+    follow("evaluate.md")
+    figures = json.loads(Path("build/evaluate-page/figures.json").read_text("utf-8"))
+    (unseen,) = figures["sets"].values()
+    assert (unseen["data"]["kind"], unseen["data"]["recordings"]) == ("simulated", 20)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("read-a-recording", "first request to act: "), ("train-on-your-data", "holdfast.onnx: ")],
+)
+def test_a_notebook_runs_as_a_program(name: str, says: str) -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / f"docs/notebooks/{name}.py"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "svg"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert says in done.stdout
+    assert str(ROOT) not in done.stdout
