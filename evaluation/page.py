@@ -25,7 +25,7 @@ tr.ours td{font-weight:600} tr.warning td{color:#9a4a06} .note{color:#52606d;fon
 .answer b{display:block;font-size:2rem;line-height:1.1}
 .key i{display:inline-block;width:.9em;height:.9em;margin:0 .3em 0 1em;vertical-align:-.1em}
 .side{display:flex;flex-wrap:wrap;gap:1rem} svg{max-width:100%;height:auto} .wide{overflow-x:auto}
-.side>.wide{max-width:100%} @media(max-width:45rem){svg{max-width:none}}
+.side>*{max-width:100%} @media(max-width:45rem){svg{max-width:none}}
 @media(prefers-color-scheme:dark){body{background:#1e2129;color:#e4e7eb}.note{color:#b8c2cc}
 th,td{border-color:#3e4c59}tr.warning td{color:#f0a35e}a{color:#5fb0e5}}
 """

@@ -17,12 +17,13 @@ from holdfast.evaluation.style import INK, QUIET, SITUATION_COLOURS, svg
 from holdfast.training.figures import ABSENT
 
 CURVES = (
-    ("to_state", "to the first risky_slip state", "#56b4e9", "-"),
-    ("to_act", "to act", "#d55e00", "-"),
-    ("available", "lead available", "#009e73", "--"),
-    ("left", "lead left at act", "#000000", "-"),
+    ("to_state", "to the first risky_slip state", "#56b4e9", "-", 3.6),
+    ("to_act", "to act", "#d55e00", "-", 1.2),
+    ("available", "lead available", "#009e73", "--", 1.2),
+    ("left", "lead left at act", "#000000", "-", 1.2),
 )
-"""Field of TimesMs, its name, its colour and line."""
+"""Field of TimesMs, its name, its colour, line and width. The first is wide: the second often lies
+on it."""
 SET_COLOURS = (
     "#d55e00",
     "#0072b2",
@@ -97,8 +98,10 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
     with labelled(kind, 10.2, 2.35 * tall + 0.3) as figure:
         panels = figure.subplots(tall, COLUMNS, squeeze=False, sharey=True)
         for axes, (name, one) in zip(panels.flat, times.items(), strict=False):
-            for field, title, colour, style in CURVES:
-                _curve(axes, getattr(one, field), title, colour, style)
+            for field, title, colour, style, width in CURVES:
+                _curve(
+                    axes, getattr(one, field), title, color=colour, linestyle=style, linewidth=width
+                )
             axes.set_title(name, fontsize=9, loc="left")
             axes.set(xlim=(-20.0, MOST_MS), ylim=(0.0, 1.02), xlabel="ms")
             axes.axvline(0.0, color=QUIET, linewidth=0.7)
@@ -109,11 +112,10 @@ def distributions(times: dict[str, TimesMs], kind: str) -> str:
         return svg(figure)
 
 
-def _curve(axes: Axes, values: Sequence[float], title: str, colour: str, style: str) -> None:
+def _curve(axes: Axes, values: Sequence[float], title: str, **look: Any) -> None:
     if values:
         share = np.arange(1, len(values) + 1) / len(values)
-        (line,) = axes.step(np.sort(values), share, where="post", linewidth=1.2, label=title)
-        line.set(color=colour, linestyle=style)
+        axes.step(np.sort(values), share, where="post", label=title, **look)
 
 
 def confusion(level: ConfusionFigures, kind: str) -> str:

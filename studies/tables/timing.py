@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -18,7 +19,7 @@ from holdfast.evaluation.drawing import for_any_page
 from holdfast.evaluation.labels import DEPLOYED
 from holdfast.evaluation.style import INK, OURS, STYLE, WARNING, svg
 
-LARGE: Json = {**STYLE, "font.size": 12}
+LARGE: dict[Any, Any] = {**STYLE, "font.size": 12}
 """Readable on a phone: the pictures are 390 px wide there."""
 WIDE_IN = 5.6
 
