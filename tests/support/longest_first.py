@@ -24,6 +24,7 @@ LONGEST = (
     "test_closed_loop",
     "test_evaluate_events",
     "test_scenes_study",
+    "test_pages",
     "test_selftest",
     "test_bench",
     "test_preliminary",

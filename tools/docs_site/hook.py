@@ -14,6 +14,7 @@ from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from notebooks import executed
@@ -23,9 +24,12 @@ HERE = Path(__file__).parent
 LINK = re.compile(r"(\]\()(?!\w+:)([^)#\s]+)(?=[)#])")
 FENCE = re.compile(r"(^ *```.*?^ *```[^\n]*$)", re.DOTALL | re.MULTILINE)
 LIST_AFTER_TEXT = re.compile(r"^((?![-*|#>\s]|\d+\. ).+\n)(?=(?:- |\d+\. ))", re.MULTILINE)
+LIST_AFTER_PARAGRAPH = re.compile(r"(\n\n(?: +\S.*\n)+)(?=- )")
+INDENT = re.compile(r"^ {2,3}(?=\S)", re.MULTILINE)
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 IN_NAV = ("CHANGELOG.md", "CONTRIBUTING.md")
 SHIM, FROM_ELSEWHERE = "iframe-worker.js", "https://unpkg.com/iframe-worker/shim"
+LOADED = re.compile(r'(?:src|<link[^>]*href)="(https?://[^"]*)"')
 LANGUAGES = {".py": "python", ".toml": "toml", ".c": "c", ".h": "c", ".js": "js", ".rs": "rust"}
 
 
@@ -52,7 +56,8 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
     parts = FENCE.split(markdown)
     for place in range(0, len(parts), 2):
         linked = LINK.sub(lambda m: m[1] + _target(page.file.src_uri, m[2]), parts[place])
-        parts[place] = LIST_AFTER_TEXT.sub(r"\1\n", linked)
+        indented = INDENT.sub("    ", LIST_AFTER_PARAGRAPH.sub(r"\1\n", linked))
+        parts[place] = LIST_AFTER_TEXT.sub(r"\1\n", indented)
     return "".join(parts)
 
 
@@ -64,10 +69,21 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def on_post_page(output: str, page: Page, **_: Any) -> str:
-    """The search's helper for pages that are opened from a folder, from the site itself."""
-    return output.replace(
-        FROM_ELSEWHERE, posixpath.relpath(SHIM, posixpath.dirname(page.url) or ".")
-    )
+    """The search's helper from the site itself. Raises PluginError where a page loads from afar."""
+    own = posixpath.relpath(SHIM, posixpath.dirname(page.url) or ".")
+    return _require_own(output.replace(FROM_ELSEWHERE, own), page.url)
+
+
+def on_post_template(output_content: str, template_name: str, **_: Any) -> str:
+    """The same for the page of a wrong address."""
+    return _require_own(output_content.replace(FROM_ELSEWHERE, f"/{SHIM}"), template_name)
+
+
+def _require_own(output: str, name: str) -> str:
+    loaded = LOADED.findall(output)
+    if loaded and name.endswith(".html"):
+        raise PluginError(f"{name} loads {', '.join(loaded)}")
+    return output
 
 
 def _mathml(match: re.Match[str]) -> str:
