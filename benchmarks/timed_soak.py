@@ -1,6 +1,6 @@
 """The live loop in real time on an emulated FT232H, today's and timed by the chip, in turns.
 
-`python -m holdfast.benchmarks.timed_soak OUT.json [SECONDS]`. The host's stalls are those of this machine:
+`python -m holdfast.benchmarks.timed_soak OUT.json [SECONDS]`. The stalls are those of this machine:
 every turn of one way is followed by a turn of the other, so both meet the same neighbours. The
 emulated chip is part of the process, and its answers have the times at which a chip would give
 them.
