@@ -27,7 +27,8 @@ from holdfast.edge_runtime.sinks import Outlets, Sink, file_sink, stream_sink, u
 from holdfast.edge_runtime.tare import Tare
 from holdfast.edge_runtime.visible import visible
 from holdfast.grip_options import is_virtual, require_grip
-from holdfast.intent_options import intended, intent_monitor, require_intent
+from holdfast.intent_options import require_intent
+from holdfast.intent_stream import intended, intent_monitor
 from holdfast.live_options import force_of, resting_of
 from holdfast.live_sources import open_live
 from holdfast.real_time import RunClock, SceneClock, first_in_line

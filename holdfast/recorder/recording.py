@@ -17,7 +17,7 @@ from holdfast.edge_runtime.json_option import show_found
 from holdfast.edge_runtime.live import Source
 from holdfast.edge_runtime.reading import Json
 from holdfast.hand_bias import MeasuredBias, measure_bias, require_good
-from holdfast.intent_options import intent_monitor
+from holdfast.intent_stream import intent_monitor
 from holdfast.live_options import force_of
 from holdfast.live_sources import is_hand, open_live
 from holdfast.real_time import first_in_line

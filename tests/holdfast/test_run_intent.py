@@ -25,7 +25,7 @@ from holdfast.edge_runtime.intent import Intent, IntentMonitor
 from holdfast.edge_runtime.intent_file import read_intent
 from holdfast.edge_runtime.live import Command, SourceReading
 from holdfast.edge_runtime.model import Model
-from holdfast.intent_options import intended, intent_monitor
+from holdfast.intent_stream import intended, intent_monitor
 from holdfast.live_page.run_page import RunPage
 from holdfast.recorder.keys import Keys
 
