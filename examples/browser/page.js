@@ -1,7 +1,7 @@
 // The page: takes files, runs the hand over them, draws what it answered.
 "use strict";
 
-const COLOURS = { nothing: "#9aa5b1", grasp: "#4477aa", "safe slip": "#228833", "risky slip": "#cc3311", unknown: "#e3c76a" };
+const COLOURS = { nothing: "#bbbbbb", grasp: "#56b4e9", "safe slip": "#009e73", "risky slip": "#d55e00", unknown: "#e3c76a" };
 const LINES = { load: "#7a4fb5", grip: "#00857a", target: "#c2691a" };
 const MARGIN = { left: 44, right: 8 };
 const CLOSE_S = 0.4;

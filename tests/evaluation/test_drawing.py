@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 
 from holdfast.evaluation.drawing import DARK_INSTEAD, for_any_page, with_label
 from holdfast.evaluation.page import write_page
-from holdfast.evaluation.style import INK, svg
+from holdfast.evaluation.style import INK, SITUATION_COLOURS, svg
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -55,3 +57,10 @@ def test_pictures_of_a_report_scroll_by_themselves(figure: Figure, tmp_path: Pat
     text = page.read_text("utf-8")
     assert text.count("<div class=wide><svg") == text.count("</svg></div>") == 2
     assert "prefers-color-scheme:dark" in text
+
+
+@pytest.mark.parametrize("page", ["holdfast/live_page/page.css", "examples/browser/page.js"])
+def test_pages_of_their_own_give_situations_the_colours_of_every_report(page: str) -> None:
+    text = (ROOT / page).read_text("utf-8")
+    found = re.findall(r'(?:nothing|grasp|safe.slip|risky.slip)"?: "?(#[0-9a-f]{6})', text)
+    assert tuple(found) == SITUATION_COLOURS
