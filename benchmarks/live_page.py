@@ -166,7 +166,7 @@ def _figures(case: Case, seconds: float, said: str, browsers: Browsers | None) -
 
 
 def measure(seconds: float = SECONDS, turns: int = TURNS) -> Json:
-    """All cases in turns; rows in the order of the runs."""
+    """All cases, interleaved; rows in the order of the runs."""
     rows = [watched_run(case, seconds) for _ in range(turns) for case in CASES]
     return {
         "kind": "time on this machine, samples simulated",

@@ -24,21 +24,21 @@ SUMS = ("samples", "overruns", "disconnects")
 
 
 def tables(figures: Json) -> Tables:
-    """Every table by its marker: a row a case, its turns together."""
+    """Every table by its marker: a row a case, its runs together."""
     cases = dict.fromkeys(row["case"] for row in figures["rows"])
     return {"delays": table([_together(figures["rows"], case) for case in cases], HEADS)}
 
 
 def _together(rows: list[Json], case: str) -> Json:
-    """Sums of counts and medians of times over the turns of a case."""
-    turns = [row for row in rows if row["case"] == case]
-    sums = {name: sum(row[name] for row in turns) for name in SUMS}
+    """Sums of counts and medians of times over the runs of a case."""
+    runs = [row for row in rows if row["case"] == case]
+    sums = {name: sum(row[name] for row in runs) for name in SUMS}
     rest = [name for name in HEADS if name not in (*SUMS, "case")]
-    return {"case": case, **sums} | {name: _median(turns, name) for name in rest}
+    return {"case": case, **sums} | {name: _median(runs, name) for name in rest}
 
 
-def _median(turns: list[Json], name: str) -> str | float:
-    values = [row[name] for row in turns]
+def _median(runs: list[Json], name: str) -> str | float:
+    values = [row[name] for row in runs]
     return "-" if None in values else float(np.median(values))
 
 

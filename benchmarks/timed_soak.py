@@ -1,4 +1,4 @@
-"""The live loop in real time on an emulated FT232H, today's and timed by the chip, in turns.
+"""The live loop in real time on an emulated FT232H, today's and timed by the chip, interleaved.
 
 `python -m holdfast.benchmarks.timed_soak OUT.json [SECONDS]`. The stalls are those of this machine:
 every turn of one way is followed by a turn of the other, so both meet the same neighbours. The

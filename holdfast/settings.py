@@ -25,7 +25,7 @@ from holdfast.edge_runtime.errors import CardError, DataNotFound
 from holdfast.edge_runtime.shipped_models import shipped
 
 DEFAULT = Path("holdfast.toml")
-HAND = ("source", "calibration", "bias", "model")
+HAND = ("source", "calibration", "bias", "model", "intent")
 SINKS = ("out", "udp", "lsl", "grip", "feedback", "cues", "web")
 FILES = ("calibration", "bias", "model", "out", "cues")
 """Whose values are names of files."""

@@ -6,7 +6,6 @@ import argparse
 import time
 from collections.abc import Callable
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +65,18 @@ def record(
     require_camera(args)
     require_keys(args, plan, keys)
     _report_before(args.out, person, plan, say)
-    recorded = partial(record_plan, announce=announce, host_ns=host_ns, camera=camera)
-    kept = recorded(args, plan, clock, keys, say, stopped, show)
+    kept = record_plan(
+        args,
+        plan,
+        clock,
+        keys,
+        say,
+        stopped,
+        show,
+        announce=announce,
+        host_ns=host_ns,
+        camera=camera,
+    )
     next_step = f"next: holdfast evaluate MODEL --data {args.out}"
     words = f"{kept} trials kept in {args.out / person}; {next_step}"
     show_found(args, words, {"out": args.out, "person": person, "kept": kept})

@@ -47,6 +47,14 @@ def test_files_are_looked_for_beside_the_settings(run: Run, here: Path) -> None:
     assert str(other.parent / "mine.onnx") in err
 
 
+def test_cues_are_a_file_and_an_intent_is_not(here: Path) -> None:
+    other = here.parent / "hands" / "left.toml"
+    other.parent.mkdir()
+    other.write_text('intent = "lsl://emg"\n[sinks]\ncues = "mine.toml"\n')
+    values = read_settings(["--config", str(other)]).of("run")
+    assert values == {"intent": "lsl://emg", "cues": str(other.parent / "mine.toml")}
+
+
 def test_sinks_are_of_a_run_alone(here: Path) -> None:
     here.write_text(f'{HAND}[sinks]\nudp = "127.0.0.1:9000"\nout = "today.jsonl"\n')
     settings = read_settings([])
