@@ -42,7 +42,7 @@ unexport VIRTUAL_ENV PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # onnxruntime sends usage data otherwise; edge_runtime says so too.
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help setup demo test soak fuzz real learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot dist lint lock clean docs docs-site hard-cases safety
+.PHONY: help setup demo test soak fuzz real real-more learners scenes models evaluate loop fast-handover learner-streams adapt preliminary ablation bench runtimes browser arm peers lerobot dist lint lock clean docs docs-site hard-cases safety
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -57,7 +57,9 @@ test: setup  ## run the tests
 
 real: setup  ## train, export and evaluate on the public recordings, into build/real
 	$(BIN)/python -m holdfast.studies.real --out build/real $(ARGS)
-	$(BIN)/python -m holdfast.studies.real.truer_label build/real/truer.json
+
+real-more: setup  ## the same with all 48 channels, and by a truer label, into build/real
+	$(BIN)/python -m holdfast.studies.real.further_rows --out build/real $(ARGS)
 
 learners: setup  ## forest, network and committee on the public recordings, settings chosen in inner folds; over an hour, into build/real
 	$(BIN)/python -m holdfast.studies.real.learners build/real/learners.json
@@ -124,7 +126,7 @@ docs: setup  ## rewrite the tables and pictures of README and docs from build an
 	$(BIN)/python -m holdfast.studies.tables.step $(MODEL) docs/step.svg
 	$(BIN)/python -m holdfast.studies.tables.timing build/evaluate/figures.json docs
 	$(BIN)/python -m holdfast.studies.tables.features build/ablation/ablation.json docs/features.md
-	$(BIN)/python -m holdfast.studies.real.table build/real/metrics.json README.md
+	$(BIN)/python -m holdfast.studies.real.table build/real/metrics.json build/real/all-channels.json README.md
 	$(BIN)/python -m holdfast.studies.tables.scenes build/bench build/scenes/study/scenes.json docs/scenes.md
 	$(BIN)/python -m holdfast.benchmarks.hand_page build/bench/hand.json build/bench/timed.json build/bench/timed-soak.json docs/hand.md
 	$(BIN)/python -m holdfast.benchmarks.cost.page build/bench docs README.md

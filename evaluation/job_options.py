@@ -14,7 +14,7 @@ CORES = len(os.sched_getaffinity(0))
 
 
 def add_job_options(parser: argparse.ArgumentParser, processes: int) -> None:
-    """The options that `evaluate`, `loop`, `bench cost` and `make real` share.
+    """The options that `evaluate`, `loop`, `bench cost`, `make real` and `make real-more` share.
 
     processes: the default.
     """

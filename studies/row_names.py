@@ -7,6 +7,9 @@ from holdfast.evaluation import labels
 OURS, RAW, LINE = "ours, clock-free", "raw-window forest", "one line of code"
 CLOCK = "WARNING: a clock, time since contact and summed force"
 OURS_18, OURS_48 = "ours, 18 channels", "ours, 48 channels"
+RAW_18 = "raw forest, 18 channels"
+RAW_48_FOLDS = 3
+RAW_48 = f"raw forest, 48 channels, {RAW_48_FOLDS} folds"
 LEAKY_FOLDS = 2
 LEAKY = f"WARNING: leaky, raw forest on random windows, {LEAKY_FOLDS} folds"
 OURS_ROWS = frozenset({OURS, OURS_18, OURS_48})

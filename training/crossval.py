@@ -7,6 +7,7 @@ row.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,6 +39,20 @@ CALIBRATION_C = 1.0
 
 
 @dataclass(frozen=True)
+class FoldAnswers:
+    """What the learners of one fold answer for the windows of its held-out people.
+
+    rows: task -> [N] which windows of the task. votes: task -> [N, K] exact integers. labels: [N]
+    of the main task. verification: of the exported learners, where that was asked for.
+    """
+
+    rows: dict[str, IntArray]
+    votes: dict[str, IntArray]
+    labels: IntArray
+    verification: Verification | None
+
+
+@dataclass(frozen=True)
 class HeldOut:
     """Votes for every window, each from a learner that never saw its person.
 
@@ -49,6 +64,21 @@ class HeldOut:
     votes: dict[str, IntArray]
     labels: IntArray | None = None
     verification: list[Verification] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, data: DataSet, folds: Sequence[FoldAnswers]) -> HeldOut:
+        """The answers of all folds, window by window."""
+        main = main_task(data)
+        votes = {
+            task: np.zeros((len(rows), len(rows.classes)), np.int64)
+            for task, rows in data.tasks.items()
+        }
+        labels = np.zeros(len(data.tasks[main]), np.int64)
+        for fold in folds:
+            labels[fold.rows[main]] = fold.labels
+            for task, rows in fold.rows.items():
+                votes[task][rows] = fold.votes[task]
+        return cls(votes, labels, [fold.verification for fold in folds if fold.verification])
 
     def shares(self, task: str) -> npt.NDArray[np.float64]:
         """[M, K] vote shares, rows summing to one."""
@@ -81,31 +111,46 @@ def cross_validate(
     held-out rows. A fold may hold out no window of a task; one that leaves none to train on is a
     ClassMissing. Raises TooFewGroups.
     """
-    main = main_task(data)
-    folds = assign_groups(_groups_of_all(data, main), plan.folds, seed=seed)
+    folds = []
+    for number, split in enumerate(splits_of(data, plan, seed), 1):
+        say(f"fold {number} of {plan.folds}")
+        folds.append(answer_fold(data, features, plan, split, seed, verify_spec))
+    return HeldOut.of(data, folds)
+
+
+def splits_of(data: DataSet, plan: TrainingPlan, seed: int) -> list[dict[str, Fold]]:
+    """Task -> training and test rows, of every fold; all tasks hold out the same people."""
+    folds = assign_groups(_groups_of_all(data, main_task(data)), plan.folds, seed=seed)
     splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
-    votes = {
-        task: np.zeros((len(rows), len(rows.classes)), np.int64)
-        for task, rows in data.tasks.items()
+    return [{task: splits[task][fold] for task in splits} for fold in range(plan.folds)]
+
+
+def answer_fold(
+    data: DataSet,
+    features: dict[str, FloatRows],
+    plan: TrainingPlan,
+    split: dict[str, Fold],
+    seed: int,
+    verify_spec: StepSpec | None = None,
+) -> FoldAnswers:
+    """Train on one fold's people and answer the windows of those it holds out.
+
+    The arguments are those of `cross_validate`; split: one of `splits_of`.
+    """
+    heads = {
+        task: _fold_head(data, features, plan, task, rows, seed) for task, rows in split.items()
     }
-    labels = np.zeros(len(data.tasks[main]), np.int64)
-    reports = []
-    for fold in range(plan.folds):
-        say(f"fold {fold + 1} of {plan.folds}")
-        heads = [
-            _fold_head(data, features, plan, task, splits[task][fold], seed) for task in data.tasks
-        ]
-        for task, head in zip(data.tasks, heads, strict=True):
-            held = splits[task][fold][1]
-            votes[task][held] = reference_votes(
-                head.learner, features[task][held], len(head.classes)
-            )
-            if task == main:
-                labels[held] = reference_label(head, votes[main][held])
-        if verify_spec is not None:
-            rows = np.concatenate([features[task][splits[task][fold][1]] for task in data.tasks])
-            reports.append(verify(whole_graph(verify_spec, heads), verify_spec, heads, rows, seed))
-    return HeldOut(votes, labels, reports)
+    held = {task: rows[1] for task, rows in split.items()}
+    votes = {
+        task: reference_votes(head.learner, features[task][held[task]], len(head.classes))
+        for task, head in heads.items()
+    }
+    main, report = main_task(data), None
+    if verify_spec is not None:
+        rows, learners = np.concatenate([features[t][held[t]] for t in held]), list(heads.values())
+        graph = whole_graph(verify_spec, learners)
+        report = verify(graph, verify_spec, learners, rows, seed)
+    return FoldAnswers(held, votes, reference_label(heads[main], votes[main]), report)
 
 
 def plan_for(

@@ -12,7 +12,6 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,6 @@ from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
 from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
-from holdfast.studies.real import baselines
 from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
 from holdfast.studies.real.figures import (
     FinalModel,
@@ -36,37 +34,35 @@ from holdfast.studies.real.figures import (
     VerificationSums,
     prediction_of,
 )
+from holdfast.studies.real.leaky import leaky
+from holdfast.studies.real.methods import Method, cross_validated
+from holdfast.studies.real.parts import done
 from holdfast.studies.real.proactive import ReplayPicture, study_proactive
 from holdfast.studies.real.report import Evidence, write_report
 from holdfast.studies.real.streamed_fold import stream_one_fold
-from holdfast.studies.row_names import CLOCK, LEAKY, OURS_18, OURS_48
-from holdfast.training.crossval import HeldOut, cross_validate
+from holdfast.studies.row_names import CLOCK, LEAKY, OURS_18, RAW_18
+from holdfast.training.crossval import HeldOut
 from holdfast.training.datasets import load
-from holdfast.training.featurise import FeatureCost, cpu_cost, features_of, spec_for
+from holdfast.training.featurise import cpu_cost, spec_for
 from holdfast.training.figures import HeadFigures
-from holdfast.training.fitting import final_artifact, held_out_figures, versions
-from holdfast.training.plan import TrainingPlan
+from holdfast.training.fitting import final_artifact, versions
+from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import stages
-from holdfast.training.say import Say, ignored
+from holdfast.training.say import Say
 
-HUMAN = "human_slip_uskin"
 CLOCK_FREE = (
     "no feature sees anything older than 0.5 s; time, movement indices and IMUs are never inputs"
 )
 ALONE = Workers()
-STAGES = 24
+OURS = Method(TrainingPlan(), verified=True)
+METHODS = {
+    OURS_18: OURS,
+    RAW_18: Method(RAW_BASELINE),
+    CLOCK: Method(CLOCK_PLAN, channels=48),
+}
+"""Rows of the table with people held out. The timing-only baseline sums all normals."""
+STAGES = sum(method.plan.folds for method in METHODS.values()) + 8
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
-
-
-@dataclass(frozen=True)
-class Ours:
-    """Our forests on 18 channels: what each person's windows were answered, and the files."""
-
-    held_out: HeldOut
-    heads: HeadFigures
-    cost: FeatureCost
-    streamed: StreamedFold
-    model: FinalModel
 
 
 def run(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
@@ -75,98 +71,66 @@ def run(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
     workers: where the parts run; those of a cluster see the same `out` and data sets.
     """
     started = time.perf_counter()
-    ours, *rows, eflesh, pictures = _all_parts(out.absolute(), seed, say, workers)
-    data = load(HUMAN)
+    answers = cross_validated(METHODS, seed, workers, say)
+    rows = {name: METHODS[name].figures(held, seed) for name, held in answers.items()}
+    ours, data = answers[OURS_18], OURS.data()
+    parts = _parts(ours, rows[OURS_18], out.absolute(), seed)
+    streamed, model, leaky_row, eflesh, replays = list(done(parts, workers, say))
     figures = RealStudy(
-        heads=ours.heads,
+        heads=rows[OURS_18],
         data=data.name,
         kind=data.kind,
-        channels=18,
+        channels=OURS.channels,
         clock_free=CLOCK_FREE,
         caveat=data.caveat,
-        verification=verification_of(ours.held_out),
-        features_cost=ours.cost,
-        streamed_fold=ours.streamed,
-        rows={OURS_18: ours.heads} | dict(zip(ROWS, rows, strict=True)),
+        verification=verification_of(ours),
+        features_cost=cpu_cost(data, spec_for(data, OURS.plan.groups)),
+        streamed_fold=streamed,
+        rows=rows | {LEAKY: leaky_row},
         eflesh_slip=eflesh.figures,
-        model=ours.model,
+        model=model,
         seed=seed,
         host=host(),
         versions=versions(),
         seconds=round(time.perf_counter() - started, 1),
     )
     say("report")
-    write_report(out / "report.html", Evidence(data, ours.held_out, figures, eflesh, pictures))
+    write_report(out / "report.html", Evidence(data, ours, figures, eflesh, replays))
     return figures
 
 
-def _all_parts(out: Path, seed: int, say: Say, workers: Workers) -> list[Any]:
-    """Results of all parts: ours, the other rows of the table, and the two smaller sets."""
-    parts: dict[str, Callable[[Say], object]] = {
-        OURS_18: partial(ours_18, out, seed),
-        **{name: partial(_row, name, seed) for name in ROWS},
+def _parts(ours: HeldOut, heads: HeadFigures, out: Path, seed: int) -> dict[str, Callable[[], Any]]:
+    """What follows the table: our files, the leaky split, and the two smaller sets."""
+    return {
+        "one fold's file, sealed, loaded and streamed sample by sample": partial(
+            _streamed, ours, out, seed
+        ),
+        "final forests on all people, exported": partial(_final_model, ours, heads, out, seed),
+        LEAKY: partial(_leaky, seed),
         "eflesh_slip: blocks held out": partial(_eflesh, seed),
         "proactive_slip_uskin: two slips replayed": partial(_proactive, seed),
     }
-    if workers.here:
-        return [_announced(title, part, say) for title, part in parts.items()]
-    results = []
-    jobs = [partial(part, ignored) for part in parts.values()]
-    for title, result in zip(parts, workers.run(jobs), strict=True):
-        say(f"{title}: done")
-        results.append(result)
-    return results
 
 
-def _announced(title: str, part: Callable[[Say], object], say: Say) -> object:
-    say(title)
-    return part(say)
+def _streamed(ours: HeldOut, out: Path, seed: int) -> StreamedFold:
+    return stream_one_fold(OURS.data(), OURS.features(), OURS.plan, ours, out, seed)
 
 
-def ours_18(out: Path, seed: int, say: Say) -> Ours:
-    """Our forests, people held out; one fold's file streamed; the final file from all people."""
-    plan, data = TrainingPlan(), load(HUMAN)
-    spec = spec_for(data, plan.groups)
-    features = features_of(data, spec)
-    held_out = cross_validate(data, features, plan, seed=seed, say=say, verify_spec=spec)
-    heads = held_out_figures(data, held_out, seed)
-    cost = cpu_cost(data, spec)
-    say("one fold's file, sealed, loaded and streamed sample by sample")
-    streamed = stream_one_fold(data, features, plan, held_out, out, seed)
-    say("final forests on all people, exported")
-    model = final_model(final_artifact(data, features, held_out, heads, plan, seed), out)
-    return Ours(held_out, heads, cost, streamed, model)
+def _final_model(ours: HeldOut, heads: HeadFigures, out: Path, seed: int) -> FinalModel:
+    data, features = OURS.data(), OURS.features()
+    return final_model(final_artifact(data, features, ours, heads, OURS.plan, seed), out)
 
 
-def ours_48(seed: int, say: Say) -> HeadFigures:
-    """Our forests on all 48 channels, people held out."""
-    plan, data = TrainingPlan(), load(HUMAN, channels=48)
-    features = features_of(data, spec_for(data, plan.groups))
-    return held_out_figures(data, cross_validate(data, features, plan, seed=seed, say=say), seed)
+def _leaky(seed: int) -> HeadFigures:
+    return leaky(OURS.data(), seed=seed)
 
 
-def _row(name: str, seed: int, say: Say) -> HeadFigures:
-    return ROWS[name](seed, say)
-
-
-def _eflesh(seed: int, say: Say) -> EfleshStudy:
+def _eflesh(seed: int) -> EfleshStudy:
     return study_eflesh(load("eflesh_slip"), TrainingPlan(), seed)
 
 
-def _proactive(seed: int, say: Say) -> list[ReplayPicture]:
+def _proactive(seed: int) -> list[ReplayPicture]:
     return study_proactive(load("proactive_slip_uskin"), TrainingPlan(), seed)
-
-
-ROWS: dict[str, Callable[[int, Say], HeadFigures]] = {
-    OURS_48: ours_48,
-    "raw forest, 18 channels": lambda seed, say: baselines.raw_forest(load(HUMAN), seed=seed),
-    "raw forest, 48 channels, 3 folds": lambda seed, say: baselines.raw_forest(
-        load(HUMAN, channels=48), folds=3, seed=seed
-    ),
-    CLOCK: lambda seed, say: baselines.clock(load(HUMAN, channels=48), seed=seed),
-    LEAKY: lambda seed, say: baselines.leaky(load(HUMAN), seed=seed),
-}
-"""Further rows of the table, by name: all 48 channels, the baselines and the two warnings."""
 
 
 def verification_of(held_out: HeldOut) -> VerificationSums:

@@ -1,4 +1,7 @@
-"""The README's tables of `make real`: `python -m holdfast.studies.real.table METRICS PAGE`."""
+"""The README's tables of `make real` and `make real-more`.
+
+`python -m holdfast.studies.real.table METRICS ALL-CHANNELS PAGE`
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,16 @@ FIGURES = {
 
 def tables(figures: Json) -> Tables:
     """Every method with its figures, and what was checked in the same run."""
-    return {
-        "real": markdown([_row(name, row) for name, row in figures["rows"].items()]),
-        "real-checks": markdown(_checks(figures)),
-    }
+    return {"real": _methods(figures), "real-checks": markdown(_checks(figures))}
+
+
+def all_channels(figures: Json) -> Tables:
+    """The methods on all 48 channels."""
+    return {"real-all-channels": _methods(figures)}
+
+
+def _methods(figures: Json) -> str:
+    return markdown([_row(name, row) for name, row in figures["rows"].items()])
 
 
 def _row(name: str, row: Json) -> dict[str, str]:
@@ -49,4 +58,5 @@ def _checks(figures: Json) -> list[dict[str, str]]:
 
 
 if __name__ == "__main__":
-    refresh(sys.argv[2], {Path(sys.argv[1]): tables})
+    metrics, further, page = sys.argv[1:]
+    refresh(page, {Path(metrics): tables, Path(further): all_channels})

@@ -17,7 +17,7 @@ from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
 from holdfast.edge_runtime.errors import DataNotFound
 from holdfast.edge_runtime.writing import require_writable, write_whole
 from holdfast.evaluation.provenance import host
-from holdfast.studies.real.study import HUMAN
+from holdfast.studies.real.methods import HUMAN
 from holdfast.studies.thesis_preliminary.cases import CASES
 from holdfast.studies.thesis_preliminary.figures import PreliminaryStudy
 from holdfast.studies.thesis_preliminary.report import summary, write_preliminary_report

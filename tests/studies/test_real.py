@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,16 @@ import pytest
 from page_tables import require_tables_fit
 
 from holdfast.evaluation.eflesh_figures import EfleshFigures
+from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import host
 from holdfast.evaluation.window_scores import WindowFigures
 from holdfast.export.verification import ExportReport
 from holdfast.studies.ablation import AblationRow, Gains, StepCost, rows_of, table
-from holdfast.studies.real import baselines
 from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
 from holdfast.studies.real.figures import FinalModel, RealStudy, StreamedFold
+from holdfast.studies.real.leaky import leaky
+from holdfast.studies.real.methods import Method, cross_validated
+from holdfast.studies.real.parts import done
 from holdfast.studies.real.proactive import ReplayPicture, study_proactive
 from holdfast.studies.real.report import Evidence, write_report
 from holdfast.studies.real.streamed_fold import stream_one_fold
@@ -31,7 +35,7 @@ from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows, cpu_cost, features_of, spec_for
 from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.paired import Gain
-from holdfast.training.plan import CLOCK_FREE_GROUPS, ForestPlan, TrainingPlan
+from holdfast.training.plan import CLOCK_FREE_GROUPS, CLOCK_PLAN, ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet
 
 pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
@@ -73,6 +77,39 @@ def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(small: S
     assert not votes[np.arange(len(votes)), people].any()
 
 
+def test_methods_side_by_side_answer_as_each_would_alone(real_set: Callable[[str], Path]) -> None:
+    real_set("human_slip_uskin")
+    tiny = ForestPlan(n_estimators=2, max_depth=2)
+    named = TrainingPlan(groups=("now",), situation=tiny, prediction=tiny, folds=3)
+    timed = replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=2)
+    methods = {"named": Method(named), "timed": Method(timed, channels=48)}
+    said: list[str] = []
+    answers = cross_validated(methods, 0, Workers(), said.append)
+    assert said == [
+        *(f"named, fold {fold} of 3" for fold in (1, 2, 3)),
+        *(f"timed, fold {fold} of 2" for fold in (1, 2)),
+    ]
+    for name, method in methods.items():
+        alone = cross_validate(method.data(), method.features(), method.plan)
+        for task, votes in alone.votes.items():
+            np.testing.assert_array_equal(answers[name].votes[task], votes)
+        np.testing.assert_array_equal(answers[name].situations(), alone.situations())
+
+
+def test_parts_are_said_as_they_begin_or_side_by_side_as_they_are_done() -> None:
+    parts = {f"{number} squared": partial(pow, number, 2) for number in (3, 1, 2)}
+    for workers, lines in (
+        (Workers(), ["3 squared", "1 squared", "2 squared"]),
+        (
+            Workers(2),
+            ["3 parts side by side", "3 squared: done", "1 squared: done", "2 squared: done"],
+        ),
+    ):
+        said: list[str] = []
+        assert list(done(parts, workers, said.append)) == [9, 1, 4]
+        assert said == lines
+
+
 def test_every_fold_was_exported_and_agrees_with_the_reference_on_every_held_out_row(
     small: Small,
 ) -> None:
@@ -92,12 +129,12 @@ def test_the_sealed_file_streamed_sample_by_sample_gives_the_tables_labels(
     assert streamed.rows > 1000
 
 
-def test_a_leaky_split_flatters(small: Small, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_leaky_split_flatters(small: Small) -> None:
     data, _, _ = small
-    monkeypatch.setattr(
-        baselines, "RAW_BASELINE", TrainingPlan(groups=("window",), situation=FEW, prediction=FEW)
-    )
-    honest, wrong = baselines.raw_forest(data, folds=3), baselines.leaky(data)
+    plan = TrainingPlan(groups=("window",), situation=FEW, prediction=FEW, folds=3)
+    features = features_of(data, spec_for(data, plan.groups))
+    honest = held_out_figures(data, cross_validate(data, features, plan))
+    wrong = leaky(data, plan)
     assert (wrong.situations.macro_f1 or 0.0) > (honest.situations.macro_f1 or 1.0)
     assert wrong.predict_250ms is not None
     assert honest.predict_250ms is not None

@@ -1,0 +1,95 @@
+"""Further rows on human_slip_uskin: `make real-more` writes all-channels.json and truer.json.
+
+Two questions beside the headline of `make real`. What would all 48 channels bring? And what is left
+of the figures under a truer label? The set's usual label is the object's rotation, about half of it
+the wrist's; with the hand's IMU the wrist cancels. The same people, folds, features and baselines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.edge_runtime.command import Parser, finish, path_argument, seed
+from holdfast.edge_runtime.reading import Json
+from holdfast.edge_runtime.writing import require_writable, write_whole
+from holdfast.evaluation.job_options import add_job_options, chosen_workers
+from holdfast.evaluation.jobs import Workers
+from holdfast.evaluation.provenance import Host, host
+from holdfast.studies.real.methods import Method, cross_validated
+from holdfast.studies.row_names import CLOCK, OURS_18, OURS_48, RAW_18, RAW_48, RAW_48_FOLDS
+from holdfast.training.figures import HeadFigures
+from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from holdfast.training.progress import stages
+from holdfast.training.say import Say
+
+Methods = dict[str, Method]
+FURTHER: dict[str, Methods] = {
+    "truer": {
+        OURS_18: Method(TrainingPlan(), in_hand=True),
+        RAW_18: Method(RAW_BASELINE, in_hand=True),
+        CLOCK: Method(CLOCK_PLAN, channels=48, in_hand=True),
+    },
+    "all-channels": {
+        OURS_48: Method(TrainingPlan(), channels=48),
+        RAW_48: Method(replace(RAW_BASELINE, folds=RAW_48_FOLDS), channels=48),
+    },
+}
+"""File -> its rows."""
+
+
+@dataclass(frozen=True)
+class FurtherRows:
+    """Figures by stored name of the method. windows: how many of each situation."""
+
+    kind: str
+    windows: dict[str, int]
+    rows: dict[str, HeadFigures]
+    host: Host
+
+    def to_json(self) -> Json:
+        """As it stands in the file."""
+        rows = {name: row.to_json() for name, row in self.rows.items()}
+        return {
+            "kind": self.kind,
+            "windows": self.windows,
+            "rows": rows,
+            "host": asdict(self.host),
+        }
+
+
+def further_rows(methods: Methods, seed: int, workers: Workers, say: Say) -> FurtherRows:
+    """Cross-validate the methods, people held out."""
+    answers = cross_validated(methods, seed, workers, say)
+    rows = {name: methods[name].figures(held, seed) for name, held in answers.items()}
+    data = next(iter(methods.values())).data()
+    task = data.tasks["situations"]
+    counts = np.bincount(task.label, minlength=len(task.classes)).tolist()
+    return FurtherRows(data.kind, dict(zip(task.classes, counts, strict=True)), rows, host())
+
+
+def main(argv: Sequence[str]) -> int:
+    """Parse, run, write a file for each question as soon as it is answered."""
+    parser = Parser(prog="further_rows", description="all 48 channels, and a truer label")
+    parser.add_argument("--out", type=path_argument, default=Path("build/real"), metavar="DIR")
+    parser.add_argument("--seed", type=seed, default=0, metavar="S")
+    add_job_options(parser, 2)
+    args: argparse.Namespace = parser.parse_args(argv)
+    require_writable(args.out)
+    folds = [one.plan.folds for methods in FURTHER.values() for one in methods.values()]
+    with stages(sum(folds) + len(FURTHER)) as say:
+        for name, methods in FURTHER.items():
+            rows = further_rows(methods, args.seed, chosen_workers(args), say)
+            text = json.dumps(rows.to_json(), indent=1, allow_nan=False)
+            write_whole(args.out / f"{name}.json", text + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(finish(main, sys.argv[1:]))

@@ -1,0 +1,85 @@
+"""Methods side by side on human_slip_uskin, people held out. A job is one fold of one method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+
+from holdfast.evaluation.jobs import Workers
+from holdfast.studies.real.parts import done
+from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
+from holdfast.training.datasets import find, human_slip_uskin
+from holdfast.training.featurise import FloatRows, features_of, spec_for
+from holdfast.training.figures import HeadFigures
+from holdfast.training.fitting import held_out_figures
+from holdfast.training.plan import CLOCK_PLAN, TrainingPlan
+from holdfast.training.recording import DataSet
+from holdfast.training.say import Say
+
+HUMAN = "human_slip_uskin"
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of a table: a plan on so many channels.
+
+    in_hand: label by the object's rotation in the hand. verified: every fold's learners are
+    exported and compared with the reference.
+    """
+
+    plan: TrainingPlan
+    channels: int = 18
+    in_hand: bool = False
+    verified: bool = False
+
+    def data(self) -> DataSet:
+        """The set with this method's channels and labels."""
+        return _data(self.channels, self.in_hand)
+
+    def features(self) -> dict[str, FloatRows]:
+        """Task -> [M, F] for every window."""
+        return _features(self.channels, self.in_hand, self.plan.groups)
+
+    def figures(self, held_out: HeldOut, seed: int) -> HeadFigures:
+        """Scores of the held-out answers."""
+        return held_out_figures(self.data(), held_out, seed)
+
+
+def cross_validated(
+    methods: dict[str, Method], seed: int, workers: Workers, say: Say
+) -> dict[str, HeldOut]:
+    """Every method's answers to all windows, by its name. say: receives every fold."""
+    folds = {
+        f"{name}, fold {fold + 1} of {method.plan.folds}": partial(_answer, method, fold, seed)
+        for name, method in methods.items()
+        for fold in range(method.plan.folds)
+    }
+    answers = done(folds, workers, say)
+    return {
+        name: HeldOut.of(method.data(), [next(answers) for _ in range(method.plan.folds)])
+        for name, method in methods.items()
+    }
+
+
+def _answer(method: Method, fold: int, seed: int) -> FoldAnswers:
+    data, plan = method.data(), method.plan
+    spec = spec_for(data, plan.groups) if method.verified else None
+    split = splits_of(data, plan, seed)[fold]
+    return answer_fold(data, method.features(), plan, split, seed, spec)
+
+
+@lru_cache(maxsize=1)
+def _data(channels: int, in_hand: bool) -> DataSet:
+    return human_slip_uskin.load(find(HUMAN), channels=channels, in_hand=in_hand)
+
+
+@lru_cache(maxsize=1)
+def _features(channels: int, in_hand: bool, groups: tuple[str, ...]) -> dict[str, FloatRows]:
+    """Features of the step, or those of the timing-only baseline."""
+    data = _data(channels, in_hand)
+    if groups != CLOCK_PLAN.groups:
+        return features_of(data, spec_for(data, groups))
+    clock = {task: human_slip_uskin.clock_features(data, rows) for task, rows in data.tasks.items()}
+    return {task: values.astype(np.float32) for task, values in clock.items()}
