@@ -66,8 +66,8 @@ class FurtherRows:
 
 def further_rows(methods: Methods, seed: int, workers: Workers, say: Say) -> FurtherRows:
     """Cross-validate the methods, people held out."""
-    answers = cross_validated(methods, seed, workers, say)
-    rows = {name: methods[name].figures(held, seed) for name, held in answers.items()}
+    found = cross_validated(methods, seed, workers, say)
+    rows = {name: row.figures for name, row in found.items()}
     data = next(iter(methods.values())).data()
     task = data.tasks["situations"]
     counts = np.bincount(task.label, minlength=len(task.classes)).tolist()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import islice
 
 import numpy as np
 
@@ -42,25 +44,33 @@ class Method:
         """Task -> [M, F] for every window."""
         return _features(self.channels, self.in_hand, self.plan.groups)
 
-    def figures(self, held_out: HeldOut, seed: int) -> HeadFigures:
-        """Scores of the held-out answers."""
-        return held_out_figures(self.data(), held_out, seed)
+
+@dataclass(frozen=True)
+class Row:
+    """What a method answered for all windows, and how well."""
+
+    held_out: HeldOut
+    figures: HeadFigures
 
 
 def cross_validated(
     methods: dict[str, Method], seed: int, workers: Workers, say: Say
-) -> dict[str, HeldOut]:
-    """Every method's answers to all windows, by its name. say: receives every fold."""
+) -> dict[str, Row]:
+    """Every method's row, by its name. say: receives every fold."""
     folds = {
         f"{name}, fold {fold + 1} of {method.plan.folds}": partial(_answer, method, fold, seed)
         for name, method in methods.items()
         for fold in range(method.plan.folds)
     }
     answers = done(folds, workers, say)
-    return {
-        name: HeldOut.of(method.data(), [next(answers) for _ in range(method.plan.folds)])
-        for name, method in methods.items()
-    }
+    return {name: _row(method, answers, seed) for name, method in methods.items()}
+
+
+def _row(method: Method, answers: Iterator[FoldAnswers], seed: int) -> Row:
+    """Takes the next folds as its own."""
+    folds = list(islice(answers, method.plan.folds))
+    held_out = HeldOut.of(method.data(), folds)
+    return Row(held_out, held_out_figures(method.data(), held_out, seed))
 
 
 def _answer(method: Method, fold: int, seed: int) -> FoldAnswers:

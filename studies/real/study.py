@@ -71,13 +71,12 @@ def run(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
     workers: where the parts run; those of a cluster see the same `out` and data sets.
     """
     started = time.perf_counter()
-    answers = cross_validated(METHODS, seed, workers, say)
-    rows = {name: METHODS[name].figures(held, seed) for name, held in answers.items()}
-    ours, data = answers[OURS_18], OURS.data()
-    parts = _parts(ours, rows[OURS_18], out.absolute(), seed)
+    rows = cross_validated(METHODS, seed, workers, say)
+    ours, heads, data = rows[OURS_18].held_out, rows[OURS_18].figures, OURS.data()
+    parts = _parts(ours, heads, out.absolute(), seed)
     streamed, model, leaky_row, eflesh, replays = list(done(parts, workers, say))
     figures = RealStudy(
-        heads=rows[OURS_18],
+        heads=heads,
         data=data.name,
         kind=data.kind,
         channels=OURS.channels,
@@ -86,7 +85,7 @@ def run(out: Path, seed: int, say: Say, workers: Workers = ALONE) -> RealStudy:
         verification=verification_of(ours),
         features_cost=cpu_cost(data, spec_for(data, OURS.plan.groups)),
         streamed_fold=streamed,
-        rows=rows | {LEAKY: leaky_row},
+        rows={name: row.figures for name, row in rows.items()} | {LEAKY: leaky_row},
         eflesh_slip=eflesh.figures,
         model=model,
         seed=seed,

@@ -80,20 +80,22 @@ def test_every_window_is_answered_by_a_forest_that_never_saw_its_person(small: S
 def test_methods_side_by_side_answer_as_each_would_alone(real_set: Callable[[str], Path]) -> None:
     real_set("human_slip_uskin")
     tiny = ForestPlan(n_estimators=2, max_depth=2)
-    named = TrainingPlan(groups=("now",), situation=tiny, prediction=tiny, folds=3)
-    timed = replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=2)
-    methods = {"named": Method(named), "timed": Method(timed, channels=48)}
+    timed = replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=3)
+    methods = {
+        "three": Method(timed, channels=48),
+        "two": Method(replace(timed, folds=2), channels=48),
+    }
     said: list[str] = []
-    answers = cross_validated(methods, 0, Workers(), said.append)
+    rows = cross_validated(methods, 0, Workers(), said.append)
     assert said == [
-        *(f"named, fold {fold} of 3" for fold in (1, 2, 3)),
-        *(f"timed, fold {fold} of 2" for fold in (1, 2)),
+        *(f"three, fold {fold} of 3" for fold in (1, 2, 3)),
+        *(f"two, fold {fold} of 2" for fold in (1, 2)),
     ]
     for name, method in methods.items():
         alone = cross_validate(method.data(), method.features(), method.plan)
         for task, votes in alone.votes.items():
-            np.testing.assert_array_equal(answers[name].votes[task], votes)
-        np.testing.assert_array_equal(answers[name].situations(), alone.situations())
+            np.testing.assert_array_equal(rows[name].held_out.votes[task], votes)
+        assert rows[name].figures == held_out_figures(method.data(), alone)
 
 
 def test_parts_are_said_as_they_begin_or_side_by_side_as_they_are_done() -> None:
