@@ -104,7 +104,7 @@ def participant_figures(model: OpenedModel, folder: Path) -> ParticipantFigures:
 
     No trial, no mass of an object, or a unit or rate that does not fit the model.
     """
-    data = load(folder, channels=model.card.n_channels, windows="natural")
+    data = load(folder, channels=model.card.n_channels, windows="none")
     outputs = run_model(model, data)
     rules = model.card.decision
     requests = requests_of(outputs, rules, rules.min_risky_permille)

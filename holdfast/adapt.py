@@ -131,7 +131,7 @@ def _adapted(args: argparse.Namespace, say: Stages) -> tuple[Fitted, AdaptedVeri
     with base_model(args.model) as (model, base):
         say("reading the person's recordings")
         channels = model.card.n_channels
-        data = of_person(load(args.data, channels=channels, windows="natural"), args.person)
+        data = of_person(load(args.data, channels=channels, windows="none"), args.person)
         fitted = adapt(model, data, lambda: _slips(args, model, say), say, say.part)
     say("building, verifying and sealing the file")
     correction, rows = fitted.adaptation.correction, fitted.rows()
@@ -147,7 +147,7 @@ def _slips(args: argparse.Namespace, model: Model, say: Stages) -> DataSet:
 
     if args.slips:
         say(f"reading {args.slips}")
-        return load(args.slips, channels=model.card.n_channels, windows="natural", part=say.part)
+        return load(args.slips, channels=model.card.n_channels, windows="none", part=say.part)
     say("simulating trials with slips")
     return simulated_slips(model.card, part=say.part)
 

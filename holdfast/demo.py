@@ -54,7 +54,7 @@ def _learn_and_watch(out: Path, work: Path, ready: Await) -> None:
     letters = ". nothing, g grasp, s safe slip, R risky slip, ? unknown (settling)"
     print(f"\none character = {COLUMN_S} s; {letters}")
     unseen, model = ready(UNSEEN), Model(path)
-    pictures = [watch(model, unseen, one) for one in load(unseen, windows="natural").recordings]
+    pictures = [watch(model, unseen, one) for one in load(unseen, windows="none").recordings]
     for one in pictures:
         show(one)
     hands = close_the_loop(Model(Path(__file__).parents[1] / RELEASED))

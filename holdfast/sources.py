@@ -132,7 +132,7 @@ def _from_set(name: str, channels: int | None) -> Replay:
     from holdfast.training.datasets import load
 
     folder, _, chosen = name.rpartition("#")
-    data = load(folder, channels=channels, windows="natural")
+    data = load(folder, channels=channels, windows="none")
     names = [recording.trial_id for recording in data.recordings]
     index = names.index(chosen) if chosen in names else _index(chosen, len(names))
     if index >= len(names):

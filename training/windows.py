@@ -43,8 +43,8 @@ from holdfast.training.recording import LabelledRows, Recording
 from holdfast.training.say import Part, ignored
 from holdfast.training.timeline import Phase
 
-Choice = Literal["balanced", "thesis", "natural"]
-"""Which windows of a set in the thesis' layout are taken."""
+Choice = Literal["balanced", "thesis", "natural", "none"]
+"""Which windows of a set in the thesis' layout are taken; none for its recordings alone."""
 EDGE_S = WINDOW_S
 STEADY_MARGIN_S = 0.3
 """A steady window keeps this far from the end of its phase and from every critical point."""

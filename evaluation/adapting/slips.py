@@ -30,4 +30,4 @@ def simulated_slips(card: ModelCard, trials: int = TRIALS, part: Part = ignored)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / CARD
         write_set(scene, out, trials, lambda n: part(min(1.0, n / trials)))
-        return load(out, windows="natural")
+        return load(out, windows="none")

@@ -366,3 +366,13 @@ def test_a_folder_of_one_object_can_be_scored_though_it_cannot_be_trained_on(
         require_classes(thesis.load(tmp_path / "one"))
     windows = thesis.load(tmp_path / "one", windows="natural").tasks["classes"]
     assert set((windows.label % 2).tolist()) == {0}
+
+
+def test_recordings_alone_are_those_of_the_set_without_a_window(made: Path, data: DataSet) -> None:
+    alone = thesis.load(made, windows="none")
+    assert alone.tasks == {}
+    assert [one.trial_id for one in alone.recordings] == [one.trial_id for one in data.recordings]
+    for one, other in zip(alone.recordings, data.recordings, strict=True):
+        np.testing.assert_array_equal(one.samples, other.samples)
+        assert one.phases == other.phases
+        assert one.events == other.events

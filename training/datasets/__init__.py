@@ -40,9 +40,9 @@ def load(
 
     channels: one of the channel counts a set offers, None for its usual 18. groups: keep so many
     people (or blocks), chosen by `seed`; a small real slice. seed: of every random choice. windows:
-    in the thesis' layout those to train on (balanced), the thesis' undersampled ones, or every one
-    that is natural, to score on (training/windows.py). hold_out: what a group is; None for people
-    where there are two.
+    in the thesis' layout those to train on (balanced), the thesis' undersampled ones, every one
+    that is natural, to score on (training/windows.py), or none: recordings alone, which are read
+    sooner. hold_out: what a group is; None for people where there are two.
 
     Raises DataNotFound, ChannelsNotOffered, TooFewGroups, UsageError, or what the reader says about
     its files.

@@ -39,7 +39,7 @@ from holdfast.training.datasets.rows import finite_sensors
 from holdfast.training.datasets.trial_readers import TrialReader, read_all
 from holdfast.training.hold_out import grouped
 from holdfast.training.objects import MASSES_KEY, mass_of, object_name, read_json
-from holdfast.training.recording import DataSet, Recording
+from holdfast.training.recording import DataSet, LabelledRows, Recording
 from holdfast.training.say import Part, ignored, span
 from holdfast.training.timeline import (
     ACTION_KEY,
@@ -104,7 +104,8 @@ def load(
     """All trials of a folder, with the task "classes" (labels 0..7). part: how much is read.
 
     channels: refuse the set if it has another number; None takes it as it is.
-    windows: training/windows.py; thesis draws by the seed, and every class must be there.
+    windows: training/windows.py; thesis draws by the seed, and every class must be there; none
+    leaves the task and its counts out.
     People are the groups; without at least two, every trial is one. `notes` has the counts of
     samples and of the windows, these also as a table, and where they were drawn from the natural
     ones, the counts of those. rate_hz is the median over the trials to three digits, so that a
@@ -148,12 +149,12 @@ def assembled(
     has = 3 * trials[0].recording.n_sensors
     if channels is not None and channels != has:
         raise ChannelsNotOffered(str(meta["name"]), channels, [has])
-    chosen, drawn_from = _chosen_windows(trials, windows, seed, part)
+    tasks, counted = _task_of_windows(trials, windows, seed, part)
     recordings, group_kind = grouped([trial.recording for trial in trials])
     return DataSet(
         name=str(meta["name"]),
         recordings=recordings,
-        tasks={"classes": labelled_rows(chosen)},
+        tasks=tasks,
         rate_hz=rate_hz,
         unit=meta["unit"],
         preparation=preparation(meta["unit"]),
@@ -167,11 +168,20 @@ def assembled(
             "seed": seed,
             "bands_hz": list(bands_for(rate_hz)),
             "samples": sample_counts(trials),
-            **drawn_from,
-            "windows": class_counts(chosen),
-            "table": counts_table(chosen),
+            **counted,
         },
     )
+
+
+def _task_of_windows(
+    trials: list[TimedTrial], windows: Choice, seed: int, part: Part
+) -> tuple[dict[str, LabelledRows], Json]:
+    """The task "classes" on the chosen windows, and their counts for the notes; none for none."""
+    if windows == "none":
+        return {}, {}
+    chosen, drawn_from = _chosen_windows(trials, windows, seed, part)
+    counts = {"windows": class_counts(chosen), "table": counts_table(chosen)}
+    return {"classes": labelled_rows(chosen)}, {**drawn_from, **counts}
 
 
 def _chosen_windows(
