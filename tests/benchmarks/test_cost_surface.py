@@ -232,7 +232,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
         replace(TINY, confidence="calibrated"),
         replace(TINY, learner="committee"),
     ]
-    return folder, cost(folder, chosen, parts=SMALL)
+    return folder, cost(folder, chosen, workers=Workers(), parts=SMALL)
 
 
 def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -262,11 +262,12 @@ def test_a_run_goes_on_where_it_was(measured):
     before = other.read_text("utf-8")
     path.write_text(json.dumps(marked), encoding="utf-8")
     other.unlink()
-    resumed = cost(folder, [TINY, replace(TINY, debounce=1)], parts=SMALL)
-    again = resumed["rows"]
+    again = [TINY, replace(TINY, debounce=1)]
+    resumed = cost(folder, again, workers=Workers(), parts=SMALL)
+    rows = resumed["rows"]
     assert (content["took"]["new_points"], resumed["took"]["new_points"]) == (5, 1)
     path.write_text(json.dumps(marked | {"recall": content["rows"][0]["recall"]}), encoding="utf-8")
-    assert again[0]["recall"] == 0.125
+    assert rows[0]["recall"] == 0.125
     assert json.loads(other.read_text("utf-8")) == json.loads(before)
 
 
