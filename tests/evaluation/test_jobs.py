@@ -85,9 +85,10 @@ def test_zero_processes_are_refused(run: Run) -> None:
 def test_sets_scored_on_a_cluster_have_the_figures_of_this_process(
     run: Run, tmp_path: Path, cluster: str
 ) -> None:
+    (tmp_path / "pulls.toml").write_text(card_text(row("pull")))
     for number in (1, 2):
-        words = ("--trials", 3, "--seed", number, "--out", tmp_path / f"set{number}")
-        assert run("simulate", "pull-soft-ball", *words)[0] == 0
+        words = ("--trials", 2, "--seed", number, "--out", tmp_path / f"set{number}")
+        assert run("simulate", tmp_path / "pulls.toml", *words)[0] == 0
     written = []
     for name, where in (("here", ()), ("there", ("--dask", cluster))):
         out = tmp_path / f"{name}.json"
