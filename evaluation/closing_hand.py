@@ -48,6 +48,8 @@ DAMPING_RATIO = 0.7
 """Of the puller's arm and of the skin while it sticks, as the scenes have it."""
 STEP_S = 0.0005
 LOOK_S = 0.6
+DROPS_AT_ONCE = 512
+"""Their arrays stay within tens of MB."""
 GROSS_SLIP_M = 2e-3
 MODELLED = ("pull", "fall")
 
@@ -251,17 +253,32 @@ class Droppable:
 
     def kept(self, delays_s: Sequence[float | None]) -> KeptObjects:
         """What the hand keeps. The request in each event: s after load onset (None: no request)."""
-        pairs = zip(delays_s, self.drops, strict=True)
-        from_s = [np.inf if s is None else s for s, drop in pairs if drop is not None]
+        return self.kept_by_each([delays_s])[0]
+
+    def kept_by_each(self, delays_s: Sequence[Sequence[float | None]]) -> list[KeptObjects]:
+        """The same for several lists of requests, whose drops are stepped together."""
         modelled = [drop for drop in self.drops if drop is not None]
-        held, still = _held(modelled, np.array(from_s, dtype=np.float64), self.hand, self.room_m)
+        from_s = [
+            np.inf if s is None else s
+            for one in delays_s
+            for s, drop in zip(one, self.drops, strict=True)
+            if drop is not None
+        ]
+        lists, room = len(delays_s), np.tile(self.room_m, len(delays_s))
+        held, still = _held(modelled * lists, np.array(from_s, np.float64), self.hand, room)
+        shape = (lists, len(modelled))
+        return [
+            self._kept(*one) for one in zip(held.reshape(shape), still.reshape(shape), strict=True)
+        ]
+
+    def _kept(self, held: BoolArray, still: BoolArray) -> KeptObjects:
         n, n_kept = int(self.preventable.sum()), int((held & self.preventable).sum())
         return KeptObjects(
             hand=self.hand,
             events=len(self.drops),
-            modelled=len(modelled),
+            modelled=len(self.preventable),
             preventable=n,
-            not_preventable=len(modelled) - n,
+            not_preventable=len(self.preventable) - n,
             kept=n_kept,
             kept_share=n_kept / n if n else None,
             kept_without_a_slip=int((still & self.preventable).sum()),
@@ -277,9 +294,13 @@ def _held(
     drops: Sequence[Drop], request_s: FloatArray, hand: ClosingHand, room: FloatArray
 ) -> tuple[BoolArray, BoolArray]:
     """[E] whether each object is still in the hand, and whether it did not even slip."""
-    end = slide(drops, request_s, hand)
-    held = end.rests & (end.moved_m.max(axis=0, initial=0.0) < room)
-    return held, held & (end.slid_m < GROSS_SLIP_M)
+    held, still = np.zeros((2, len(drops)), dtype=np.bool_)
+    for start in range(0, len(drops), DROPS_AT_ONCE):
+        some = slice(start, start + DROPS_AT_ONCE)
+        end = slide(drops[some], request_s[some], hand)
+        held[some] = end.rests & (end.moved_m.max(axis=0, initial=0.0) < room[some])
+        still[some] = held[some] & (end.slid_m < GROSS_SLIP_M)
+    return held, still
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from holdfast.edge_runtime.model_file import ModelCard
 from holdfast.edge_runtime.reading import Json
 from holdfast.evaluation.closing_hand import droppable
-from holdfast.evaluation.methods import MethodFigures, MethodResult, method_figures, together
+from holdfast.evaluation.methods import MethodFigures, MethodResult, figures_of_methods, together
 from holdfast.evaluation.outcomes import OutcomeRow, outcome_table
 from holdfast.evaluation.scored_set import ScoredSet, SetFigures, compared
 from holdfast.evaluation.shown_trials import ShownTrial
@@ -95,7 +95,7 @@ def all_sets(
         thresholds,
         seed,
         {name: one.figures for name, one in scored.items()},
-        {name: method_figures(one, trials, bounds, seed) for name, one in methods.items()},
+        figures_of_methods(methods, trials, bounds, seed),
         compared(methods, thresholds),
         outcome_table([trial for one in results for trial in one.judged]),
         next((one.shown for one in results if one.shown), {}),

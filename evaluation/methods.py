@@ -6,7 +6,7 @@ intervals over trials (or people), and over styles where there are several.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -171,10 +171,25 @@ class MethodFigures(EventScores):
     camera: CameraFigures | None
 
 
+def figures_of_methods(
+    methods: Mapping[str, MethodResult],
+    trials: Sequence[LabelledTrial],
+    drops: Droppable | None,
+    seed: int,
+) -> dict[str, MethodFigures]:
+    """All figures of every method. drops: None where no event can be modelled."""
+    delays_s = [one.delays_s() for one in methods.values()]
+    closing = [None] * len(methods) if drops is None else drops.kept_by_each(delays_s)
+    return {
+        name: method_figures(one, trials, kept, seed)
+        for (name, one), kept in zip(methods.items(), closing, strict=True)
+    }
+
+
 def method_figures(
-    of: MethodResult, trials: Sequence[LabelledTrial], drops: Droppable | None, seed: int
+    of: MethodResult, trials: Sequence[LabelledTrial], closing: KeptObjects | None, seed: int
 ) -> MethodFigures:
-    """All figures of a method. drops: None where no event can be modelled."""
+    """All figures of a method. closing: None where no event can be modelled."""
     wide = event_scores(of.by_collar[COLLARS_S[1]], seed=seed)
     actions = sorted({one.action for one in of.actions})
     return MethodFigures(
@@ -187,7 +202,7 @@ def method_figures(
             for name in actions
         },
         specificity=specificity(of.holds),
-        closing=None if drops is None else drops.kept(of.delays_s()),
+        closing=closing,
         camera=camera_figures(of.matches, [one.seen for one in trials]),
     )
 

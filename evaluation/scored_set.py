@@ -15,7 +15,7 @@ from holdfast.evaluation.methods import (
     LabelledTrial,
     MethodFigures,
     MethodResult,
-    method_figures,
+    figures_of_methods,
     method_result,
     without_samples,
 )
@@ -180,8 +180,7 @@ def _rows(
     drops: Sequence[Drop | None],
     seed: int,
 ) -> dict[str, MethodFigures]:
-    bounds = droppable(drops)
-    return {name: method_figures(one, trials, bounds, seed) for name, one in methods.items()}
+    return figures_of_methods(methods, trials, droppable(drops), seed)
 
 
 def compared(methods: dict[str, MethodResult], thresholds: Thresholds) -> dict[str, McNemar]:

@@ -29,10 +29,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import pandas as pd
 
 from holdfast.edge_runtime.contract import CLASSES, GRASP, NOTHING, RISKY_SLIP, SAFE_SLIP, class_id
 from holdfast.edge_runtime.errors import ClassMissing
@@ -42,6 +41,9 @@ from holdfast.training.objects import Mass
 from holdfast.training.recording import LabelledRows, Recording
 from holdfast.training.say import Part, ignored
 from holdfast.training.timeline import Phase
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Choice = Literal["balanced", "thesis", "natural", "none"]
 """Which windows of a set in the thesis' layout are taken; none for its recordings alone."""
@@ -98,6 +100,8 @@ def dense_windows(trials: Sequence[TimedTrial], part: Part = ignored) -> pd.Data
 def _table(
     trials: Sequence[TimedTrial], spots_of: Callable[[TimedTrial], list[_Spot]], part: Part
 ) -> pd.DataFrame:
+    import pandas as pd  # a third of a second, which no command without windows needs
+
     lines = []
     for index, trial in enumerate(trials):
         name, action = trial.recording.object_name or NO_OBJECT, trial.recording.action or NO_OBJECT
@@ -152,6 +156,8 @@ def sample_counts(trials: Sequence[TimedTrial]) -> dict[str, int]:
 
 def counts_table(windows: pd.DataFrame) -> str:
     """Two tables to print: class x object against action, and class against source."""
+    import pandas as pd
+
     names = pd.Categorical.from_codes(windows["label"].to_numpy(), categories=list(CLASSES))
     named = windows.assign(**{"class": names})
     cells = _with_totals(pd.crosstab([named["class"], named["object"]], named["action"]))
@@ -161,6 +167,8 @@ def counts_table(windows: pd.DataFrame) -> str:
 
 def _with_totals(counts: pd.DataFrame) -> pd.DataFrame:
     """The counts with a column and a row "all"; pandas' own margins take three times as long."""
+    import pandas as pd
+
     counts["all"] = counts.sum(axis=1)
     total = counts.sum().to_frame().T
     one = counts.index.nlevels == 1
