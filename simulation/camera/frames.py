@@ -159,6 +159,7 @@ class Camera:
         return slice(first, stop), beyond_edge[:, :-1] - beyond_edge[:, 1:]
 
     def _read(self, exact: FloatArray, rng: np.random.Generator) -> Frames:
+        """[H, W] whole levels with noise; uses up `exact`."""
         if self.noise_levels:
-            exact = exact + self.noise_levels * rng.standard_normal(exact.shape, dtype=np.float32)
-        return np.clip(np.rint(exact), 0, 255).astype(np.uint8)
+            exact += self.noise_levels * rng.standard_normal(exact.shape, dtype=np.float32)
+        return np.clip(np.rint(exact, out=exact), 0, 255, out=exact).astype(np.uint8)
