@@ -240,11 +240,11 @@ def test_a_hand_in_a_scene_holds_where_commands_stay_away(tmp_path):
         (["--grip", "virtual?ceiling_n=0"], "above 0"),
     ],
 )
-def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(more, what):
-    done = subprocess.run([*RUN, *more], cwd=ROOT, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 2
-    assert what in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_an_option_that_cannot_be_is_one_line_and_exit_code_2(run, more, what):
+    code, _, err = run(*RUN[3:], *more)
+    assert code == 2
+    assert what in err
+    assert err.count("\n") == 1
 
 
 def test_a_hand_that_is_too_weak_for_its_object_is_refused(tmp_path):
