@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import socket
 import sys
 from functools import partial
@@ -14,13 +13,10 @@ import pytest
 from command_line import Run
 from distributed import LocalCluster
 from loop_bench import card_text, row
+from small_jobs import dies_once, square
 
 from holdfast.edge_runtime.errors import UsageError
 from holdfast.evaluation.jobs import Workers
-
-
-def square(number: int) -> tuple[int, int]:
-    return number * number, os.getpid()
 
 
 def results_of(workers: Workers) -> tuple[list[int], set[int]]:
@@ -35,14 +31,6 @@ def test_results_come_in_the_order_of_the_jobs_wherever_these_run(cluster: str) 
     answers, processes = results_of(Workers(2))
     assert answers == squares
     assert os.getpid() not in processes
-
-
-def dies_once(mark: Path) -> str:
-    """Kills its own process where it runs for the first time."""
-    if not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return mark.name
 
 
 @pytest.mark.filterwarnings("default")  # of a library that is here for these tests alone
