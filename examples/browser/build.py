@@ -18,11 +18,11 @@ from holdfast.edge_runtime.model import Model
 from holdfast.edge_runtime.writing import write_whole
 from holdfast.export.c.exporting import export_c
 from holdfast.simulation.card import read_card
-from holdfast.simulation.folder import write_set
+from holdfast.simulation.folder import write_recording
 from holdfast.simulation.scene import Scene
 
 HERE = Path(__file__).parent
-SEED = 1
+SEED, TRIALS = 1, 9
 
 
 def page(model: Path) -> str:
@@ -48,8 +48,10 @@ def page(model: Path) -> str:
 
 def _example(rate_hz: float, work: Path) -> dict[str, str]:
     """A pull that this model has not seen."""
-    write_set(Scene(read_card("thesis", rate_hz=rate_hz), SEED), work / "set", 9)
-    csv = next((work / "set").rglob("pull/trial_1.csv"))
+    scene = Scene(read_card("thesis", rate_hz=rate_hz), SEED)
+    pull = next(one for one in scene.trials(TRIALS) if one.action == "pull")
+    write_recording(work / "pull", scene, scene.run_together([pull]))
+    csv = work / "pull.csv"
     return {
         "csv": csv.read_text("utf-8"),
         "truth": csv.with_suffix(".truth.json").read_text("utf-8"),
