@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 pytest_plugins = [
     "bridge_bench",
+    "coarse_scenes",
     "command_line",
     "dask_cluster",
     "doctest_files",
