@@ -15,9 +15,9 @@ from holdfast.export.adapted_file import is_adapted, undone
 @contextmanager
 def base_model(path: Path) -> Iterator[tuple[Model, bytes]]:
     """The opened base model and its bytes. Raises what opening a model raises."""
-    opened, data = Model(path), read_sealed(path)
+    data = read_sealed(path)
     if not is_adapted(data):
-        yield opened, data
+        yield Model(path), data
         return
     base = undone(data, path)
     with tempfile.TemporaryDirectory() as folder:

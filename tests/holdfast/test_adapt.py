@@ -41,7 +41,8 @@ def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     assert "0 labels differ from the reference" in results[2][1]
     made = tmp_path / "build/adapt/p01.onnx"
     assert (tmp_path / "build/adapt/base.onnx").read_bytes() == RELEASED.read_bytes()
-    about = Model(made).card.raw["adaptation"]
+    card = Model(made).card
+    about = card.raw["adaptation"]
     assert about["person"]["hand_overs"] == 8
     assert about["person"]["slips"] == 0
     assert about["held_out"]["recall"] >= 0.95
@@ -53,7 +54,7 @@ def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     trial = next((tmp_path / "build/adapt/trials").rglob("pass/trial_1.csv"))
     code, out, _ = run("replay", made, trial)
     assert code == 0
-    assert Model(made).card.model_id in out
+    assert card.model_id in out
     _refused(run, tmp_path)
 
 
