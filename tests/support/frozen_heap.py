@@ -26,5 +26,15 @@ def pytest_collection() -> Generator[None, object, object]:
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish() -> None:
     """Freeze what is there; the garbage collector still sees everything that a test makes."""
+    _freeze()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _frozen_again() -> None:
+    """Freeze what the files before have loaded as they ran; what is garbage is collected first."""
+    _freeze()
+
+
+def _freeze() -> None:
     gc.collect()
     gc.freeze()
