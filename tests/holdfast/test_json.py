@@ -32,7 +32,7 @@ COMMANDS = {
     "simulate": ("simulate", "pull-soft-ball", "--trials", "1", "--out", "set"),
     "scan": ("scan", "virtual://ft232h"),
     "doctor": ("doctor",),
-    "bias": ("bias", "--source", "virtual://ft232h", "--out", "bias.json"),
+    "bias": ("bias", "--source", "virtual://ft232h", "--seconds", "0.3", "--out", "bias.json"),
     "check": ("check", "set"),
 }
 

@@ -10,6 +10,8 @@ from command_line import Run, fails
 from holdfast.settings import read_settings
 
 HAND = 'source = "virtual://ft232h"\n'
+SOON = ("--seconds", "0.3")
+"""A bias is measured on the clock of the machine."""
 
 
 @pytest.fixture
@@ -21,7 +23,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_command_takes_its_source_from_the_settings_here(run: Run, here: Path) -> None:
     here.write_text(HAND)
-    code, _, err = run("bias", "--out", "bias.json")
+    code, _, err = run("bias", "--out", "bias.json", *SOON)
     assert code == 0, err
     assert Path("bias.json").is_file()
 
@@ -31,7 +33,7 @@ def test_settings_elsewhere_are_named(run: Run, here: Path) -> None:
     other.write_text(HAND)
     assert run("bias", "--out", "bias.json")[0] == 2
     for words in (("--config", other), (f"--config={other}",)):
-        assert run("bias", "--out", f"{len(words)}.json", *words)[0] == 0
+        assert run("bias", "--out", f"{len(words)}.json", *SOON, *words)[0] == 0
 
 
 def test_what_is_typed_wins(run: Run, here: Path) -> None:
