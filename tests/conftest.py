@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 pytest_plugins = [
     "bridge_bench",
-    "coarse_scenes",
     "command_line",
     "dask_cluster",
     "doctest_files",

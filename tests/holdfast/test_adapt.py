@@ -28,7 +28,6 @@ Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.usefixtures("coarse_scenes")
 def test_the_page_runs_and_the_file_is_one_person_s_until_it_is_undone(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,7 +12,6 @@ from command_line import Run, fails
 
 from holdfast.cli import VERBS
 
-pytestmark = pytest.mark.usefixtures("coarse_scenes")
 LINES_OR_TEXT = {"run", "replay", "board", "completion", "study"}
 """Their stdout is JSON lines, or a file for another program; a study leaves report.json."""
 

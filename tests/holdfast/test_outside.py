@@ -56,7 +56,6 @@ from holdfast.training.datasets.reading import read_arrays, read_table
 from holdfast.training.objects import read_json
 from holdfast.watched_trial import _starts_s
 
-pytestmark = pytest.mark.usefixtures("coarse_scenes")
 MB = 1 << 20
 
 

@@ -13,7 +13,6 @@ from study_bench import options
 from holdfast.human_study.card import KINDS, read_study
 from holdfast.human_study.desk import KEYS
 
-pytestmark = pytest.mark.usefixtures("coarse_scenes")
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/study.md"
 BLOCK = re.compile(r"```(sh|toml|text)\n(.*?)```", re.DOTALL)

@@ -11,31 +11,32 @@ from pathlib import Path
 import pytest
 
 LONGEST = (
-    "test_readme",
-    "test_adapt",
     "test_record_camera",
+    "test_adapt",
+    "test_pages",
     "test_cli",
     "test_run_grip",
-    "test_health",
+    "test_readme",
     "test_real",
+    "test_camera_onset",
     "test_fuzz",
+    "test_jobs",
+    "test_preliminary",
     "test_fast_handover",
     "test_c",
-    "test_closed_loop",
-    "test_evaluate_events",
     "test_scenes_study",
-    "test_pages",
-    "test_selftest",
-    "test_bench",
-    "test_preliminary",
-    "test_scenes",
-    "test_live",
-    "test_released_models",
-    "test_loop_effects",
-    "test_stream",
+    "test_runtimes",
     "test_camera_faults",
+    "test_c_example",
+    "test_loop_effects",
+    "test_record_keys",
+    "test_record_cut_off",
+    "test_study",
+    "test_run_intent",
+    "test_calibration",
+    "test_scenes",
 )
-"""Names of files, the longest first: 12 s of the processor or more."""
+"""Names of files, the longest first: 8 s or more."""
 
 
 @pytest.hookimpl(trylast=True)
