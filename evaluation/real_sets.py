@@ -23,7 +23,7 @@ from holdfast.training.splits import assign_groups
 
 HUMAN, EFLESH = "human_slip_uskin", "eflesh_slip"
 NEXT = (
-    "not here: `make real` trains, exports and leaves them (about 8 min), then `make evaluate` "
+    "not here: `make real` trains, exports and leaves them (about 6 min), then `make evaluate` "
     "again"
 )
 NOTE = "as deployed, without a threshold of its own: no people are left to choose one on"
