@@ -21,15 +21,17 @@ from holdfast.export.verification import ExportReport
 from holdfast.studies.ablation import AblationRow, Gains, StepCost, rows_of, table
 from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
 from holdfast.studies.real.figures import FinalModel, RealStudy, StreamedFold
+from holdfast.studies.real.further_rows import FURTHER, further_rows
 from holdfast.studies.real.leaky import leaky
 from holdfast.studies.real.methods import Method, cross_validated
 from holdfast.studies.real.parts import done
 from holdfast.studies.real.proactive import ReplayPicture, study_proactive
 from holdfast.studies.real.report import Evidence, write_report
 from holdfast.studies.real.streamed_fold import stream_one_fold
+from holdfast.studies.real.study import METHODS as STUDY
 from holdfast.studies.real.study import verification_of
-from holdfast.studies.real.table import tables
-from holdfast.studies.row_names import CLOCK, OURS_18
+from holdfast.studies.real.table import all_channels, tables
+from holdfast.studies.row_names import CLOCK, OURS_18, OURS_48
 from holdfast.training.crossval import HeldOut, cross_validate
 from holdfast.training.datasets import load
 from holdfast.training.featurise import FloatRows, cpu_cost, features_of, spec_for
@@ -37,6 +39,7 @@ from holdfast.training.fitting import held_out_figures, versions
 from holdfast.training.paired import Gain
 from holdfast.training.plan import CLOCK_FREE_GROUPS, CLOCK_PLAN, ForestPlan, TrainingPlan
 from holdfast.training.recording import DataSet
+from holdfast.training.say import ignored
 
 pytestmark = pytest.mark.filterwarnings("ignore::holdfast.export.spec.BandsLeftOut")
 FEW = ForestPlan(kind="extra", n_estimators=8, min_samples_leaf=10)
@@ -96,6 +99,26 @@ def test_methods_side_by_side_answer_as_each_would_alone(real_set: Callable[[str
         for task, votes in alone.votes.items():
             np.testing.assert_array_equal(rows[name].held_out.votes[task], votes)
         assert rows[name].figures == held_out_figures(method.data(), alone)
+
+
+def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table(
+    real_set: Callable[[str], Path], tmp_path: Path
+) -> None:
+    real_set("human_slip_uskin")
+    tiny = ForestPlan(n_estimators=2, max_depth=2)
+    timed = Method(replace(CLOCK_PLAN, situation=tiny, prediction=tiny, folds=2), channels=48)
+    found = further_rows({OURS_48: timed}, 0, Workers(), ignored)
+    written = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    assert sum(written["windows"].values()) == len(timed.data().tasks["situations"])
+    text = require_tables_fit("README.md", all_channels(written), tmp_path)
+    assert f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} (" in text
+
+
+def test_the_truer_label_is_asked_of_the_methods_of_the_table() -> None:
+    truer, usual = FURTHER["truer"], STUDY
+    assert list(truer) == list(usual)
+    for name, method in truer.items():
+        assert replace(method, in_hand=False) == replace(usual[name], verified=False)
 
 
 def test_parts_are_said_as_they_begin_or_side_by_side_as_they_are_done() -> None:
