@@ -22,20 +22,16 @@ from holdfast.edge_runtime.writing import require_writable, write_whole
 from holdfast.evaluation.job_options import add_job_options, chosen_workers
 from holdfast.evaluation.jobs import Workers
 from holdfast.evaluation.provenance import Host, host
-from holdfast.studies.real.methods import Method, cross_validated
-from holdfast.studies.row_names import CLOCK, OURS_18, OURS_48, RAW_18, RAW_48, RAW_48_FOLDS
+from holdfast.studies.real.methods import METHODS, Method, cross_validated
+from holdfast.studies.row_names import OURS_48, RAW_48, RAW_48_FOLDS
 from holdfast.training.figures import HeadFigures
-from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from holdfast.training.plan import RAW_BASELINE, TrainingPlan
 from holdfast.training.progress import stages
 from holdfast.training.say import Say
 
 Methods = dict[str, Method]
 FURTHER: dict[str, Methods] = {
-    "truer": {
-        OURS_18: Method(TrainingPlan(), in_hand=True),
-        RAW_18: Method(RAW_BASELINE, in_hand=True),
-        CLOCK: Method(CLOCK_PLAN, channels=48, in_hand=True),
-    },
+    "truer": {name: replace(one, in_hand=True, verified=False) for name, one in METHODS.items()},
     "all-channels": {
         OURS_48: Method(TrainingPlan(), channels=48),
         RAW_48: Method(replace(RAW_BASELINE, folds=RAW_48_FOLDS), channels=48),

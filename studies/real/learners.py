@@ -24,7 +24,7 @@ from holdfast.export.forest import forest_votes, votes_of_trees
 from holdfast.export.learner import LEARNERS
 from holdfast.export.network import network_votes
 from holdfast.export.reference import riskier_argmax
-from holdfast.training.crossval import plan_for
+from holdfast.training.crossval import plan_for, splits_of
 from holdfast.training.datasets import find
 from holdfast.training.datasets.human_slip_uskin import load
 from holdfast.training.featurise import FloatRows, features_of, spec_for
@@ -34,7 +34,7 @@ from holdfast.training.metrics import report, situation_scores
 from holdfast.training.network_fit import NetworkPlan, fit_members, in_whole_numbers
 from holdfast.training.plan import TrainingPlan
 from holdfast.training.recording import DataSet
-from holdfast.training.splits import assign_groups, folds_of, grouped_folds
+from holdfast.training.splits import grouped_folds
 
 IntArray = npt.NDArray[np.int64]
 UNQUANTISED = "network before it is made of whole numbers"
@@ -92,16 +92,9 @@ def study_learners(
 ) -> LearnerFigures:
     """All learners on one set, people held out, two folds at a time."""
     features = features_of(data, spec_for(data, plan.groups))
-    main = "situations"
-    folds = assign_groups(data.group_of(main), plan.folds, seed=seed)
-    splits = {task: folds_of(data.group_of(task), folds) for task in data.tasks}
-    answers = Workers(2).run(
-        [
-            partial(_fold, data, features, plan, {task: splits[task][k] for task in splits}, seed)
-            for k in range(plan.folds)
-        ]
-    )
-    held = [{task: splits[task][k][1] for task in splits} for k in range(plan.folds)]
+    splits = splits_of(data, plan, seed)
+    answers = Workers(2).run([partial(_fold, data, features, plan, one, seed) for one in splits])
+    held = [{task: rows[1] for task, rows in one.items()} for one in splits]
     return _figures(data, channels, in_hand, list(zip(held, answers, strict=True)), seed)
 
 

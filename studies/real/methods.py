@@ -11,12 +11,13 @@ import numpy as np
 
 from holdfast.evaluation.jobs import Workers
 from holdfast.studies.real.parts import done
+from holdfast.studies.row_names import CLOCK, OURS_18, RAW_18
 from holdfast.training.crossval import FoldAnswers, HeldOut, answer_fold, splits_of
 from holdfast.training.datasets import find, human_slip_uskin
 from holdfast.training.featurise import FloatRows, features_of, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import held_out_figures
-from holdfast.training.plan import CLOCK_PLAN, TrainingPlan
+from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
 from holdfast.training.recording import DataSet
 from holdfast.training.say import Say
 
@@ -43,6 +44,15 @@ class Method:
     def features(self) -> dict[str, FloatRows]:
         """Task -> [M, F] for every window."""
         return _features(self.channels, self.in_hand, self.plan.groups)
+
+
+OURS = Method(TrainingPlan(), verified=True)
+METHODS = {
+    OURS_18: OURS,
+    RAW_18: Method(RAW_BASELINE),
+    CLOCK: Method(CLOCK_PLAN, channels=48),
+}
+"""Rows of the table with people held out. The timing-only baseline sums all normals."""
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,10 @@ from holdfast.export.artifact import Artifact, write_artifact
 from holdfast.export.exporting import export_artifact
 from holdfast.export.heads import Head
 from holdfast.studies.real.figures import StreamedFold
-from holdfast.training.crossval import HeldOut, fit_calibration, fit_learner
+from holdfast.training.crossval import HeldOut, fit_calibration, fit_learner, splits_of
 from holdfast.training.featurise import FloatRows, spec_for
 from holdfast.training.plan import TASK_HEADS, TrainingPlan
 from holdfast.training.recording import DataSet
-from holdfast.training.splits import assign_groups, folds_of
 
 FOLD = 0
 
@@ -35,8 +34,8 @@ def stream_one_fold(
 
     Returns the file's figures on these people, and how many of its labels differ from the table's.
     """
-    folds = assign_groups(data.group_of("situations"), plan.folds, seed=seed)
-    train = {task: folds_of(data.group_of(task), folds)[FOLD][0] for task in data.tasks}
+    split = splits_of(data, plan, seed)[FOLD]
+    train = {task: rows[0] for task, rows in split.items()}
     heads = [
         _head(data, features[task], plan, task, train[task], held_out, seed) for task in data.tasks
     ]
@@ -51,10 +50,10 @@ def stream_one_fold(
     )
     write_artifact(out / "fold", artifact)
     model = Model(export_artifact(out / "fold")[0])
-    held = {name for name, fold in folds.items() if fold == FOLD}
-    part = data.of_groups(held)
+    held = split["situations"][1]
+    part = data.of_groups(set(data.group_of("situations")[held].tolist()))
     answers = stream(model, part, ["situation"])["situations"]["situation"]
-    expected = held_out.situations()[np.isin(data.group_of("situations"), sorted(held))]
+    expected = held_out.situations()[held]
     windows = evaluate(model, part, seed=seed)
     return StreamedFold(windows, len(answers), int((answers != expected).sum()))
 

@@ -35,18 +35,18 @@ from holdfast.studies.real.figures import (
     prediction_of,
 )
 from holdfast.studies.real.leaky import leaky
-from holdfast.studies.real.methods import Method, cross_validated
+from holdfast.studies.real.methods import METHODS, OURS, cross_validated
 from holdfast.studies.real.parts import done
 from holdfast.studies.real.proactive import ReplayPicture, study_proactive
 from holdfast.studies.real.report import Evidence, write_report
 from holdfast.studies.real.streamed_fold import stream_one_fold
-from holdfast.studies.row_names import CLOCK, LEAKY, OURS_18, RAW_18
+from holdfast.studies.row_names import LEAKY, OURS_18
 from holdfast.training.crossval import HeldOut
 from holdfast.training.datasets import load
 from holdfast.training.featurise import cpu_cost, spec_for
 from holdfast.training.figures import HeadFigures
 from holdfast.training.fitting import final_artifact, versions
-from holdfast.training.plan import CLOCK_PLAN, RAW_BASELINE, TrainingPlan
+from holdfast.training.plan import TrainingPlan
 from holdfast.training.progress import stages
 from holdfast.training.say import Say
 
@@ -54,13 +54,6 @@ CLOCK_FREE = (
     "no feature sees anything older than 0.5 s; time, movement indices and IMUs are never inputs"
 )
 ALONE = Workers()
-OURS = Method(TrainingPlan(), verified=True)
-METHODS = {
-    OURS_18: OURS,
-    RAW_18: Method(RAW_BASELINE),
-    CLOCK: Method(CLOCK_PLAN, channels=48),
-}
-"""Rows of the table with people held out. The timing-only baseline sums all normals."""
 STAGES = sum(method.plan.folds for method in METHODS.values()) + 8
 """Lines the progress bar expects; a wrong number only makes the bar end early or late."""
 

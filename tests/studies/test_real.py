@@ -21,14 +21,13 @@ from holdfast.export.verification import ExportReport
 from holdfast.studies.ablation import AblationRow, Gains, StepCost, rows_of, table
 from holdfast.studies.real.eflesh import EfleshStudy, study_eflesh
 from holdfast.studies.real.figures import FinalModel, RealStudy, StreamedFold
-from holdfast.studies.real.further_rows import FURTHER, further_rows
+from holdfast.studies.real.further_rows import further_rows
 from holdfast.studies.real.leaky import leaky
 from holdfast.studies.real.methods import Method, cross_validated
 from holdfast.studies.real.parts import done
 from holdfast.studies.real.proactive import ReplayPicture, study_proactive
 from holdfast.studies.real.report import Evidence, write_report
 from holdfast.studies.real.streamed_fold import stream_one_fold
-from holdfast.studies.real.study import METHODS as STUDY
 from holdfast.studies.real.study import verification_of
 from holdfast.studies.real.table import all_channels, tables
 from holdfast.studies.row_names import CLOCK, OURS_18, OURS_48
@@ -112,13 +111,6 @@ def test_further_rows_say_how_many_windows_there_are_and_fill_the_readme_s_table
     assert sum(written["windows"].values()) == len(timed.data().tasks["situations"])
     text = require_tables_fit("README.md", all_channels(written), tmp_path)
     assert f"| {OURS_48} | {written['rows'][OURS_48]['situations']['macro_f1']:.3f} (" in text
-
-
-def test_the_truer_label_is_asked_of_the_methods_of_the_table() -> None:
-    truer, usual = FURTHER["truer"], STUDY
-    assert list(truer) == list(usual)
-    for name, method in truer.items():
-        assert replace(method, in_hand=False) == replace(usual[name], verified=False)
 
 
 def test_parts_are_said_as_they_begin_or_side_by_side_as_they_are_done() -> None:
