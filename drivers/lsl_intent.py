@@ -10,7 +10,7 @@ from typing import Any
 
 from holdfast.drivers.lsl import Inlet
 from holdfast.edge_runtime.errors import DeviceLost
-from holdfast.edge_runtime.intent import Intent, intent_of
+from holdfast.edge_runtime.intent import Intent, ItemReader, intent_of
 
 
 class LslIntent:
@@ -23,7 +23,7 @@ class LslIntent:
         self._inlet, self._now_ns, self._say, self._is_text = inlet, now_ns, say, facts.is_text
         self.n_envelopes = 0 if facts.is_text else len(facts.labels)
         self._offset_ns = now_ns() - round(1e9 * inlet.clock_s())
-        self._understood, self._ended = True, False
+        self._reader, self._ended = ItemReader(say), False
 
     def came(self) -> list[Intent]:
         """What came; the newest stamp is not in the future."""
@@ -46,12 +46,6 @@ class LslIntent:
     def _item(self, stamp_s: float, values: Sequence[Any]) -> Intent | None:
         t_ns = min(round(1e9 * stamp_s) + self._offset_ns, self._now_ns())
         wants, envelope = (values[0], ()) if self._is_text else ("", values)
-        try:
-            item = intent_of(wants, envelope, t_ns, self.n_envelopes)
-        except ValueError as error:
-            if self._understood:
-                self._say(f"intent: {str(values)[:80]} is not understood ({error})")
-            self._understood = False
-            return None
-        self._understood = True
-        return item
+        return self._reader.item(
+            lambda: intent_of(wants, envelope, t_ns, self.n_envelopes), str(values)
+        )

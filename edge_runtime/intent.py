@@ -106,6 +106,25 @@ class IntentMonitor:
         return replace(item, wants="open" if self._opening else "rest")
 
 
+class ItemReader:
+    """Reads items one by one. say: receives the first in a row that is not understood."""
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say, self._understood = say, True
+
+    def item(self, read: Callable[[], Intent], shown: str) -> Intent | None:
+        """What `read` returns, None where it raises ValueError. shown: the item, for the line."""
+        try:
+            item = read()
+        except ValueError as error:
+            if self._understood:
+                self._say(f"intent: {shown[:80]} is not understood ({error})")
+            self._understood = False
+            return None
+        self._understood = True
+        return item
+
+
 class UdpIntent:
     """Items as datagrams, stamped at the sample at which they are read."""
 
@@ -117,8 +136,7 @@ class UdpIntent:
         say: Callable[[str], object],
     ) -> None:
         self._receiver, self.n_envelopes = receiver, n_envelopes
-        self._now_ns, self._say = now_ns, say
-        self._understood = True
+        self._now_ns, self._reader = now_ns, ItemReader(say)
 
     def came(self) -> list[Intent]:
         """What is waiting."""
@@ -132,15 +150,10 @@ class UdpIntent:
                 return
 
     def _item(self, datagram: bytes) -> Intent | None:
-        try:
-            item = item_of(json_of(datagram), self._now_ns(), self.n_envelopes)
-        except ValueError as error:
-            if self._understood:
-                self._say(f"intent: {printable(datagram)[:80]} is not understood ({error})")
-            self._understood = False
-            return None
-        self._understood = True
-        return item
+        return self._reader.item(
+            lambda: item_of(json_of(datagram), self._now_ns(), self.n_envelopes),
+            printable(datagram),
+        )
 
 
 def item_of(said: object, t_ns: int, n_envelopes: int) -> Intent:
